@@ -65,6 +65,30 @@ def test_bars_alone_stand_on_their_line() -> None:
     assert not of(bare.layers, Level) and bare.x.high == 1.25
 
 
+def test_panels_grow_by_a_line_for_each_fit() -> None:
+    fits = [fitted(name, (1.0, None), 0.01, None) for name in ("free", "before", "after")]
+    noise, own = {"position": 0.0173}, {"position": "mm"}
+    heights = [[chart.height for chart in fit_bars(fits[:n], noise, own)] for n in (1, 2, 3)]
+    assert heights == [[64.0 + 36.0 * n] * 2 for n in (1, 2, 3)]
+    proof = Proof("role", (), 0.4, (0.3, 0.5), None, None, None)
+    assert [proof_plot(replace(proof, black_box_ratio=box)).height for box in (None, 0.8)] == [94.0, 124.0]
+
+
+def test_kinds_of_reading_have_a_panel_each_whichever_fit_has_them() -> None:
+    """A fit without a kind has no bar there, and the unit is that of the largest that is known."""
+    one, two = fitted("free", (1.0, None), 0.5, None), fitted("after", (2.0, None), 3.0, None)
+    two = replace(two, summary=replace(two.summary, rms={"position": 3.0, "rotation": 2e-3}))
+    _, position, rotation = fit_bars([one, two], {}, {"position": "mm", "rotation": "rad"})
+    assert position.x.title == "rms residual [mm]" and rotation.x.title == "rms residual [µrad]"
+    np.testing.assert_array_equal(of(position.layers, Bars)[0].length, [0.5, 3.0])
+    (bars,) = of(rotation.layers, Bars)
+    np.testing.assert_allclose(bars.length, [2000.0])
+    np.testing.assert_array_equal(cast(Array, bars.at), [1.0])
+    lost = fitted("free", (1.0, None), NAN, None)
+    (_, blank) = fit_bars([lost], {"position": 0.5}, {"position": "mm"})
+    assert blank.x.title == "rms residual [mm]" and of(blank.layers, Level)[0].value == 0.5
+
+
 @pytest.mark.parametrize(
     ("ratio", "interval", "box", "top"),
     [
@@ -129,6 +153,31 @@ def test_the_scale_of_constants_holds_what_is_allowed_and_what_is_there(
     assert taller.height - chart.height == 17.0  # a line's height
 
 
+def test_what_is_missing_of_a_fit_moves_no_constant_on_its_scale() -> None:
+    """Rank by the largest of all fits that are not clipped; equal ones keep their order."""
+    one = Departures("a", "before", "dot", np.array([0.5, -3.0, NAN, 0.5]))
+    two = Departures("b", "after", "dot", np.array([0.1, 0.2, 1.0, -0.1]))
+    (chart,) = dot_plot(["w", "x", "y", "z"], [one, two], None)
+    assert list(chart.y.names) == ["x", "y", "w", "z"]
+    assert chart.x.high == pytest.approx(1.12 * 3.0) and chart.height == 62.0 + 4 * 17.0
+    (zero,) = of(chart.layers, Level)
+    assert (zero.value, zero.axis, zero.dashed) == (0.0, "x", False)
+    rounding = Departures("c", "after", "dot", np.array([1.0, 1.0 + 1e-9]))
+    assert list(dot_plot(["p", "q"], [rounding], None)[0].y.names) == ["p", "q"]
+    clipped = Departures("free", "free", "tick", np.array([-900.0, 0.0, 0.0, 0.0]), clipped=True)
+    shown = of(dot_plot(["w", "x", "y", "z"], [clipped, two], None)[0].layers, Marks)[0].x
+    assert np.min(shown) == pytest.approx(-0.99 * 1.12 * 2.0)
+
+
+@pytest.mark.parametrize(
+    ("count", "panels"), [(20, [20]), (21, [20, 1]), (60, [20, 20, 20]), (61, [20, 20, 20])]
+)
+def test_constants_fill_one_panel_after_another(count: int, panels: list[int]) -> None:
+    own = Departures("x", "after", "dot", np.linspace(3.0, 1.0, count))
+    charts = dot_plot([f"c{k}" for k in range(count)], [own], None)
+    assert [len(chart.y.names) for chart in charts] == panels
+
+
 def test_a_map_of_correlations_leaves_out_what_each_is_with_itself() -> None:
     whole = np.array([[1.0, -0.5], [-0.5, 1.0]])
     chart = correlation_map(["short", "a-very-long-name-of-a-constant"], whole)
@@ -188,6 +237,28 @@ def test_evidence_is_drawn_best_first_and_places_of_findings_stand_out() -> None
     )
 
 
+def test_ticks_of_evidence_keep_apart_and_within_its_range() -> None:
+    """At least 0.13 of the range between two; none far beyond the ends."""
+    for low, high in ((-0.5, 2.0), (-5.0, 50.0), (-3000.0, 7.0), (-0.1, 3e5)):
+        chart = evidence_map({"a": low, "b": high}, ())
+        ends = squeeze(min(low, -1.0)), squeeze(max(high, 3.0))
+        at = np.array([value for value, _ in chart.x.ticks])
+        assert len(at) >= 2 and np.min(np.diff(at)) > 0.13 * (ends[1] - ends[0])
+        assert at[0] >= ends[0] - 1e-12 and at[-1] <= squeeze(1.5 * max(high, 3.0))
+    assert [text for _, text in evidence_map({"a": 70.0}, ()).x.ticks][-1] == "100"  # 70 is two thirds of it
+    assert [text for _, text in evidence_map({"a": 60.0}, ()).x.ticks][-1] == "10"
+
+
+def test_a_map_without_evidence_has_its_axis_and_room_for_three() -> None:
+    charts = [evidence_map({f"q{k}": 1.0 for k in range(count)}, ()) for count in (0, 1, 3, 4)]
+    assert [chart.height for chart in charts] == [127.0, 127.0, 127.0, 146.0]
+    for chart in charts:
+        zero, notable = of(chart.layers, Level)
+        assert (zero.value, zero.axis, zero.dashed) == (0.0, "x", False)
+        assert (notable.axis, notable.dashed, notable.tone) == ("x", True, "accent")
+    assert not of(charts[0].layers, Bars)
+
+
 def curve(**more: Any) -> Curve:
     x = np.linspace(0.0, 10.0, 11)
     plain = Curve(
@@ -217,6 +288,31 @@ def test_a_function_is_drawn_with_its_95_per_cent_band_and_what_rows_say() -> No
     assert ticks.shape == "tick" and bare.y.low is bare.y.high is None
     np.testing.assert_allclose(ticks.y, -0.98)
     np.testing.assert_array_equal(ticks.x, [1.0, 4.0])
+
+
+def test_lines_and_bands_stand_in_their_order_from_below() -> None:
+    """Zero, the band, rows, the function: what is above hides what is below; the fit's own rows come last."""
+    (full,) = curve_charts([curve(rows=np.array([2.5, 8.0]), fitted=np.array([2.0, 8.0]))])
+    assert [type(layer) for layer in full.layers] == [Level, Band, Marks, Line, Marks]
+    zero = full.layers[0]
+    assert isinstance(zero, Level) and (zero.value, zero.axis, zero.dashed) == (0.0, "y", False)
+    rows, fitted_rows = of(full.layers, Marks)
+    assert rows.by_row and fitted_rows.by_row and (rows.tone, fitted_rows.tone) == ("before", "after")
+    np.testing.assert_array_equal(fitted_rows.y, [2.0, 8.0])
+    np.testing.assert_array_equal(fitted_rows.x, [1.0, 4.0])
+    assert len(curve_charts([curve()] * 3)) == 3 and curve_charts([]) == []
+
+
+def test_a_function_below_zero_has_its_scale_and_its_ticks_below() -> None:
+    x = np.linspace(0.0, 10.0, 11)
+    below = curve(y=-2.0 * x - 3.0)
+    (bare,) = curve_charts([below])
+    (ticks,) = of(bare.layers, Marks)
+    np.testing.assert_allclose(ticks.y, -23.0 - 0.98)
+    (told,) = curve_charts([replace(below, rows=np.array([-5.0, -11.0]))])
+    assert told.y.low == pytest.approx(-23.98 - 0.08 * 23.98) and told.y.high == pytest.approx(0.08 * 23.98)
+    above = curve(y=2.0 * x + 3.0)
+    np.testing.assert_allclose(of(curve_charts([above])[0].layers, Marks)[0].y, 0.0)
 
 
 def test_a_scale_of_rows_leaves_out_the_wildest() -> None:
