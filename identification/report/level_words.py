@@ -190,9 +190,9 @@ def levels_words(finding: Finding) -> str:
 
 def lead_words(lead: Lead) -> str:
     """What leads below the level of a finding: ``backlash at q3 (40 %; something follows the side of arrival there: 45 %)``."""
-    where = f"at {', '.join(lead.place)}" if lead.place else ""
+    where = f" at {', '.join(lead.place)}" if lead.place else ""
     what = f"something follows {NAMES[lead.levels.kind]} there: {percent(lead.levels.driver)}"
-    return f"{lead.effect} {where} ({percent(lead.probability)}; {what})"
+    return f"{lead.effect}{where} ({percent(lead.probability)}; {what})"
 
 
 __all__ = [

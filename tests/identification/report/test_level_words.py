@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from truepose.identification.diagnosis.result import Alternative, Finding, Lead, Levels
@@ -12,6 +14,7 @@ from truepose.identification.report.level_words import (
     level_of,
     levels_words,
     pooled,
+    spanned,
     title,
 )
 from truepose.models.driver import DriverKind
@@ -115,3 +118,106 @@ def test_a_finding_is_called_by_the_deepest_level_that_is_known() -> None:
     assert sure == "over 99.9 %; this law 0.7 %"
     said, sure = known_words(finding("empirical", "q5", 0.0, 0.95, 0.99, "coupling"))
     assert (said, sure) == ("q5 follows the position of other joints", "95.0 %")
+
+
+# -- at the limits -----------------------------------------------------------------------------------
+
+
+def own(
+    law: float, driver: float, place: float, where: str = "q2", effect: str = "joint-compliance"
+) -> Finding:
+    return finding(effect, where, law, driver, place)
+
+
+@pytest.mark.parametrize(
+    ("known", "level"),
+    [
+        (own(0.9, 0.9, 0.9), "law"),
+        (own(0.899, 0.9, 0.9), "driver"),
+        (own(0.899, 0.899, 0.9), "place"),
+        (own(0.899, 0.899, 0.899), "none"),
+        (own(0.95, 0.9, 0.9, effect="empirical"), "driver"),
+        (own(0.95, 0.8, 0.9, effect="empirical"), "place"),
+    ],
+)
+def test_nine_in_ten_are_spoken_of_as_known(known: Finding, level: str) -> None:
+    """Each level by itself; what has no name has no law, however probable."""
+    assert level_of(known) == level
+
+
+def test_places_are_pooled_of_one_driver_where_one_place_is_named() -> None:
+    """What has no name or follows something else is left out; together they are no likelier than sure."""
+    load = Alternative("link-bending", ("link2",), 0.35, 18.0, kind="load")
+    again = Alternative("gravity-sag", ("q2", "base"), 0.3, 18.0, kind="load")
+    others = (
+        Alternative("unknown", ("q9",), 0.2, 18.0, kind="load"),
+        Alternative("backlash", ("q8",), 0.2, 18.0, kind="arrival"),
+        Alternative("latency", ("q7",), 0.2, 18.0),
+    )
+    some = finding("joint-compliance", "q2", 0.5, 0.55, 0.6, "load", (load, *others))
+    assert pooled(some) == (["q2", "link2"], pytest.approx(0.9)) and level_of(some) == "pooled"
+    more = finding("joint-compliance", "q2", 0.5, 0.55, 0.6, "load", (load, *others, again))
+    assert pooled(more) == (["q2", "link2", "base"], 1.0)
+    two = finding("joint-compliance", "q2+q3", 0.5, 0.55, 0.6, "load", (load, again))
+    assert level_of(two) == "none"
+    assert level_of(finding("joint-compliance", "q2", 0.5, 0.54, 0.6, "load", (load, *others))) == "none"
+
+
+def test_laws_that_lead_at_places_of_one_driver_are_told_with_their_range() -> None:
+    """Each once; and that a form without a name leads elsewhere."""
+
+    def clause(*some: Finding) -> str:
+        (said,) = driver_clauses(some)
+        return said
+
+    one, two = own(0.3, 0.95, 0.99, "q1"), own(0.6, 0.95, 0.99, "q3")
+    sag, bare = own(0.4, 0.95, 0.99, "q2", "gravity-sag"), own(0.0, 0.95, 0.99, "q4", "empirical")
+    many = "give way under the load that they carry"
+    assert clause(one, two) == f"q1 and q3 {many} (compliant joint: 30 % to 60 %)"
+    assert clause(one, one) == "q1 gives way under the load that it carries (compliant joint: 30 %)"
+    told = f"compliant joint: 30 %; {title('gravity-sag')}: 40 %"
+    assert clause(one, sag) == f"q1 and q2 {many} ({told})"
+    assert clause(one, sag, bare) == f"q1, q2 and q4 {many} ({told}; else a form without a name)"
+    assert clause(bare, own(0.0, 0.95, 0.99, "q5", "empirical")) == f"q4 and q5 {many}"
+
+
+def test_clauses_stand_by_how_deep_they_are_known() -> None:
+    """What could not be tested first, then by driver, by place and by neither; what is pooled last; laws elsewhere."""
+    twin = Alternative("mount-drift", ("tool",), 0.41, 18.0, kind="time")
+    drift = finding("mount-drift", "base", 0.55, 0.56, 0.57, "time", (twin,))
+    bare = replace(own(0.0, 0.95, 0.99, "q7", "empirical"), tested=False, equivalents=(twin,))
+    some = [
+        drift,
+        own(0.1, 0.5, 0.6, "q1"),
+        own(0.1, 0.5, 0.95, "q2"),
+        own(0.1, 0.95, 0.99, "q3"),
+        bare,
+        own(0.99, 0.99, 0.99),
+    ]
+    said = driver_clauses(some)
+    assert [text.split(" errs")[0].split(" gives")[0].split(" drifts")[0] for text in said] == [
+        "something at q7", "q3", "something at q2", "probably something at q1", "base or tool",
+    ]  # fmt: skip
+
+
+def test_what_has_no_place_is_the_sensor_s_or_the_recording_s() -> None:
+    nowhere = replace(own(0.1, 0.95, 0.99, "x"), place=(), levels=Levels(0.99, "sensor", 0.95))
+    assert driver_clauses([replace(nowhere, effect="empirical")]) == ["the sensor errs by itself"]
+    assert known_words(nowhere) == ("the recording errs by itself", "95.0 %; this law 10 %")
+    assert lead_words(Lead("latency", (), Levels(0.4, "time", 0.3), 0.2)) == (
+        "latency (20 %; something follows time there: 30 %)"
+    )
+
+
+def test_a_finding_without_levels_is_called_by_its_law() -> None:
+    told = replace(own(0.4, 0.0, 0.0), levels=Levels())
+    assert known_words(told) == ("compliant joint at q2", "40 %")
+    assert known_words(own(0.4, 0.5, 0.6))[0] == "q2 gives way under the load that it carries"
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [((0.3,), "30 %"), ((0.6, 0.3, 0.4), "30 % to 60 %"), ((0.301, 0.304), "30 %"), ((0.9995, 0.9999), "over 99.9 %")],
+)  # fmt: skip
+def test_probabilities_that_read_alike_are_told_once(values: tuple[float, ...], said: str) -> None:
+    assert spanned(values) == said
