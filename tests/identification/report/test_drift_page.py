@@ -183,6 +183,11 @@ def test_sentences_of_what_moved_stand_above_its_charts() -> None:
     assert "of the mechanism" not in calm
 
 
+def test_columns_of_numbers_are_set_to_the_right() -> None:
+    page = drift_html(told_drift(movement("a", "moved", **CHANGED)))
+    assert re.findall(r'<table class="t(\d+)', page) == ["3", "2"]
+
+
 def test_a_number_without_a_unit_is_drawn_as_one() -> None:
     own = movement("gain", "moved", **{**CHANGED, "unit": "1"})
     page = own_markup(drift_html(told_drift(own)))
@@ -192,7 +197,7 @@ def test_a_number_without_a_unit_is_drawn_as_one() -> None:
 # -- with the fits of each session -------------------------------------------------------------------
 
 
-def fitted_sessions(machine: Machine, *movements: Movement, rows: Sequence[int] = (30, 30)) -> Drift:
+def fitted_sessions(machine: Machine, *movements: Movement, rows: Sequence[int] = (30, 25)) -> Drift:
     """Two sessions from two files; the first has been fitted."""
     whole = recorded(machine, sum(rows))
     session = np.repeat([1, 2], rows)
@@ -215,6 +220,13 @@ def test_the_last_session_is_to_be_calibrated_on_where_something_moved(tmp_path:
     moved = movement("q1.d", "moved", change=(0.0, 0.06), std=(0.0, 0.001))
     screen = opening(fitted_sessions(machine, moved))
     assert "Calibrate on the last session:" in screen and "truepose calibrate arm.yaml b.csv -o fit" in screen
+    for gone in (
+        replace(fitted_sessions(machine, moved), fits=()),
+        replace(fitted_sessions(machine, moved), recording=None),
+    ):
+        assert "truepose calibrate" not in opening(gone) and '<section id="origin"' not in own_markup(
+            drift_html(gone)
+        )
     perhaps = fitted_sessions(machine, replace(moved, status="perhaps"))
     assert "truepose calibrate" not in opening(perhaps)
     page = own_markup(drift_html(perhaps))

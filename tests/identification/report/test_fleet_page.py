@@ -10,7 +10,7 @@ import pytest
 
 from support.browser import browser, tried
 from support.told_fleet import DONE, FAILED, HOSTILE, RARE, SEEN, STATISTICS, fleet
-from truepose.identification.fleet.changes import Changes
+from truepose.identification.fleet.changes import Change, Changes, Moved
 from truepose.identification.fleet.result import SHOWN, Fleet
 from truepose.identification.fleet.statistics import FleetStatistics, Interval
 from truepose.identification.fleet.table import table
@@ -100,6 +100,78 @@ def test_words_for_a_terminal() -> None:
         in " ".join(lines.split())
     )
     assert lines.endswith("report: results/fleet.html")
+
+
+def section(page: str, name: str) -> str:
+    """What stands in a part of the page, with its tags."""
+    return page.partition(f'<section id="{name}"')[2].partition("</section>")[0]
+
+
+def text_columns(page: str, name: str) -> list[int]:
+    """Of each table of a section how many of its first columns are text, the others numbers."""
+    return [int(count) for count in re.findall(r'<table class="t(\d+)', section(page, name))]
+
+
+def test_columns_of_numbers_are_set_to_the_right() -> None:
+    page = fleet_html(fleet())
+    names = {
+        "undone": [3],
+        "effects": [1, 1],
+        "tolerances": [1, 2],
+        "odd": [4],
+        "changes": [4, 2],
+        "machines": [4],
+    }
+    assert {name: text_columns(page, name) for name in names} == names
+
+
+@pytest.mark.parametrize(("failed", "listed"), [(1, 1), (7, 1)])
+def test_machines_without_a_diagnosis_are_counted_beside_those_that_are_listed(
+    failed: int, listed: int
+) -> None:
+    own = replace(
+        fleet(), machines=1 + failed, statuses={"done": 1, "failed": failed}, undone=[FAILED] * listed
+    )
+    said = f"Shown are {listed} of {failed}."
+    assert (said in section(fleet_html(own), "undone")) is (listed < failed)
+
+
+def test_effects_have_a_table_of_their_places_where_one_is_seen_at_any() -> None:
+    """What hardly occurs anywhere is in the first table alone, and nothing is drawn where nothing occurs."""
+    seen = section(fleet_html(fleet()), "effects")
+    assert (
+        "Effects by place, where at least one machine probably has them." in seen
+        and seen.count("<table") == 2
+    )
+    rare = replace(
+        fleet(), statistics=replace(STATISTICS, anywhere=(RARE,), places=(replace(RARE, place=("q2",)),))
+    )
+    hardly = section(fleet_html(rare), "effects")
+    assert "Each effect at any of its places" in hardly and "Effects by place" not in hardly
+    assert "Share of machines that have an effect" not in hardly and "<svg" not in hardly
+    nothing = section(fleet_html(replace(fleet(), statistics=replace(STATISTICS, anywhere=()))), "effects")
+    assert "there is nothing to say of effects" in nothing and "<table" not in nothing
+
+
+def test_what_changed_has_tables_only_where_something_did() -> None:
+    said = (Change("m1", "verdict", "", "unknown"),)
+    moved = (Moved("m2", "q1.r", 0.3, 7.0),)
+    for changes, tables in (
+        (None, 0), (Changes(), 0), (Changes(said=said, compared=3), 1), (Changes(moved=moved, compared=3), 1),
+        (Changes(said=said, moved=moved, compared=3), 2),
+    ):  # fmt: skip
+        assert section(fleet_html(fleet(changes)), "changes").count("<table") == tables
+
+
+def test_a_brief_fleet_leads_to_folders_where_there_are_no_reports() -> None:
+    rows = [
+        replace(DONE, name=f"m {status}", status=status) for status in ("done", "refused", "wrong", "broken")
+    ]
+    for brief, reports in ((False, 2), (True, 0)):
+        page = fleet_html(replace(fleet(), rows=rows, unusual=[], odd=0, brief=brief))
+        links = re.findall(r'href="machines/m%20(\w+)/([^"]*)"', page)
+        assert [status for status, _ in links] == ["done", "refused", "wrong", "broken"]
+        assert [file for _, file in links] == ["report.html"] * reports + [""] * (4 - reports)
 
 
 def test_a_table_has_a_row_a_machine() -> None:
