@@ -249,6 +249,16 @@ def test_ticks_of_evidence_keep_apart_and_within_its_range() -> None:
     assert [text for _, text in evidence_map({"a": 60.0}, ()).x.ticks][-1] == "10"
 
 
+@pytest.mark.parametrize("power", range(7))
+def test_every_power_of_ten_has_its_tick(power: int) -> None:
+    """Up to a million; below zero to a thousand."""
+    size = 10.0**power
+    *_, (at, text) = evidence_map({"a": size}, ()).x.ticks
+    assert (at, text) == ((squeeze(size), f"{size:,.0f}") if power else (squeeze(3.0), "3"))
+    (at, text), *_ = evidence_map({"a": -size}, ()).x.ticks
+    assert (at, text) == (squeeze(-min(size, 1e3)), f"\u2212{min(size, 1e3):,.0f}")
+
+
 def test_a_map_without_evidence_has_its_axis_and_room_for_three() -> None:
     charts = [evidence_map({f"q{k}": 1.0 for k in range(count)}, ()) for count in (0, 1, 3, 4)]
     assert [chart.height for chart in charts] == [127.0, 127.0, 127.0, 146.0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
 
@@ -12,13 +13,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from support.effect_machines import read_machines
+from support.effect_machines import STAGE, read_machines
 from support.effects import with_effect
 from support.exact_fits import formula_of, posed
+from support.moving_machines import written
 from support.reports import gear_finding
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.report.formulas import Formula, coupling_matrix, formula, terms_of
-from truepose.models.effects.base import PlacedEffect
+from truepose.models.effects.base import PlacedEffect, Site
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
@@ -133,6 +135,23 @@ def test_a_matrix_of_what_each_joint_moves_where(machines: Mapping[str, Machine]
         np.testing.assert_allclose(
             slope[:, k], [np.diff(at[port])[0] / (2 * step) for port in ports], atol=1e-9
         )
+
+
+def test_a_slope_that_varies_is_taken_at_the_middle_of_the_ranges(tmp_path: Path) -> None:
+    """Two ports that move with powers of two joints, of -150 to 150 and -20 to 40 mm."""
+    machine = written(tmp_path, STAGE)
+    one, two = list(machine.ports)[:2]
+
+    def powers(site: Site) -> dict[str, ca.SX]:
+        return {one: site.c["a"] * (site.q["s1"] + 3.0) ** 2, two: site.c["a"] * site.q["s2"] ** 2}
+
+    plain = {"place": ("s1",), "settings_map": {}, "drivers": (), "needs_load": False, "amplitudes": (2.0,)}
+    named = (SimpleNamespace(name="a"),)
+    term = SimpleNamespace(effect=SimpleNamespace(slug="bend", shifts=powers), coefficients=named, **plain)
+    finding = replace(gear_finding(), effect="bend", place=("s1",))
+    found = coupling_matrix(told(machine, cast(PlacedEffect, term)), finding)
+    assert found is not None and found[0] == [one, two]
+    np.testing.assert_allclose(found[1], [[2 * 2.0 * 3.0, 0.0, 0.0], [0.0, 2 * 2.0 * 10.0, 0.0]])
 
 
 def test_there_is_no_matrix_of_one_port_or_of_one_joint(machines: Mapping[str, Machine]) -> None:
