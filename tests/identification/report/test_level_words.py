@@ -155,7 +155,8 @@ def test_places_are_pooled_of_one_driver_where_one_place_is_named() -> None:
         Alternative("latency", ("q7",), 0.2, 18.0),
     )
     some = finding("joint-compliance", "q2", 0.5, 0.55, 0.6, "load", (load, *others))
-    assert pooled(some) == (["q2", "link2"], pytest.approx(0.9)) and level_of(some) == "pooled"
+    places, probability = pooled(some)
+    assert places == ["q2", "link2"] and probability == pytest.approx(0.9) and level_of(some) == "pooled"
     more = finding("joint-compliance", "q2", 0.5, 0.55, 0.6, "load", (load, *others, again))
     assert pooled(more) == (["q2", "link2", "base"], 1.0)
     two = finding("joint-compliance", "q2+q3", 0.5, 0.55, 0.6, "load", (load, again))
