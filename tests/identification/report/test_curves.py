@@ -104,6 +104,18 @@ def test_little_more_than_a_period_is_not_folded(machine: Machine, turns: float,
     on_the_line(curve, atol=0.02)
 
 
+def test_two_waves_have_the_period_that_both_share(machine: Machine) -> None:
+    """A third of a turn is the period of one alone, half a turn of the other; the whole turn is of both."""
+    terms = [
+        with_effect(machine, "transmission-error", ("q1",), {"order": k}, a=3e-4, b=-1e-4) for k in (2.0, 3.0)
+    ]
+    diagnosis = found(machine, terms, turning(2, 3.0))
+    (curve,) = curves(diagnosis, diagnosis.findings[0])
+    assert curve.x_title == "q1, folded over 360 [°]"
+    assert curve.x[-1] - curve.x[0] == pytest.approx(360.0)
+    on_the_line(curve, atol=0.05)  # of the bend between points, half a degree apart: 0.04
+
+
 def test_a_screw_is_folded_over_its_pitch(tmp_path: Path) -> None:
     machine = written(tmp_path, STAGE)
     term = with_effect(machine, "screw-periodic", ("s1",), {"order": 1.0}, a=2e-3, b=1e-3)
@@ -127,6 +139,8 @@ def test_growth_by_heat_is_drawn_against_its_own_thermometer(tmp_path: Path) -> 
     by = float(np.polyfit(curve.x, curve.y, 1)[0]) * 1e-3  # um
     lengths = {p.name: p.nominal for p in machine.parameters}
     assert by == pytest.approx(2e-5 * lengths[curve.title], rel=1e-6)
+    share = curve.std / np.abs(curve.y)  # how well the one coefficient is known
+    assert share.min() > 0.0 and np.ptp(share) < 1e-6 * share.max()
     on_the_line(curve, atol=1e-3)
 
 
