@@ -56,8 +56,10 @@ def test_a_constant_without_a_tolerance_is_no_number_of_tolerances_away(machine:
         ),
     )
     own = frame(fitted(endless, recorded(endless))).set_index("parameter")
-    assert np.isinf(own.loc[first, "tolerance"]) and np.isnan(own.loc[first, "in_tolerances"])
-    assert np.isfinite(own.loc[first, "nominal"])
+    tolerance, away, nominal = (
+        float(own[name].to_dict()[first]) for name in ("tolerance", "in_tolerances", "nominal")
+    )
+    assert np.isinf(tolerance) and np.isnan(away) and np.isfinite(nominal)
     others = own.drop(index=first)
     assert others["in_tolerances"].notna().all() and np.isfinite(others["std"]).all()
 
