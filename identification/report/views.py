@@ -172,7 +172,7 @@ def _(found: Finding) -> View:
 
 @view.register
 def _(found: Drift) -> View:
-    order = ("moved", "perhaps", "still", "masked", "unseen")
+    order = ("moved", "perhaps", "anew", "still", "masked", "unseen")
     rows = tuple(
         (
             m.name,
