@@ -90,6 +90,39 @@ def test_plain_shares(machine: Machine, before: float | None, after: float, said
     assert gain(machine, before, after).explained == said
 
 
+@pytest.mark.parametrize(
+    ("share", "said"),
+    [(0.004, "0.4 %"), (0.006, "1 %"), (0.5, "50 %"), (0.994, "99 %"), (0.996, "99.6 %"), (0.9999, "over 99.9 %")],
+)  # fmt: skip
+def test_shares_near_none_and_all_have_a_decimal(machine: Machine, share: float, said: str) -> None:
+    after = float(np.sqrt(4.0 - share * (4.0 - FLOOR**2)))
+    assert gain(machine, 2.0, after).explained == f"{said} of the squared error beyond it is explained"
+
+
+@pytest.mark.parametrize(
+    ("held", "ratio", "where"),
+    [
+        (False, 0.414, "on the fitted rows; on rows held out in turn it falls to 41 %"),
+        (False, NAN, "on the fitted rows"),
+        (True, 0.414, "on rows that were not fitted"),
+    ],
+)
+def test_rows_held_out_in_turn_are_told_where_there_are_no_others(
+    machine: Machine, held: bool, ratio: float, where: str
+) -> None:
+    own = summary(1.0, 1.0) if held else replace(summary(1.0, 1.0), validation_rms=None)
+    (found,) = gains_of(machine, own, own, ratio=ratio)
+    assert found.where == where
+
+
+@pytest.mark.parametrize(("noise", "told"), [(0.8, "0.80"), (0.81, ""), (1.24, ""), (1.25, "1.2")])
+def test_scatter_beside_the_stated_sigma_is_told_with_the_instrument_s(
+    machine: Machine, noise: float, told: str
+) -> None:
+    more = f" by its stated sigma, {told} times that by its scatter" if told else ""
+    assert gain(machine, 1.0, 0.5, noise).floor == f"the instrument alone (dashed): 0.0173 mm{more}"
+
+
 @given(before=SIZES, after=SIZES)
 @LAWS
 def test_bars_are_as_long_as_the_figures_beside_them(machine: Machine, before: float, after: float) -> None:

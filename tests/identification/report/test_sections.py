@@ -319,6 +319,11 @@ def test_how_sure_findings_are_alike_ones_together(plain: Diagnosis) -> None:
     )
     (bare,) = sure(replace(plain, findings=(replace(weak, levels=Levels()),)))
     assert bare.endswith(" at q1: 50 %. It could also be eccentric encoder disc (encoder-eccentricity).")
+    unknown = replace(weak, levels=Levels(0.4, "load", 0.0))
+    (half,) = sure(replace(plain, findings=(unknown, replace(weak, place=("q2",)))))
+    assert ": place 40 % to 99.0 %, driver (the weight carried) " in half  # of one of them it is known
+    (two,) = sure(replace(plain, findings=(law, replace(law, place=("q2",)))))
+    assert two == "Transmission error of a geared joint (transmission-error) at q1 and q2: 93.0 %."
     (certain,) = sure(
         replace(plain, findings=(replace(weak, probability=0.95), replace(weak, probability=0.96)))
     )
