@@ -52,7 +52,9 @@ def test_joints_are_in_the_units_of_the_file_without_what_the_conversion_leaves(
     assert list(table) == ["pose", "q1", "q2"]
     np.testing.assert_allclose(table["q1"], np.degrees(Q[:, 0]), rtol=1e-11)
     assert table["q2"].tolist() == [1.0, 2.0, 1.0, 2.0]
-    short = plan_table(cast(Plan, SimpleNamespace(q=np.radians([[33.0, 0.0]]), origin=None, machine=machine())))
+    short = plan_table(
+        cast(Plan, SimpleNamespace(q=np.radians([[33.0, 0.0]]), origin=None, machine=machine()))
+    )
     assert short["q1"].tolist() == [33.0]
 
 
@@ -71,9 +73,7 @@ def test_a_change_counts_from_the_row_of_its_origin() -> None:
 
 def test_an_experiment_of_changes_begins_with_its_reference() -> None:
     """Which stands under the drivers of the first row, and all rows count from it."""
-    table = experiment_table(
-        experiment({"payload": np.array([2.0, 5.0, 5.0, 5.0])}, np.array([0.25, 5.0]))
-    )
+    table = experiment_table(experiment({"payload": np.array([2.0, 5.0, 5.0, 5.0])}, np.array([0.25, 5.0])))
     assert list(table) == ["pose", "from", "q1", "q2", "payload"]
     assert table["pose"].tolist() == [1, 2, 3, 4, 5] and table["from"].tolist() == [1] * 5
     assert table["q2"].tolist() == [0.5, 1.0, 2.0, 1.0, 2.0]
