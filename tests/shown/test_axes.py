@@ -213,6 +213,26 @@ def test_ticks_across_are_as_many_as_have_room_for_their_numbers() -> None:
             assert len(found) >= 5
 
 
+@pytest.mark.parametrize("low", [1000.0, 123456.0, 98765432.0, -98765432.0])
+def test_closer_ticks_than_those_across_would_touch(low: float) -> None:
+    """Eight at most are tried; numbers that touch are drawn only where the two farthest apart do."""
+    tried = set()
+    for span in np.geomspace(0.9, 9.0, 60).tolist():
+        high = low + span
+        root = drawn(Level(0.0, "y"), x=Axis("", low, high))
+        left, _, _, right = frame(root)
+        shown = [text for _, y, text in texts(root, "middle") if y < 229.0 - 10.0 and text]
+        sets = {most: ticks(low, high, most) for most in range(2, 9)}
+        number = max(most for most, own in sets.items() if [text for _, text in own] == shown)
+        for most, own in sets.items():
+            apart = (own[1][0] - own[0][0]) / span * (right - left) if len(own) > 1 else right - left
+            fits = (max(len(text) for _, text in own) + 1.5) * LETTER < apart
+            assert fits is False or most <= number
+            assert most != number or fits or number == 2
+        tried.add(number)
+    assert len(tried) > 2
+
+
 # -- layers --------------------------------------------------------------------------------------------
 
 

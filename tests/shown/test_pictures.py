@@ -97,6 +97,17 @@ def test_bars_of_nothing_and_of_zeros_are_a_line() -> None:
     assert box["width"] == "0.5"
 
 
+@pytest.mark.parametrize("count", [1, 3])
+def test_bars_have_a_line_each_and_half_a_line_of_air_and_zeros_need_no_other_side(count: int) -> None:
+    values = {f"c{k}": float(k) for k in range(count)}
+    svg = bars(values, title="t")
+    assert ET.fromstring(svg).attrib["height"] == f"{18 * (count + 1.5) + 16:.0f}"
+    (zero,) = drawn(svg, "line")
+    assert zero["x1"] == "170.0"  # beside the names: nothing is negative
+    (zero,) = drawn(bars({**values, "less": -1e-3}, title="t"), "line")
+    assert zero["x1"] == "365.0"
+
+
 @pytest.mark.parametrize(
     ("letters", "shown"), [(26, "x" * 26), (27, "x" * 23 + "..."), (90, "x" * 23 + "...")]
 )

@@ -66,6 +66,40 @@ def test_what_is_left_out_is_counted_and_named() -> None:
     assert screen(View("title")) == "title"
 
 
+def test_a_screen_is_24_lines_of_100_characters() -> None:
+    wide = View("word " * 300, ("fact " * 300,), ("a", "b", "c"), (("x" * 34,) * 3,) * 50, "y" * 100)
+    shown = screen(wide).split("\n")
+    assert len(shown) == 24 and {max(map(len, shown)), len(shown[-1])} == {100}
+    assert shown[-1].endswith(" ...") and shown[-2].endswith(" ...")
+
+
+def test_html_has_forty_rows_and_facts_and_says_how_many_rows_are_left() -> None:
+    def shown(rows: int, more: str = "") -> ET.Element:
+        facts = tuple(f"fact {k}" for k in range(41))
+        return ET.fromstring(page(View("t", facts, ("n", "m"), (("a", "b"),) * rows, more)))
+
+    for rows, left in ((40, None), (41, "... 1 more rows"), (50, "... 10 more rows")):
+        tree = shown(rows)
+        assert len(tree.findall(".//tbody/tr")) == min(rows, 40) and len(tree.findall(".//li")) == 40
+        _, *below = tree.findall("p")
+        assert [one.text for one in below] == ([] if left is None else [left])
+    assert shown(41, "see there").findall("p")[-1].text == "... 1 more rows: see there"
+    first, second = shown(1).findall(".//tbody/tr/td")
+    assert first.get("style") == "text-align:left" and second.get("style") is None
+    assert len(shown(1).findall(".//th")) == 2
+    bare = ET.fromstring(page(View("t")))
+    assert [element.tag for element in bare.iter()] == ["div", "p", "strong"]
+
+
+@pytest.mark.parametrize(("letters", "cut"), [(400, False), (401, True)])
+def test_html_cuts_texts_of_more_than_four_hundred_letters(letters: int, cut: bool) -> None:
+    """A title at four times as many."""
+    tree = ET.fromstring(page(View("t" * 4 * letters, ("f" * letters,), ("n",), (("c" * letters,),))))
+    for tag, letter, most in ((".//li", "f", 400), (".//td", "c", 400), (".//strong", "t", 1600)):
+        text = tree.findall(tag)[0].text
+        assert text == (letter * (most - 4) + " ..." if cut else letter * most)
+
+
 def test_columns_stand_under_each_other() -> None:
     shown = screen(View("t", (), ("name", "size"), (("a", "1"), ("longer", "-12.5")))).split("\n")
     assert shown == ["t", "  name     size", "  a           1", "  longer  -12.5"]
