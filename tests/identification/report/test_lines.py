@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
+
 import pytest
 
 from truepose.identification.report.lines import listed, several_lines, wrapped
+from truepose.identification.report.next_steps import after_calibration
+from truepose.identification.report.row_words import far_row_words
+from truepose.models.machine import Machine
 
 WIDTH = 110
 WORDS = "a " * 400
@@ -55,3 +62,28 @@ def test_a_block_is_told_whole_or_not_at_all() -> None:
     assert listed(blocks, 3) == ["a", "  and 2 more: see report.html"]
     assert listed(blocks, 2, "{} left") == ["a", "2 left"]
     assert listed(blocks, 1, "{} left") == ["3 left"]
+
+
+@pytest.mark.parametrize("count", [10, 11, 12])
+def test_ten_rows_that_do_not_fit_are_named_of_two_files(count: int) -> None:
+    """By their numbers, whatever their order; the largest residual is told."""
+    rows = [
+        {"file": f"{name}.csv", "row": k, "sigma": 4.0 + k} for name in "abc" for k in range(count, 0, -1)
+    ]
+    first, second = far_row_words(rows)
+    more = f" and {count - 10} more" if count > 10 else ""
+    for name, text in (("a", first), ("b", second)):
+        assert text == (
+            f"rows 1, 2, 3, 4, 5, 6, 7, 8, 9, 10{more} of {name}.csv do not fit: residuals of up to {4 + count} sigma;"
+            " look there before the model is suspected"
+        )
+
+
+@pytest.mark.parametrize("over", [0, 1])
+def test_a_command_may_be_as_wide_as_a_line(over: int) -> None:
+    """A letter more, and it goes without the folder of its file; what is too long even so goes with less said of it."""
+    label = "next: units, signs, order, frames: truepose check "
+    path = "m" * (WIDTH + over - len(label) - len(" RECORDING"))
+    machine = cast(Machine, SimpleNamespace(file=SimpleNamespace(path=path)))
+    (line,) = after_calibration(machine, Path("out"), calibrated=False, doubtful=False)
+    assert line == f"{label}{'MACHINE' if over else path} RECORDING"

@@ -19,6 +19,7 @@ from truepose.identification.diagnosis.result import (
     Lead,
     Levels,
     PoseError,
+    Quantity,
     Remainder,
     SetOfEffects,
     Together,
@@ -167,6 +168,24 @@ def test_parts_beside_the_findings_keep_eight_lines_then_four_then_two() -> None
     assert counts[0] == 7 and set(counts) <= {7, 3, 1}  # pairs of lines, and the line that counts the rest
     assert counts == sorted(counts, reverse=True) and len(set(counts)) >= 2
     assert untested(len(whole))[-1] == "  could not be tested: and 3 more: see report.html"
+
+
+def test_a_doubt_has_two_lines_and_one_where_there_is_no_room() -> None:
+    """However long the names of its place are; it is cut then."""
+    place = tuple(f"a-place-with-a-long-name-{k}" for k in range(20))
+    weak = play(place=place, parameters={"a": Quantity(0.1, 1.0, "mm")})
+
+    def doubt(most: int) -> list[str]:
+        told = lines(weak, most=most, missing=LACKS, sets=SETS)
+        k = next(k for k, line in enumerate(told) if line.startswith("  against it: No amplitude of "))
+        return told[k : k + 1 + told[k + 1].startswith("    ")]
+
+    whole = len(lines(weak, most=999, missing=LACKS, sets=SETS))
+    sizes = [len(doubt(most)) for most in range(whole, 13, -1)]
+    assert sizes[0] == 2 and sizes[-1] == 1 and sizes == sorted(sizes, reverse=True)
+    assert all(doubt(most)[-1].endswith(" ...") for most in range(14, whole + 1))
+    tight = lines(weak, most=14, missing=LACKS, sets=SETS)
+    assert sum("could not be tested" in line for line in tight) == 1
 
 
 def test_chi2_of_every_fit_is_told() -> None:

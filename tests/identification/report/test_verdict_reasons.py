@@ -10,12 +10,14 @@ import pytest
 
 from support.told_diagnoses import diagnosis, finding, fits
 from truepose.identification.diagnosis.alarm import Alarm
+from truepose.identification.diagnosis.findings import NOTABLE
 from truepose.identification.diagnosis.result import (
     Alternative,
     BlockProof,
     Proof,
     Quantity,
 )
+from truepose.identification.posterior.posterior import AGREED
 from truepose.identification.report.verdict_reasons import doubts, reasons
 
 NAN = float("nan")
@@ -121,6 +123,45 @@ def test_reasons_of_a_finding_are_those_of_the_surest_and_of_rows_held_out() -> 
     assert turns[1].startswith("On rows held out in turn (blocks), never fitted,")
     assert turns[1].endswith(" That is no certain gain.")
     assert len(reasons(diagnosis("missing-physics", alarms={}))) == 0
+
+
+@pytest.mark.parametrize(("disagreement", "told"), [(0.0, False), (AGREED, False), (1.01 * AGREED, True)])
+def test_chains_that_differ_beyond_what_is_agreed_are_a_doubt(disagreement: float, told: bool) -> None:
+    found = doubts(diagnosis("adequate", disagreement=disagreement))
+    assert bool(found) is told
+    assert all("are known to" in one and "so far do the chains differ" in one for one in found)
+
+
+def test_amplitudes_of_twice_their_uncertainty_are_no_doubt_beyond_it() -> None:
+    own = finding(0.99, 1)
+    for value, doubt in ((2.0, True), (-2.0, True), (2.01, False), (-2.01, False)):
+        weak = replace(own, parameters={"a": Quantity(value, 1.0, "1")})
+        assert bool(doubts(diagnosis("missing-physics", weak))) is doubt
+
+
+def test_limits_of_a_proof_that_are_met_exactly() -> None:
+    """A ratio of one is no gain, and no loss either; a placebo at the limit is chance."""
+    even = diagnosis("missing-physics", proof=proof(blocks=(BlockProof("q", 9, 1.0),), placebo_gain=NOTABLE))
+    assert doubts(even) == []
+    certain = reasons(diagnosis("missing-physics", alarms={}, proof=proof(ratio_interval=(0.3, 0.999))))
+    assert not certain[-1].endswith("That is no certain gain.")
+    alike = judged(3.0, 2.0)  # at the limit before is within it
+    (text,) = [
+        one
+        for one in reasons(diagnosis("missing-physics", fits=alike, terms=("one",), alarms={}))
+        if "tolerances from its drawing" in one
+    ]
+    assert "2.00, within the 3.00 that" in text and "back" not in text
+
+
+def test_rows_that_lie_far_out_are_no_explanation_that_was_weighed_best() -> None:
+    rows = Alternative("outliers", ("7",), 0.9, 99.0)
+    alone = reasons(diagnosis("adequate", alarms={}, candidates=(rows,)))
+    assert not [text for text in alone if "weighed" in text]
+    both = reasons(
+        diagnosis("adequate", alarms={}, candidates=(rows, Alternative("backlash", ("q1",), 0.1, 0.5)))
+    )
+    assert both[-1].startswith("The best of 2 explanations weighed, backlash at q1, reaches")
 
 
 def replace_proof(found: Any, other: Proof) -> Any:
