@@ -117,6 +117,17 @@ def test_a_long_command_keeps_to_the_width_with_less_of_it() -> None:
         assert line.startswith(starts.format(path)) and len(line) <= 110
 
 
+def test_a_command_that_no_line_holds_has_nothing_but_what_it_needs() -> None:
+    machine = SimpleNamespace(
+        name="arm", file=SimpleNamespace(path=Path("m.yaml")), residual_units={"position": "mm"}
+    )
+    far = Path("o" * 120)
+    sure = replace(finding(0.9999, 1), place=("q7",))
+    found = diagnosis("missing-physics", sure, open_one(), machine=machine)
+    (line,) = after_diagnosis(found, far, calibrated=True)
+    assert line == f"next: truepose plan MACHINE -n 40 -o poses.csv --diagnosis {far / 'diagnosis.json'}"
+
+
 # -- what improved.yaml holds --------------------------------------------------------------------------
 
 WHERE = "on the validation rows, after a rigid refit"
