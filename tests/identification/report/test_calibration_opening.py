@@ -114,6 +114,6 @@ def test_what_a_fit_is_worth_to_the_tool_stands_first(
 def test_the_command_has_the_options_that_are_not_the_usual_ones(
     machine: Machine, method: dict[str, str], options: str
 ) -> None:
-    (table,) = of(calibration_origin(calibrated(machine, **method)).blocks[:1], Table)
+    (table,) = of(calibration_origin(calibrated(machine, 1.0, **method)).blocks[:1], Table)
     told = dict(rows(table))
     assert told["command, or what does the same"] == f"truepose calibrate arm.yaml a&b.csv{options}"

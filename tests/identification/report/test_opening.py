@@ -238,6 +238,15 @@ def test_the_tool_stands_first_where_it_was_judged_on_rows_held_out_in_turn(tmp_
     assert "improved.yaml" in told.where and "held out in turn" in told.where
 
 
+def test_what_was_before_is_told_where_an_effect_was_added(tmp_path: Path) -> None:
+    found = synthetic(arm(tmp_path))
+    (two,), (alone,) = (
+        diagnosis_opening(one).gains for one in (found, replace(found, terms=(), findings=()))
+    )
+    assert (two.before, two.after) == ("13.0 µm", "13.0 µm")
+    assert (alone.before, alone.after) == ("", "13.0 µm")
+
+
 def test_less_than_all_that_was_found_is_told(tmp_path: Path) -> None:
     worse = Applied("plain", "role", PoseError(0.5, 0.5), 1.0, PoseError(0.5, 0.9), 1.2)
     opening = diagnosis_opening(synthetic(arm(tmp_path), applied=worse))
