@@ -91,7 +91,7 @@ def test_every_free_constant_stands_with_its_drawing_and_its_uncertainty(fit: Es
         if p.name in told:
             own = told[p.name]
             assert (own["value"], own["nominal"], own["unit"]) == (fit.p[k], p.nominal, p.unit)
-            assert own["tolerance"] == p.tolerance
+            assert (own["tolerance"], own["std"]) == (p.tolerance, fit.std[k])
     assert not all(own["identifiable"] for own in told.values())  # one direction is blind
 
 

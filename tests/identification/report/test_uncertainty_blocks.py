@@ -71,6 +71,7 @@ def test_a_budget_is_the_root_of_mean_variances_with_their_shares(told: Any) -> 
         ["", "28.3 µm", "100 %"],
         ["", "56.6 µm", ""],
     ]
+    assert table.text_columns == 2
     nothing = of(told({READINGS: [0.0, 0.0]}, [1.0]), Table)[0]
     assert rows(nothing)[0][2:] == ["0 mm", "-"] and rows(nothing)[1][2:] == ["0 mm", "100 %"]
 
