@@ -89,7 +89,9 @@ def injected_recovered(after: Estimate, found: Found, main: int) -> bool:
     by_cause = np.array([np.logaddexp.reduce(odds[own.terms.cause == k]) for k in causes])
     alike = [k for k, c in enumerate(problem.causes) if c == cat.cause(main)]
     best, again = np.max(by_cause), np.max(by_cause[alike])
-    return bool(again > max(0.0, best - NOTABLE))  # where nothing can be seen, all are alike, and none is found
+    return bool(
+        again > max(0.0, best - NOTABLE)
+    )  # where nothing can be seen, all are alike, and none is found
 
 
 def _simulated(design: Design, columns: slice, amplitude: Array, noises: Sequence[float]) -> Design:
