@@ -17,24 +17,12 @@ from typer.testing import CliRunner, Result
 
 import truepose
 from support import MACHINES
+from support.slide_arm import TINY
 from truepose.cli import app
 from truepose.errors import ConvergenceError
 from truepose.models.load import load_machine
 
 SERIAL = MACHINES / "serial.yaml"
-TINY = """
-schema: truepose/machine/1
-name: tiny
-mechanism:
-  type: serial
-  joints:
-    - {name: q1, kind: prismatic, range: [-100, 100]}
-    - {name: q2, kind: revolute, d: 50, range: [-90, 90]}
-frames:
-  tool: {in: flange, xyz: [100, 0, 0]}
-sensor: {type: position, sigma: {xyz: 0.01}}
-tolerances: {length: 0.1, angle: 0.1}
-"""
 COMMANDS = (
     "demo",
     "init",

@@ -9,22 +9,11 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner, Result
 
+from support.slide_arm import TINY
 from truepose.cli import app
 
-MACHINE = """schema: truepose/machine/1
-name: tiny
-mechanism:
-  type: serial
-  joints:
-    - {name: q1, kind: prismatic, range: [-100, 100]}
-    - {name: q2, kind: revolute, d: 50, range: [-90, 90]}
-frames:
-  tool: {in: flange, xyz: [100, 0, 0]}
-sensor: {type: position, sigma: {xyz: 0.01}}
-tolerances: {length: 0.1, angle: 0.1}
-"""
 HEATED = (
-    MACHINE
+    TINY
     + "effects:\n  - {effect: thermal-expansion, place: [link1], parameters: {alpha: {value: 1.e-5, unit: 1/K}}}\n"
 )
 ROWS = [(x, 20 * k - 70) for k, x in enumerate((-90, -60, -20, 0, 30, 50, 80, 95))]
@@ -34,7 +23,7 @@ ROWS = [(x, 20 * k - 70) for k, x in enumerate((-90, -60, -20, 0, 30, 50, 80, 95
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The working directory, with a machine, poses without readings, and what should be read there."""
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "tiny.yaml").write_text(MACHINE, encoding="utf-8")
+    (tmp_path / "tiny.yaml").write_text(TINY, encoding="utf-8")
     (tmp_path / "heated.yaml").write_text(HEATED, encoding="utf-8")
     table = "q1,q2\n" + "".join(f"{x},{turn}\n" for x, turn in ROWS)
     (tmp_path / "poses.csv").write_text(table, encoding="utf-8")

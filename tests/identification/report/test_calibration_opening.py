@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from support.reports import arm, fitted, of, recorded, rows, summary
+from support.reports import fitted, of, recorded, rows, summary
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.summary import FitSummary
 from truepose.identification.report.document import Command, Opening, Table
@@ -20,11 +20,6 @@ from truepose.models.machine_file import ExpectedPose
 CHECK = "truepose check arm.yaml a&b.csv"
 APPLY = "truepose codegen calibrated.yaml -o controller"
 FIND = "truepose diagnose arm.yaml a&b.csv -o diagnosis"
-
-
-@pytest.fixture(scope="module")
-def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    return arm(tmp_path_factory.mktemp("machine"))
 
 
 def calibrated(machine: Machine, away: float = 1.0, **method: str) -> Calibration:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from support.reports import arm, fitted, gear, of, recorded, rows, summary, synthetic
+from support.reports import fitted, gear, of, recorded, rows, summary, synthetic
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.report.document import Charts, Fold, Table
@@ -25,11 +25,6 @@ from truepose.models.machine import Machine
 from truepose.shown.chart import Cells, Chart, Level, Marks
 
 INF = float("inf")
-
-
-@pytest.fixture(scope="module")
-def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    return arm(tmp_path_factory.mktemp("machine"))
 
 
 def with_std(machine: Machine, std: float, value: float) -> list[str]:

@@ -15,7 +15,7 @@ from support.effect_machines import ARM, GOUGH, STAGE
 from support.effects import with_effect
 from support.exact_fits import fit_at, read
 from support.moving_machines import record, written
-from support.reports import arm, gear_finding, synthetic
+from support.reports import gear_finding, synthetic
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.report.curves import Curve, all_curves, curves
@@ -64,11 +64,6 @@ def on_the_line(curve: Curve, atol: float) -> None:
     assert curve.x[0] - 1e-9 <= phase.min() and phase.max() <= curve.x[-1] + 1e-9
     expected = np.interp(phase, curve.x, curve.y)
     np.testing.assert_allclose(curve.rows[known], expected, atol=atol)
-
-
-@pytest.fixture(scope="module")
-def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    return arm(tmp_path_factory.mktemp("machine"))
 
 
 @pytest.mark.parametrize("order", [2.0, 3.0, 7.0, 121.0, 242.0])

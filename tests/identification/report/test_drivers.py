@@ -12,7 +12,7 @@ import pytest
 
 from support.effect_machines import STAGE
 from support.moving_machines import record, written
-from support.reports import arm, recorded
+from support.reports import recorded
 from truepose.identification.report.drivers import (
     column_of,
     columns,
@@ -23,11 +23,6 @@ from truepose.identification.report.drivers import (
 )
 from truepose.models.machine import Machine
 from truepose.models.sensors.base import Channel
-
-
-@pytest.fixture(scope="module")
-def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    return arm(tmp_path_factory.mktemp("machine"))
 
 
 @pytest.mark.parametrize(

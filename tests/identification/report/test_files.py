@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import pytest
 
-from support.reports import arm, fitted, own_markup, recorded, synthetic
+from support.reports import fitted, own_markup, recorded, synthetic
 from support.told_drift import CHANGED, movement, told_drift
 from truepose.identification.check.result import Check, Found
 from truepose.identification.diagnosis.result import Applied, PoseError
@@ -30,11 +30,6 @@ from truepose.models.machine_file import ExpectedPose
 SLIP = Found("sign", ("q2",), "q2 counts backwards", "turn its sign", "suspect", 12.0, 0.03)
 DOUBT = Check((SLIP,), 40, 0.03, "mm", ())
 CALM = replace(DOUBT, found=())
-
-
-@pytest.fixture(scope="module")
-def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    return arm(tmp_path_factory.mktemp("machine"))
 
 
 def document(path: Path) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from support.reports import NAN, arm, gear_finding, synthetic
+from support.reports import NAN, gear_finding, synthetic
 from truepose.identification.diagnosis.result import Alternative, Diagnosis, Lead, Levels, Replication
 from truepose.identification.report.diagnosis_words import explanation, separating_experiment
 from truepose.identification.report.findings_json import (
@@ -18,11 +18,6 @@ from truepose.identification.report.findings_json import (
 )
 from truepose.identification.signatures.untestable import Missing, Untestable
 from truepose.models.machine import Machine
-
-
-@pytest.fixture(scope="module")
-def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    return arm(tmp_path_factory.mktemp("machine"))
 
 
 def test_a_finding_is_whole() -> None:

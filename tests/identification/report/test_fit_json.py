@@ -9,7 +9,7 @@ from typing import cast
 import numpy as np
 import pytest
 
-from support.reports import arm, fitted, gear, recorded, synthetic
+from support.reports import fitted, gear, recorded
 from truepose.identification.diagnosis.outliers import FarRow
 from truepose.identification.diagnosis.result import Applied, Diagnosis, Lead, Levels, PoseError, Together
 from truepose.identification.fit.estimate import Estimate
@@ -22,11 +22,6 @@ from truepose.identification.report.results import (
 )
 from truepose.identification.signatures.untestable import Missing
 from truepose.models.machine import Machine
-
-
-@pytest.fixture(scope="module")
-def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    return arm(tmp_path_factory.mktemp("machine"))
 
 
 @pytest.fixture(scope="module")
@@ -112,11 +107,6 @@ def test_effects_of_a_fit_stand_with_their_sizes(fit: Estimate, recording: Recor
     for name, own in told.items():
         label = next(one for one in std if one.endswith(f":{name}"))
         assert own["std"] == pytest.approx(std[label]) and own["unit"] == "rad"
-
-
-@pytest.fixture(scope="module")
-def plain(machine: Machine) -> Diagnosis:
-    return synthetic(machine)
 
 
 def test_residuals_of_a_diagnosis_are_in_micrometres_and_the_free_fit_has_no_farthest(

@@ -9,7 +9,7 @@ from typing import cast
 import numpy as np
 import pytest
 
-from support.reports import NAN, arm, fitted, of, recorded, rows, synthetic
+from support.reports import NAN, fitted, of, recorded, rows
 from truepose.identification.diagnosis.result import (
     BlockProof,
     Diagnosis,
@@ -30,17 +30,6 @@ from truepose.identification.report.sections.parameters import (
 )
 from truepose.models.machine import Machine
 from truepose.shown.chart import Cells
-
-
-@pytest.fixture(scope="module")
-def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    return arm(tmp_path_factory.mktemp("machine"))
-
-
-@pytest.fixture(scope="module")
-def plain(machine: Machine) -> Diagnosis:
-    return synthetic(machine)
-
 
 # -- fits and proofs -----------------------------------------------------------------------------------
 

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from support.reports import arm, fitted, gear, gear_finding, recorded, synthetic
+from support.reports import fitted, gear, gear_finding, recorded, synthetic
 from support.told_drift import CHANGED, DAY, movement, told_drift
 from truepose.identification.compensation.inverse import Inverse, Reach
 from truepose.identification.compensation.rows import Compensation
@@ -16,11 +16,6 @@ from truepose.identification.diagnosis.result import Alternative, Levels, Quanti
 from truepose.identification.identifiability.observability import identifiable
 from truepose.identification.report.frames import CONSTANTS, FINDINGS, MOVEMENTS, frame
 from truepose.models.machine import Machine
-
-
-@pytest.fixture(scope="module")
-def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    return arm(tmp_path_factory.mktemp("machine"))
 
 
 def test_constants_stand_so_many_tolerances_from_the_drawing(machine: Machine) -> None:

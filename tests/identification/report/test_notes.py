@@ -8,16 +8,11 @@ from typing import cast
 
 import pytest
 
-from support.reports import arm, synthetic
+from support.reports import synthetic
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.report.notes import diagnosis_notes, driver_notes
 from truepose.models.machine import Machine
-
-
-@pytest.fixture(scope="module")
-def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    return arm(tmp_path_factory.mktemp("machine"))
 
 
 @pytest.mark.parametrize(

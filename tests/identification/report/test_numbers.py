@@ -8,17 +8,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from support.reports import NAN, arm, fitted, recorded, synthetic
+from support.reports import NAN, fitted, recorded, synthetic
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.report.curves import curves
 from truepose.identification.report.gauge import rank_words
 from truepose.identification.report.numbers import measure, p_value, percent, significant, times, uncertain
 from truepose.models.machine import Machine
-
-
-@pytest.fixture(scope="module")
-def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    return arm(tmp_path_factory.mktemp("machine"))
 
 
 @pytest.fixture(scope="module")

@@ -29,11 +29,6 @@ TOLD = re.compile(r"^(?:(over|below) )?([\d.]+) %")
 UNITS = {"nm": 1e-6, "µm": 1e-3, "mm": 1.0}
 
 
-@pytest.fixture(scope="module")
-def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    return arm(tmp_path_factory.mktemp("machine"))
-
-
 def gain(machine: Machine, before: float | None, after: float, noise: float = 1.0) -> Gain:
     fits = [
         None if rms is None else replace(summary(1.0, 1.0), rms={"position": rms}, validation_rms=None)

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from support.reports import arm, of, recorded, rows, synthetic
+from support.reports import of, recorded, rows, synthetic
 from truepose.identification.report.document import Fold, Section, Table
 from truepose.identification.report.sections.origin import diagnosis_origin, origin_section
 from truepose.models.load import load_machine
@@ -15,11 +15,6 @@ from truepose.models.machine import Machine
 from truepose.version import VERSION
 
 TWO = ("/far/off/a.csv", "day 2/b c.csv")
-
-
-@pytest.fixture(scope="module")
-def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    return arm(tmp_path_factory.mktemp("machine"))
 
 
 def told(section: Section) -> list[list[str]]:

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from support.reports import arm, fitted, own_markup, page_data, recorded, summary, synthetic
+from support.reports import fitted, own_markup, page_data, recorded, summary
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.report.document import Document, Section, Text
@@ -19,16 +19,6 @@ from truepose.identification.report.pages import calibration_html, report_html
 from truepose.identification.report.render import html
 from truepose.models.machine import Machine
 from truepose.models.machine_file import ExpectedPose
-
-
-@pytest.fixture(scope="module")
-def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    return arm(tmp_path_factory.mktemp("machine"))
-
-
-@pytest.fixture(scope="module")
-def plain(machine: Machine) -> Diagnosis:
-    return synthetic(machine)
 
 
 def said(page: str) -> str:

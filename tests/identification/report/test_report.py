@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from support.reports import NAN, arm, fitted, gear_finding, own_markup, page_data, recorded, synthetic
+from support.reports import NAN, fitted, gear_finding, own_markup, page_data, recorded, synthetic
 from truepose.identification.diagnosis.alarm import Alarm
 from truepose.identification.diagnosis.result import Diagnosis, Form, Proof, Quantity, Remainder
 from truepose.identification.fit.calibrate import Calibration
@@ -35,11 +35,6 @@ SECTIONS = (
     "origin",
     "truth",
 )
-
-
-@pytest.fixture(scope="module")
-def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    return arm(tmp_path_factory.mktemp("machine"))
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from support.reports import arm, gear_finding, of, synthetic
+from support.reports import gear_finding, of
 from truepose.identification.diagnosis.alarm import Alarm
 from truepose.identification.diagnosis.result import Diagnosis, Form, Remainder
 from truepose.identification.report.document import Block, Charts, Fold, Text
@@ -24,16 +24,6 @@ from truepose.models.machine import Machine
 from truepose.shown.chart import Marks
 
 ROWS = np.arange(0, 30, 3)
-
-
-@pytest.fixture(scope="module")
-def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    return arm(tmp_path_factory.mktemp("machine"))
-
-
-@pytest.fixture(scope="module")
-def plain(machine: Machine) -> Diagnosis:
-    return synthetic(machine)
 
 
 def blocks(diagnosis: Diagnosis, rows: Any = ROWS) -> Sequence[Block]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from support.reports import arm, fitted, gear, gear_finding, recorded, synthetic
+from support.reports import fitted, gear, gear_finding, recorded, synthetic
 from support.results import RESULTS
 from support.told_drift import CHANGED, movement, told_drift
 from truepose.identification.compensation.inverse import Inverse, Reach
@@ -19,11 +19,6 @@ from truepose.identification.identifiability.note import Note
 from truepose.identification.report.numbers import significant
 from truepose.identification.report.views import view
 from truepose.models.machine import Machine
-
-
-@pytest.fixture(scope="module")
-def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    return arm(tmp_path_factory.mktemp("machine"))
 
 
 def test_what_is_no_result_has_no_view() -> None:

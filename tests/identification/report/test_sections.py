@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from support.reports import NAN, arm, gear_finding, of, rows, summary, synthetic
+from support.reports import NAN, gear_finding, of, rows, summary
 from truepose.identification.diagnosis.alarm import Alarm
 from truepose.identification.diagnosis.result import (
     UNNAMED,
@@ -38,19 +38,8 @@ from truepose.identification.report.sections.findings import (
 )
 from truepose.identification.report.sections.sets import posterior_tables
 from truepose.identification.signatures.untestable import Missing, Untestable
-from truepose.models.machine import Machine
 
 LEVELS = Levels(0.99, "load", 0.95)
-
-
-@pytest.fixture(scope="module")
-def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    return arm(tmp_path_factory.mktemp("machine"))
-
-
-@pytest.fixture(scope="module")
-def plain(machine: Machine) -> Diagnosis:
-    return synthetic(machine)
 
 
 def found(diagnosis: Diagnosis) -> Sequence[Block]:

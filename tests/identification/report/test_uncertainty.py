@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from support.reports import NAN, arm, fitted, of, recorded
+from support.reports import NAN, fitted, of, recorded
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.fit.tool_spread import READINGS, TOLERANCES, tool_spread, workspace
@@ -21,11 +21,6 @@ from truepose.models.machine import Machine
 from truepose.shown.chart import Marks
 
 UNITS = {"nm": 1e-6, "µm": 1e-3, "mm": 1.0}
-
-
-@pytest.fixture(scope="module")
-def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    return arm(tmp_path_factory.mktemp("machine"))
 
 
 @pytest.fixture(scope="module")
