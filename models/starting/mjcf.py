@@ -179,7 +179,8 @@ def _check(model: mujoco.MjModel, path: Path) -> None:
     """Refuse numbers that are no robot's, names that are no text, and axes that MuJoCo itself made nothing of."""
     sizes = {
         "position": model.body_pos, "joint's anchor": model.jnt_pos, "mass": model.body_mass, "gravity": model.opt.gravity,
-        "centre of mass": model.body_ipos,
+        "centre of mass": model.body_ipos, "end of a joint's range": model.jnt_range[model.jnt_limited.astype(bool)],
+        "joint's reference": model.qpos0,
     }  # fmt: skip
     for what, values in sizes.items():
         odd = [float(v) for v in np.ravel(values) if not abs(v) <= FARTHEST]

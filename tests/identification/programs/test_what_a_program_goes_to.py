@@ -202,6 +202,8 @@ OFFSET, ASSIGNED = "worked out while the program runs: it gets the correction", 
         ("CONST robtarget a:=[[1,2,3],[1.004,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];\n"
          "CONST robtarget b:=[[1,2,3],[1.006,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];", ["a"],
          {2: "its quaternion's square is 1.012, not 1"}),
+        ("CONST robtarget a:=[[1,2,3],[1E308,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];", [],
+         {1: "its quaternion's square is inf, not 1"}),
         ("CONST robtarget a:=Offs(b,1,2,3);\nMoveL RelTool(a,1,2,3),v,z,t;\na.trans.x:=5;\nb{3}.rot := c;\nMoveL Offs(", [],
          {1: "its value is no list of plain numbers", 2: OFFSET, 3: ASSIGNED, 4: ASSIGNED, 5: OFFSET}),
         (f"! MoveL {ROB},v,z,t;\nTPWrite \"{ROB}\";\nx:=5;", [], {}),

@@ -164,9 +164,17 @@ def test_a_file_that_is_not_there_is_said(tmp_path: Path) -> None:
     [
         ('<body><replicate count="1000000"><body><geom/></body></replicate></body>', "needs more than 1 s"),
         ('<body pos="1e300 0 0"/>', "found the position 1e\\+300, expected at most"),
+        (
+            '<body><joint type="slide" range="0 1e308"/><geom size="1"/></body>',
+            "the end of a joint's range 1e\\+308, exp",
+        ),
+        (
+            '<body><joint type="slide" ref="-1e308"/><geom size="1"/></body>',
+            "the joint's reference -1e\\+308, exp",
+        ),
         ('<body name="' + "n" * 300 + '"/>', "of 300 characters"),
     ],
-    ids=["endless", "far", "long"],
+    ids=["endless", "far", "wide", "shifted", "long"],
 )
 def test_what_no_robot_is_costs_no_more_than_a_moment(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, more: str, told: str
