@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import compileall
 import importlib
+import multiprocessing
 import os
 import resource
 import shutil
@@ -96,6 +97,8 @@ def _child(tree: Path, tests: list[str], limit: int) -> None:
         os.environ |= {"PYTHONDONTWRITEBYTECODE": "1", "PYTEST_XDIST_WORKER": tree.name}
         sys.dont_write_bytecode = True
         sys.path[:0] = [str(tree / "src"), str(tree)]
+        # as without workers of joblib, whose way to start processes no program that is started knows
+        multiprocessing.set_start_method("fork", force=True)
         log = os.open(tree.with_suffix(".log"), os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
         os.dup2(log, 1)
         os.dup2(log, 2)
