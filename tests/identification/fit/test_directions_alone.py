@@ -17,11 +17,12 @@ from scipy.spatial.transform import Rotation
 from truepose.identification.check.run import check
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.estimated import Estimate
-from truepose.identification.fit.sighted import base_by_bearings
+from truepose.identification.fit.sighted import base_by_bearings, base_of, station_of
 from truepose.identification.recording.load import load_recording
 from truepose.models import lie
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
+from truepose.models.sensors.direction import Direction
 
 Array = NDArray[np.float64]
 MOUNT = """schema: truepose/machine/1
@@ -160,3 +161,24 @@ def test_bearings_place_a_body(turn: tuple[float, ...], seed: int, flat: bool) -
     # it is a start: the iteration nears the solution slowly
     assert np.degrees((Rotation.from_matrix(found).inv() * rotation).magnitude()) < 2
     assert np.linalg.norm(place - shift - station) < 100
+
+
+@pytest.mark.parametrize(("of", "fewest"), [("origin", 3), ("x", 2), ("z", 2)])
+def test_bearings_tell_a_base_from_three_poses_and_axes_from_two(of: str, fewest: int) -> None:
+    """Two axes tell a turn; a place as well takes three lines of sight."""
+    sensor = Direction(of, True, ("ux", "uy", "uz"), 1.0, 1e-5)
+    tool, base = np.tile(np.eye(4), (4, 1, 1)), np.eye(4)
+    tool[:, :3, :3] = Rotation.random(4, random_state=1).as_matrix()
+    tool[:, :3, 3] = np.random.default_rng(1).uniform(-300, 300, (4, 3))
+    base[:3, :3] = Rotation.from_euler("xyz", [20, -30, 100], degrees=True).as_matrix()
+    base[:3, 3] = (900.0, 100.0, 200.0) if of == "origin" else (0.0, 0.0, 0.0)
+    stands = base @ tool
+    sight = stands[:, :3, 3] if of == "origin" else stands[:, :3, "xyz".index(of)]
+    read = sight / np.linalg.norm(sight, axis=1, keepdims=True)
+    read[fewest - 1 :] = np.nan  # one that was lost counts as one that is not there
+    assert base_of(sensor, tool, read, station_of(sensor, ())) is None
+    read[fewest - 1] = sight[fewest - 1] / np.linalg.norm(sight[fewest - 1])
+    found = base_of(sensor, tool, read, station_of(sensor, ()))
+    assert found is not None and found[1] < 1e-6
+    if of != "origin":  # three bearings leave more than one place
+        np.testing.assert_allclose(found[0], base, atol=1e-9)
