@@ -105,7 +105,9 @@ def test_sums_over_rows_are_the_same(bent: Mapping[str, tuple[Estimate, Recordin
     grams = []
     for name in ("alone", "last"):
         fit, recording = bent[name]
-        lin = Signatures(fit.machine, recording, fit.effects).linearise(fit)
+        signatures = Signatures(fit.machine, recording, fit.effects)
+        assert not signatures.by_row
+        lin = signatures.linearise(fit)
         kinds = list(dict.fromkeys(channel.kind for channel in fit.machine.channels))
         grams.append(lin.grams[kinds.index("distance")])
     size = np.sqrt(np.diag(grams[0]))

@@ -197,6 +197,21 @@ def test_a_reading_that_counts_from_itself_is_none(tmp_path: Path) -> None:
     assert [linearised(s, prior, prior.mean).n_observations for s in sessions] == [n // 2 - 1] * 2
 
 
+def test_a_session_of_validation_rows_alone_is_left_out_and_said(tmp_path: Path) -> None:
+    n = 24
+    rows = pd.DataFrame(np.random.default_rng(9).uniform(-3.0, 3.0, (n, 3)), columns=["x", "y", "t"])
+    session, first = np.arange(n) // 8, 8 * (np.arange(n) // 8)
+    rows = rows.assign(pose=np.arange(n), **{"from": first}, session=session, dL=1e-3)
+    roles = {1: "validation"}
+    rows.assign(role=[roles.get(k, "calibration") for k in session]).to_csv(
+        tmp_path / "rows.csv", index=False
+    )
+    machine = load_machine(MACHINES / "distance.yaml")
+    sessions, notes = sessions_of(machine, load_recording(machine, [tmp_path / "rows.csv"]))
+    assert [one.label for one in sessions] == ["session 0", "session 2"]
+    assert [(note.kind, note.about) for note in notes] == [("validation", "session 1")]
+
+
 def test_checks_of_an_older_calibration_do_not_hang_on_the_stated_sigma(tmp_path: Path) -> None:
     """Readings tell the noise: with a quarter of the true sigma stated, all is four times as far off, and nothing changes."""
     moves = {"tool.x": [0.0, 0.05], "q4.d": [0.0, 0.02]}

@@ -188,3 +188,12 @@ def test_every_effect_says_at_which_places_it_lacks_what(tmp_path: Path, shuffle
         assert why["mount-drift"] == "base: no time column; tool: no time column"
     with_sessions = poses(machine, readings | {"session": np.arange(ROWS) // 3})
     assert "zero-shift" not in {one.effect for one in catalogue(machine, with_sessions).untestable}
+
+
+def test_four_reasons_are_told_without_a_count_of_others(tmp_path: Path) -> None:
+    """Of six joints two have their side of arrival."""
+    machine = arm(tmp_path)
+    sides = {f"approach.q{k}": (-1.0) ** np.arange(ROWS) for k in (1, 2)}
+    cat = catalogue(machine, poses(machine, sides | {axis: np.zeros(ROWS) for axis in "xyz"}, shuffled=True))
+    (why,) = (one.why for one in cat.untestable if one.effect == "backlash")
+    assert why == "; ".join(f"q{k}: no approach.q{k} column, and {SHUFFLED}" for k in (3, 4, 5, 6))
