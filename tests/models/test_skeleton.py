@@ -238,3 +238,9 @@ def test_every_machine_of_the_library_has_lines(name: str) -> None:
     assert lines["tool"] and all(np.isfinite(points).all() for kind in lines.values() for points in kind)
     axes = len(lines.get("axis", [])) + len(lines.get("leg", []))
     assert axes >= len(machine.mechanism.actuators)
+
+
+def test_a_body_with_three_joints_is_a_plate_and_one_with_two_is_not(machines: Mapping[str, Machine]) -> None:
+    drawn = skeleton(machines["planar"]).pieces
+    assert [piece.names for piece in drawn if piece.kind == "plate"] == [("base",)]
+    assert ["platform" in piece.names for piece in drawn if piece.kind == "link"].count(True) == 2
