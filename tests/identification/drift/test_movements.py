@@ -202,10 +202,8 @@ def test_a_session_of_validation_rows_alone_is_left_out_and_said(tmp_path: Path)
     rows = pd.DataFrame(np.random.default_rng(9).uniform(-3.0, 3.0, (n, 3)), columns=["x", "y", "t"])
     session, first = np.arange(n) // 8, 8 * (np.arange(n) // 8)
     rows = rows.assign(pose=np.arange(n), **{"from": first}, session=session, dL=1e-3)
-    roles = {1: "validation"}
-    rows.assign(role=[roles.get(k, "calibration") for k in session]).to_csv(
-        tmp_path / "rows.csv", index=False
-    )
+    rows["role"] = np.where(session == 1, "validation", "calibration")
+    rows.to_csv(tmp_path / "rows.csv", index=False)
     machine = load_machine(MACHINES / "distance.yaml")
     sessions, notes = sessions_of(machine, load_recording(machine, [tmp_path / "rows.csv"]))
     assert [one.label for one in sessions] == ["session 0", "session 2"]
