@@ -89,9 +89,8 @@ def injected_recovered(after: Estimate, found: Found, main: int) -> bool:
     by_cause = np.array([np.logaddexp.reduce(odds[own.terms.cause == k]) for k in causes])
     alike = [k for k, c in enumerate(problem.causes) if c == cat.cause(main)]
     best, again = np.max(by_cause), np.max(by_cause[alike])
-    return bool(
-        again > max(0.0, best - NOTABLE)
-    )  # where nothing can be seen, all are alike, and none is found
+    # more likely there than not, too: where nothing can be seen, all are as good as the best
+    return bool(again > max(0.0, best - NOTABLE))
 
 
 def _simulated(design: Design, columns: slice, amplitude: Array, noises: Sequence[float]) -> Design:

@@ -132,9 +132,8 @@ def _reason(
     for name in (move.wobj, move.tool):
         if name is not None and name in cell.moved:
             return f"{name}: {cell.moved[name]}"
-    norm = sum(
-        n.value * n.value for n in own[3:]
-    )  # a power that overflows is an error, a product is infinite
+    # a power that overflows is an error, a product is infinite
+    norm = sum(n.value * n.value for n in own[3:])
     if abs(norm - 1.0) > 0.01:
         return f"its quaternion's square is {norm:.4g}, not 1"
     return None
