@@ -112,6 +112,16 @@ class Sensor(ABC):
         """Whether readings follow from several rows (see ``comparison``)."""
         return self.differs_from_row
 
+    @property
+    def compares_itself(self) -> bool:
+        """True if rows are compared with each other and with no measured value, so that no length is measured."""
+        return self.compares and not self.columns
+
+    @property
+    def measures_length(self) -> bool:
+        """True if a reading, or a distance that is stated, tells how large the machine is."""
+        return "mm" in self.columns.values()
+
     def cautions(self, labels: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
         """What a user should know of how this sensor takes a recording with such text columns."""
         return ()

@@ -13,6 +13,7 @@ from truepose.identification.diagnosis.null_fits import null_fits
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.diagnosis.stages import first, further, stages
 from truepose.identification.diagnosis.verdict import concluded
+from truepose.identification.fit.reading_errors import estimate_reading_errors
 from truepose.identification.fit.set_ups import with_set_ups
 from truepose.identification.learned_prior import FleetPrior, LearnedPrior, read_prior
 from truepose.identification.recording.load import Sources, as_recording
@@ -39,7 +40,7 @@ def diagnose(
     recording = as_recording(machine, recording)
     machine = with_measured_loads(with_set_ups(machine, recording), recording)
     progress("fitting without effects")
-    every = stages(machine, recording)
+    every = stages(machine, estimate_reading_errors(machine, recording))
     fits, cat = null_fits(machine, every[0]), catalogue(machine, recording)
     if learned is not None:
         cat = replace(cat, learned=FleetPrior(learned, machine.mechanism_type))

@@ -27,6 +27,7 @@ from truepose.identification.fit.bounds import Bounds, bounds_of
 from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, blame, estimate, result
 from truepose.identification.fit.only import held_but, kept_covariance, prior_but
 from truepose.identification.fit.problem import Prior, Problem, prior_of
+from truepose.identification.fit.reading_errors import estimate_reading_errors
 from truepose.identification.fit.relinearised import TUNING, Scaling, relinearised
 from truepose.identification.fit.set_ups import with_set_ups
 from truepose.identification.fit.simultaneous import simultaneous
@@ -114,8 +115,9 @@ def calibrate(
     biased = _checked(estimator, solver, scaling)
     recording = as_recording(machine, recording)
     machine = with_set_ups(held_but(machine, only) if only else machine, recording)
-    work = _Work(machine, recording, solver, bounds_of(machine, machine.effects), tuple(only))
     progress("fitting")
+    corrected = estimate_reading_errors(machine, recording)
+    work = _Work(machine, corrected, solver, bounds_of(machine, machine.effects), tuple(only))
     method = {"estimator": estimator, "solver": solver, **({"only": ", ".join(only)} if only else {})}
     fit, notes = work.linear(estimator, scaling, tuning) if biased else work.unbiased(estimator)
     if biased and fit.shrunk is not None:

@@ -95,7 +95,7 @@ class Predictor:
         self._sensors = sights(machine, m.names, self.evaluations)
 
     def _read(self, recording: Recording) -> None:
-        self.recording, self.q = recording, recording.q
+        self.recording, self.q = recording, recording.positions
         self._values: Array | None = None
         self.z = np.empty((len(self.q), len(self.model.drivers)))
         for k, name in enumerate(self.model.drivers):
@@ -215,6 +215,13 @@ class Predictor:
             values.append(np.hstack([f.values(sight, p, c) for f, c in pairs]))
             poses.append(sight.pose)
         return names, np.concatenate(values), np.concatenate(poses)
+
+    def self_compared(self, p: Array, x: Array) -> list[tuple[Array, Array]]:
+        """Predictions of single rows and the compared values that follow, both (n, k), of each sensor that compares the machine
+        with itself; units of its channels."""
+        sight = self._sight(slice(0, len(self.q)), p, x)
+        every = zip(self._sensors, self.comparisons(), strict=True)
+        return [f.self_compared(sight, p, self.recording, c) for f, c in every if c and f.sensor.compares_itself]
 
     def twists(self, p: Array, x: Array) -> tuple[Array, Array]:
         """Poses (n, 4, 4) and their total derivative by p as world twists (n, 6, np)."""

@@ -120,6 +120,7 @@ class SensorFunctions:
             found = self._evaluate(self._residual, sight, p, np.nan_to_num(y), -1.0)
             return _block(rows, found.scaled(1.0 / self._sigma), sight.at, gone)
         raw, jacobian = self._evaluate(self._predict, sight, p, np.zeros_like(y), 1.0).whole(sight.at)
+        raw = raw + self._offset(recording, rows)
 
         def compare(change: Array) -> Array:
             out: Array = comparison.changes(raw, change) / self._sigma[:, None]
@@ -136,8 +137,24 @@ class SensorFunctions:
         y = self._read(recording, slice(0, len(pose)))
         given = np.nan_to_num(y) if comparison is None else np.zeros_like(y)
         (found,) = self._alone(_flat(pose), p[self._own], given)
-        value = found[..., 0] if comparison is None else self._compared(comparison, found[..., 0], y)
-        return value / self._sigma if lost is None else np.where(lost, 0.0, value / self._sigma)
+        raw = found[..., 0]
+        if comparison is not None:
+            raw = self._compared(comparison, raw + self._offset(recording, slice(0, len(pose))), y)
+        return raw / self._sigma if lost is None else np.where(lost, 0.0, raw / self._sigma)
+
+    def self_compared(
+        self, sight: Sight, p: Array, recording: Recording, comparison: Comparison
+    ) -> tuple[Array, Array]:
+        """Predictions of single rows without the effect of reading errors, and the compared values, both (n, k)."""
+        raw = self._predicted(sight, p).values
+        return raw, comparison.values(raw + self._offset(recording, slice(0, len(raw))))
+
+    def _offset(self, recording: Recording, rows: slice) -> Array | float:
+        """What the errors of the joints' readings add to the predictions of single rows, shape (n, k)."""
+        names = [channel.name for channel in self.sensor.channels]
+        if not self.sensor.compares_itself or any(name not in recording.observations for name in names):
+            return 0.0
+        return np.column_stack([recording.observations[name][rows] for name in names])
 
     def _read(self, recording: Recording, rows: slice) -> Array:
         """(n, k) of the sensor's columns; none where it reads none."""

@@ -42,7 +42,8 @@ class Recording(Shown):
     joint's column or a reading's is said to be in, by its header or by the machine file, where all files agree. digests, dates:
     SHA-256 of each file and the day that its comments name, empty where there is none. untried: columns of numbers that were
     left out because nobody declared them. shuffled: that rows next to each other are declared to be no visits one after the
-    other, so that their order tells nothing of how a joint came.
+    other, so that their order tells nothing of how a joint came. reading_errors: estimated noise of the joints' readings, known only where rows
+    are compared with each other (`truepose.identification.fit.reading_errors`).
     """
 
     shown_by: ClassVar[str] = "truepose.identification.recording.recording_view"
@@ -68,6 +69,7 @@ class Recording(Shown):
     dates: tuple[str, ...] = ()
     untried: tuple[str, ...] = ()
     shuffled: bool = False
+    reading_errors: FloatArray | None = None  # (n, n_joints)
     _whole: Recording | None = None
     _rows: IntArray | None = None
     _told: dict[str, FloatArray | None] = field(default_factory=dict, init=False)
@@ -83,6 +85,11 @@ class Recording(Shown):
 
     def __len__(self) -> int:
         return len(self.q)
+
+    @property
+    def positions(self) -> FloatArray:
+        """Joint readings without their estimated errors, shape (n, n_joints): where a model is evaluated."""
+        return self.q if self.reading_errors is None else self.q - self.reading_errors
 
     @property
     def whole(self) -> Recording:
@@ -234,6 +241,7 @@ class Recording(Shown):
             pose=None if self.pose is None else frozen(self.pose[index]),
             time=None if self.time is None else frozen(self.time[index]),
             from_row=None if self.from_row is None else frozen(self.from_row[index]),
+            reading_errors=None if self.reading_errors is None else frozen(self.reading_errors[index]),
             _whole=self.whole,
             _rows=index if self._rows is None else frozen(self._rows[index]),
         )

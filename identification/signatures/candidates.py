@@ -21,6 +21,7 @@ from truepose.identification.signatures.load_forms import forms_of_held_load, fo
 from truepose.identification.signatures.untestable import (
     Untestable,
     every_effect,
+    missing_length,
     of_such_machines,
     places_of,
     unloaded,
@@ -127,6 +128,7 @@ def catalogue(machine: Machine, recording: Recording) -> Catalogue:
             kinds = list(dict.fromkeys(reasons))
             more = f"; and {len(kinds) - 4} more" if len(kinds) > 4 else ""
             missing.append(Untestable(effect.slug, "; ".join(kinds[:4]) + more))
+    missing += [Untestable(one.effects[0], one.why) for one in missing_length(machine)]
     found += empirical_forms(machine, recording)
     found += [placed for placed in machine.effects if placed.label not in {e.label for e in found}]
     labels = {e.label for e in machine.effects}

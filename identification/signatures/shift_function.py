@@ -78,4 +78,4 @@ class ShiftFunction:
             np.column_stack([group[name] for name in wanted]) if wanted else np.zeros((len(rows), 0))
             for group, wanted in ((loads, self._loads), (states, self._states))
         )
-        return self._function(rec.q[rows], z, p[which], force, state)[0][..., 0]
+        return self._function(rec.positions[rows], z, p[which], force, state)[0][..., 0]

@@ -53,7 +53,19 @@ class Missing:
 
 def missing_inputs(machine: Machine, recording: Recording) -> tuple[Missing, ...]:
     """What is missing, likeliest effects first; empty where nothing is."""
-    return (*_of_weight(machine), *_of_columns(machine, recording))
+    return (*missing_length(machine), *_of_weight(machine), *_of_columns(machine, recording))
+
+
+def missing_length(machine: Machine) -> list[Missing]:
+    """Return the common scale of all lengths, where nothing measures a length."""
+    if any(sensor.measures_length for sensor in machine.sensors):
+        return []
+    slides = [a.reading for a in machine.mechanism.actuators if a.unit == "mm"]
+    what = ("actuator-scale", f" of {', '.join(slides)} and") if slides else ("wrong-constant", " of")
+    why = f"no sensor measures a length, so a common scale{what[1]} all lengths changes no reading"
+    sockets = any(sensor.type == "socket" for sensor in machine.sensors)
+    add = f"{'state the distance between sockets (`spacing`), or ' if sockets else ''}measure one length"
+    return [Missing((what[0],), why, add)]
 
 
 def _of_weight(machine: Machine) -> list[Missing]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import clock, limb_at, singly
-from truepose.models.effects.thermometers import borrowed, from_settings, others, own_columns, span
+from truepose.models.effects.thermometers import FROM, borrowed, from_settings, others, own_columns, span
 from truepose.models.machine import Machine
 from truepose.models.setting_range import ANY, NOT_NEGATIVE, ranges
 
@@ -26,7 +26,8 @@ TOOL = "tool"
 
 @effects.add("thermal-expansion")
 class ThermalExpansion(Effect):
-    """Every length of the place grows by alpha (T - 20 degC) of itself; one part, or all legs alike.
+    """Every length of the place grows by alpha (T - 20 degC) of itself; one part, or all legs alike. Of a slide that is no leg, the
+    screw or scale grows: its reading means alpha (T - 20 degC) more of its way from zero.
 
     Settings: ``lag`` (s) of the body behind its thermometer, first order; for all legs together,
     ``thermometer`` k when only leg k's temperature was recorded (0: each leg its own). ``from.COLUMN`` (degC): a thermometer
@@ -47,7 +48,7 @@ class ThermalExpansion(Effect):
 
     def places(self, machine: Machine) -> Sequence[Place]:
         names = (*machine.mechanism.lengths, TOOL)
-        parts = [name for name in names if _has_length(machine, _ports(machine, name))]
+        parts = [name for name in names if _has_length(machine, _ports(machine, name))] + _slides(machine)
         legs = tuple(limb.name for limb in machine.mechanism.limbs if limb.name in parts)
         return [*singly(parts), legs] if len(legs) > 1 else singly(parts)
 
@@ -61,7 +62,10 @@ class ThermalExpansion(Effect):
         start = (borrowed(site.settings) or ("", REFERENCE))[1]
         for part, thermometer in zip(site.place, thermometers, strict=True):
             strain = site.c["alpha"] * (site.driver(thermometer) - start)
-            out |= {port: strain * site.value(port) for port in _ports(site.machine, part)}
+            if part in _slides(site.machine):
+                out[site.port(part)] = strain * site.moved(part)
+            else:
+                out |= {port: strain * site.value(port) for port in _ports(site.machine, part)}
         return out
 
     def drivers(self, machine: Machine, place: Place, settings: Settings) -> tuple[str, ...]:
@@ -81,6 +85,8 @@ class ThermalExpansion(Effect):
         """Every thermometer that says something else than the place's own, without a lag and with few."""
         lags = [0.0, *(lag for lag in LAGS_ELSEWHERE if lag < span(seen))]
         names = others(machine, own_columns([_part(machine, name) for name in place], seen), seen)
+        if place[0] in _slides(machine):  # scales and screws are right at 20 degC (ISO 1): no constant bears an offset
+            return [{"lag": lag, f"{FROM}{name}": REFERENCE} for name in names for lag in lags]
         return [{"lag": lag, **from_settings(name, seen)} for name in names for lag in lags]
 
     def borrows(self, settings: Settings) -> bool:
@@ -91,23 +97,35 @@ class ThermalExpansion(Effect):
         return self.borrows(settings)
 
     def explain_term(self, machine: Machine, place: Place, settings: Settings) -> str:
-        found = borrowed(settings)
+        found, what = borrowed(settings), _growing(machine, place)
         if found is None:
             return self.explain(machine, place)
         lag = settings.get("lag", 0.0)
         behind = f", {lag:g} s behind it" if lag else ""
         return (
-            f"The lengths of {', '.join(place)} grow with {found[0]}, a thermometer elsewhere{behind}: alpha is the expansion "
+            f"{what} with {found[0]}, a thermometer elsewhere{behind}: alpha is the expansion "
             "times how much more the part warms up."
         )
 
     def explain(self, machine: Machine, place: Place) -> str:
-        return f"The lengths of {', '.join(place)} grow in proportion to their temperature above 20 degC."
+        return f"{_growing(machine, place)} in proportion to their temperature above 20 degC."
+
+
+def _slides(machine: Machine) -> list[str]:
+    """Readings of slides that are no part of a leg: their screw or scale has the length."""
+    limbs = {limb.reading for limb in machine.mechanism.limbs}
+    return [a.reading for a in machine.mechanism.actuators if a.unit == "mm" and a.reading not in limbs]
+
+
+def _growing(machine: Machine, place: Place) -> str:
+    if place[0] in _slides(machine):
+        return f"The screw or scale of {place[0]} grows"
+    return f"The lengths of {', '.join(place)} grow"
 
 
 def _part(machine: Machine, name: str) -> str:
     """Name of the part that heats up: a leg may be called by its reading."""
-    known = name == TOOL or name in machine.mechanism.lengths
+    known = name == TOOL or name in machine.mechanism.lengths or name in _slides(machine)
     return name if known else limb_at(machine, name).name
 
 

@@ -105,6 +105,11 @@ class Socket(Sensor):
         """Always: one row alone says nothing."""
         return True
 
+    @property
+    def measures_length(self) -> bool:
+        """Only where the distance between two sockets is known."""
+        return self.spacing is not None
+
     def predict(self, world: ca.SX, s: Mapping[str, ca.SX]) -> ca.SX:
         """Position (3,) of the ball, mm, sensor frame; ``comparison`` turns it into distances from the sockets."""
         return world[:3, :3] @ ca.vertcat(*(s[p.name] for p in self.ball)) + world[:3, 3]
