@@ -29,6 +29,7 @@ from truepose.identification.posterior.posterior import LONG_SET
 from truepose.identification.posterior.state import State, moments, typical
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.models.effects.base import PlacedEffect
+from truepose.models.placed import EffectAtPlace
 
 Array = NDArray[np.float64]
 ENOUGH = 0.1
@@ -68,7 +69,8 @@ def _open(found: Found, held: Collection[int]) -> dict[int, float]:
     """Named candidates outside the likeliest set that may well be there, with their largest size; the likeliest ones.
 
     A form without a name says nothing beyond the rows that were seen: a few chances in ten are no reason to carry it there.
-    What the likeliest set holds and its fit does not, because bounds left nothing of it, stays out.
+    What the likeliest set holds and its fit does not, because bounds left nothing of it, stays out; so does what differs from a
+    held candidate by a continuous setting alone, such as a lag: one effect has one entry, and one size.
     """
     gone = set(chosen(found.problem, found.mode)) - set(held)
     share, spread = defaultdict[int, float](float), defaultdict[int, float](float)
@@ -76,9 +78,20 @@ def _open(found: Found, held: Collection[int]) -> dict[int, float]:
         for i, size in chosen(found.problem, state).items():
             share[i] += weight
             spread[i] = max(spread[i], size)
-    named = [i for i in share if found.catalogue.named(i) and i not in gone]
+    entries = {_entry(found.catalogue.candidates[i]) for i in held}
+    named = [
+        i
+        for i in share
+        if found.catalogue.named(i) and i not in gone and _entry(found.catalogue.candidates[i]) not in entries
+    ]
     wanted = sorted((i for i in named if i not in held and share[i] >= LEADING), key=lambda i: -share[i])
     return {i: spread[i] for i in wanted[:FEW]}
+
+
+def _entry(placed: PlacedEffect) -> tuple[EffectAtPlace, tuple[tuple[str, float], ...]]:
+    """Return an effect at its place with its settings but the continuous ones, which are approximated by a few values."""
+    discrete = (item for item in placed.settings if item[0] not in placed.effect.continuous)
+    return placed.at_place, tuple(sorted(discrete))
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import get_args
 
-from truepose.identification.diagnosis.result import UNKNOWN, Levels, SetOfEffects, Together
+from truepose.identification.diagnosis.result import NAMED, UNKNOWN, Levels, SetOfEffects, Together
 from truepose.identification.diagnosis.selection_problem import SelectionProblem
 from truepose.identification.posterior.posterior import Posterior
 from truepose.identification.signatures.candidates import Catalogue
@@ -21,8 +21,6 @@ from truepose.models.machine import Machine
 from truepose.models.parameters import element_of
 from truepose.models.placed import EffectAtPlace
 
-NAMED = 0.5
-"""Probability that a place with its driver, or a class, needs to be said."""
 SURE = 0.9
 """Probability from which on something is spoken of as known."""
 LEADING = 0.1

@@ -113,9 +113,10 @@ def _simulated(design: Design, columns: slice, amplitude: Array, noises: Sequenc
 
 @dataclass(frozen=True)
 class _InHalf:
-    """Of one name: its probability in a half, and its coefficients there (k,) with their covariance."""
+    """Of one name: its probability in a half, its coefficients there (k,) with their covariance; whether it would be seen."""
 
     probability: float
+    shown: bool
     mean: Array
     covariance: Array
 
@@ -160,7 +161,8 @@ def _half(spike_slab: SpikeSlab, found: Found, names: Sequence[Named]) -> list[_
         causes = {int(spike_slab.terms.cause[term]) for term, _ in own}
         said = float(min(sum(shares[spike_slab.terms.cause == k].sum() for k in causes), 1.0))
         at = [place[c] for c in found.linearisation.indices(name.candidates)]
-        out.append(_InHalf(said, mean[at], covariance[np.ix_(at, at)]))
+        shown = any(spike_slab.noticeable[size, term] for term, size in own)
+        out.append(_InHalf(said, shown, mean[at], covariance[np.ix_(at, at)]))
     return out
 
 
@@ -168,7 +170,7 @@ def _replicated(first: _InHalf, second: _InHalf) -> Replication:
     difference, spread = first.mean - second.mean, first.covariance + second.covariance
     statistic = float(difference @ np.linalg.lstsq(spread, difference, rcond=1e-10)[0])
     agree = bool(chi2.sf(statistic, len(difference)) > CHANCE)
-    return Replication((first.probability, second.probability), agree)
+    return Replication((first.probability, second.probability), agree, (first.shown, second.shown))
 
 
 def flip_inflation(found: Found, one: Named) -> float | None:

@@ -42,6 +42,8 @@ class Levels:
     driver: float = 0.0
 
 
+NAMED = 0.5
+"""Probability from which on something is more probable than not, and is named."""
 UNKNOWN = Levels()
 """Nothing is known."""
 
@@ -52,10 +54,19 @@ UNNAMED = "unknown"
 
 @dataclass(frozen=True)
 class Replication:
-    """How probable a name is in each half of the rows (in time), and whether its amplitudes there agree."""
+    """How probable a name is in each half of the rows (in time), and whether its amplitudes there agree.
+
+    shown: whether each half could show it at all: what happens between two sessions is in neither.
+    """
 
     halves: tuple[float, float]
     agree: bool
+    shown: tuple[bool, bool] = (True, True)
+
+    @property
+    def replicated(self) -> bool:
+        """True if each half that could show it names it, and the amplitudes agree."""
+        return self.agree and all(p >= NAMED for p, seen in zip(self.halves, self.shown, strict=True) if seen)
 
 
 @dataclass(frozen=True)

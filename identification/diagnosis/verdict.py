@@ -22,8 +22,8 @@ from truepose.identification.diagnosis.findings import (
 from truepose.identification.diagnosis.holdout import Comparison
 from truepose.identification.diagnosis.naming import Summary, summarised
 from truepose.identification.diagnosis.null_fits import Fits
-from truepose.identification.diagnosis.posterior_summary import NAMED, Presence
-from truepose.identification.diagnosis.proof import flip_inflation, prove, replications
+from truepose.identification.diagnosis.posterior_summary import NAMED, Named, Presence
+from truepose.identification.diagnosis.proof import flip_inflation, prove
 from truepose.identification.diagnosis.refit import Choice, Model, chosen_model, refit, remainder_shapes
 from truepose.identification.diagnosis.result import (
     WHOLE,
@@ -35,6 +35,7 @@ from truepose.identification.diagnosis.result import (
     Remainder,
 )
 from truepose.identification.diagnosis.search import Found, chosen
+from truepose.identification.diagnosis.support import Supported, keep_supported
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.summary import FitSummary, summarise
 from truepose.identification.posterior.design import GridPoint
@@ -67,13 +68,12 @@ def concluded(fits: Fits, found: Found) -> Diagnosis:
         found = replace(found, linearisation=found.linearisation.bare())  # large: let go before the next
         there = replace(found, fit=model.fit, linearisation=found.signatures.linearise(model.fit))
         found = replace(found, linearisation=there.linearisation)  # and only its columns are asked for
-    summary, nameless = summarised(there, model.fit), model.nameless(there)
+    supported = keep_supported(summarised(there, model.fit), there, model.fit, fits.rms)
+    summary, nameless = supported.summary, model.nameless(there)
     choice = Choice.of(there, fits.before, fits.outliers, _sure(summary, NAMED))
-    quiet = _quiet(fits, found, summary, choice)
+    quiet = _quiet(fits, found, supported, choice)
     if quiet.verdict == "adequate":
         return quiet
-    # before further fits: their halves take most memory
-    findings = _findings(found, summary, model.fit, fits.rms)
     whole, names = choice.compared(model.fit), _names(fits, there, model)
     after, applied = _applied(choice, model, names, summary, whole)
     gain = _gain(choice, names, whole) if nameless else {}
@@ -83,7 +83,7 @@ def concluded(fits: Fits, found: Found) -> Diagnosis:
         quiet,
         concealed=fits.free.chi2_per_dof < CONCEALED,
         alarms_after=left,
-        findings=findings,
+        findings=_findings(found, supported, model.fit, after),
         remainder=_remainder(there, quiet.verdict, nameless, after, left, gain),
         after=after,
         fits=_summaries(fits, after, recording.validation),
@@ -93,8 +93,9 @@ def concluded(fits: Fits, found: Found) -> Diagnosis:
     )
 
 
-def _quiet(fits: Fits, found: Found, summary: Summary, choice: Choice) -> Diagnosis:
+def _quiet(fits: Fits, found: Found, supported: Supported, choice: Choice) -> Diagnosis:
     """What the posterior says, with plain calibration applied: where nothing is missing, this is all."""
+    summary = supported.summary
     cat, machine, recording = found.catalogue, found.signatures.machine, found.signatures.recording
     raised = alarms_of(fits.free, fits.before, found.linearisation_before, recording)
     alone, unknowns = found.alone, found.problem.spike_slab.unknowns
@@ -112,7 +113,7 @@ def _quiet(fits: Fits, found: Found, summary: Summary, choice: Choice) -> Diagno
         remainder=None,
         candidates=ranked_alternatives(cat, alone),
         evidence_map=evidence_map(cat, alone),
-        untestable=cat.untestable,
+        untestable=(*cat.untestable, *supported.unseen),
         missing=missing_inputs(machine, recording),
         free=fits.free,
         before=fits.before,
@@ -146,13 +147,19 @@ def _summaries(fits: Fits, after: Estimate, held_out: Mask) -> dict[str, FitSumm
     return {name: summarise(fit, held_out) for name, fit in stages.items()}
 
 
-def _findings(found: Found, summary: Summary, likeliest: Estimate, rms: float) -> tuple[Finding, ...]:
-    """Names with what the fit of the likeliest set says of their size."""
-    machine, cat, halves = found.signatures.machine, found.catalogue, replications(found, summary.names, rms)
-    inferred = found.signatures.recording.inferred
+def _findings(
+    found: Found, supported: Supported, likeliest: Estimate, after: Estimate
+) -> tuple[Finding, ...]:
+    """Return the findings, with the sizes that the deployed fit has, or the likeliest set's where that is without them."""
+    machine, cat, names = found.signatures.machine, found.catalogue, supported.summary.names
+    inferred, deployed = found.signatures.recording.inferred, {e.label for e in after.effects}
+
+    def fit_of(one: Named) -> Estimate:
+        return after if {cat.candidates[i].label for i in one.candidates} <= deployed else likeliest
+
     return tuple(
-        finding(machine, cat, likeliest, one, flip_inflation(found, one), half, inferred)
-        for one, half in zip(summary.names, halves, strict=True)
+        finding(machine, cat, fit_of(one), one, flip_inflation(found, one), half, inferred)
+        for one, half in zip(names, supported.replications, strict=True)
     )
 
 
