@@ -21,6 +21,7 @@ from truepose.identification.recording.own_equipment import begun, with_own_equi
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.table import Table, read_table, table_in_memory
+from truepose.identification.recording.turns import center_turns
 from truepose.models.machine import Machine
 
 Source: TypeAlias = "str | os.PathLike[str] | Table | pd.DataFrame | Mapping[str, Any]"
@@ -91,7 +92,7 @@ def load_recording(
         shuffled=shuffled,
         begun=begun(machine, [table.file for table in files]),
     )
-    recording = with_own_equipment(machine, recording)
+    recording = center_turns(machine, with_own_equipment(machine, recording))
     notes = (*machine.notes, *_without_force(machine, files))
     return replace(recording, notes=(*notes, *recording.notes)) if notes else recording
 
