@@ -19,6 +19,10 @@ from truepose.wording import joined, shortened
 
 Array = NDArray[np.float64]
 _FEWEST = 6
+STEEL, SMALLEST_PART = 7850.0, 300.0
+"""Density of steel, kg/m^3, and the longest part (mm) that a small machine is taken to have at least."""
+COARSE = (10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1)
+"""Steps, in the file's unit, that a joint's readings are rounded to where a log has too few digits."""
 
 
 def bare(machine: Machine, recording: Recording) -> Iterator[Found]:
@@ -28,6 +32,7 @@ def bare(machine: Machine, recording: Recording) -> Iterator[Found]:
     yield from _shared_columns(machine)
     yield from _still(machine, recording)
     yield from _no_gravity(machine)
+    yield from _too_heavy(machine)
 
 
 def _too_few(machine: Machine, recording: Recording) -> Iterator[Found]:
@@ -146,6 +151,51 @@ def _no_gravity(machine: Machine) -> Iterator[Found]:
         )
 
 
+def _too_heavy(machine: Machine) -> Iterator[Found]:
+    """Yield a finding where the machine weighs more than a solid cube of steel as long as its longest part."""
+    lengths = [abs(p.nominal) for p in machine.parameters if p.unit == "mm"]
+    travels = [np.ptp(a.range) for a in machine.mechanism.actuators if a.range and a.reading_unit == "mm"]
+    longest = max([SMALLEST_PART, *lengths, *travels, *(abs(x) for m in machine.masses for x in m.com)])
+    total, most = sum(mass.kg for mass in machine.masses), STEEL * (longest / 1000.0) ** 3
+    if total > most:
+        yield Found(
+            "mass-unit",
+            ("masses",),
+            f"the masses add up to {total:.6g} kg; a solid steel cube as long as the longest part ({longest:.4g} mm) weighs "
+            f"{most:.3g} kg",
+            f"state `kg` in kilograms: masses in grams would be {total / 1000.0:.6g} kg",
+            "suspect",
+        )
+
+
+def coarse_joints(rig: Rig, stand: Stand) -> Iterator[Found]:
+    """Yield joints that are logged in coarse steps while others are not, where the readings miss by more than their noise."""
+    if stand.misfit <= SURE:
+        return
+    units = [rig.machine.units.of_joint(a.reading_unit) for a in rig.machine.mechanism.actuators]
+    steps = [
+        _step(convert(q, a.reading_unit, unit))
+        for a, unit, q in zip(rig.machine.mechanism.actuators, units, rig.recording.q.T, strict=True)
+    ]
+    for a, unit, step in zip(rig.machine.mechanism.actuators, units, steps, strict=True):
+        alike = [other for b, other in zip(rig.machine.mechanism.actuators, steps, strict=True) if b.unit == a.unit]
+        if step and min(alike) == 0.0:
+            yield Found(
+                "resolution",
+                (a.reading,),
+                f"all readings of {a.reading} are rounded to {step:g} {unit}, and those of other joints are not",
+                f"log {a.reading} with the resolution of its encoder: rounding hides what a fit looks for",
+                "suspect",
+            )
+
+
+def _step(values: Array) -> float:
+    """Return the coarsest step that all values are whole numbers of; 0 where they are finer, or too few to tell."""
+    if len(np.unique(values)) < _FEWEST:
+        return 0.0
+    return next((s for s in COARSE if np.allclose(values / s, np.round(values / s), atol=1e-6)), 0.0)
+
+
 def no_tolerances(rig: Rig, stand: Stand) -> Iterator[Found]:
     """A drawing without tolerances: only frames would be fitted. Proposes such as would explain what is left.
 
@@ -176,4 +226,4 @@ def no_tolerances(rig: Rig, stand: Stand) -> Iterator[Found]:
     )
 
 
-__all__ = ["bare", "no_tolerances", "out_of_range", "repeats"]
+__all__ = ["bare", "coarse_joints", "no_tolerances", "out_of_range", "repeats"]

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from truepose.errors import InputError
-from truepose.identification.check.bare import bare, no_tolerances, out_of_range
+from truepose.identification.check.bare import bare, coarse_joints, no_tolerances, out_of_range
 from truepose.identification.check.encoders import encoders
 from truepose.identification.check.judging import shown
 from truepose.identification.check.pair import Pair
@@ -100,7 +100,7 @@ def check_loaded(machine: Machine, recording: Recording) -> Check:
     if any(f.kind == "joint-never-moves" for f in result.found):
         found = [f for f in found if f.kind != "joint-never-moves"]
     found += result.found
-    found += no_tolerances(rig, result.stand)
+    found += [*no_tolerances(rig, result.stand), *coarse_joints(rig, result.stand)]
     if not any(f.verdict == "wrong" for f in found):
         found += sigmas(rig, result.stand, result.price)
     left, _, unit = shown(result.stand, result.stand)
