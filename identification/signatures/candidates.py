@@ -24,6 +24,7 @@ from truepose.identification.signatures.untestable import (
     missing_length,
     of_such_machines,
     places_of,
+    still_sources,
     unloaded,
     why_untestable,
 )
@@ -101,7 +102,8 @@ class Catalogue:
 def catalogue(machine: Machine, recording: Recording) -> Catalogue:
     """All testable candidates; every slug is equally likely, and its places share (parts alone before several at once)."""
     found, missing, seen = list[PlacedEffect](), list[Untestable](), ranges(machine, recording)
-    smooth = _smooth(machine, recording)
+    still = still_sources(machine, recording)
+    smooth = {name: v for name, v in _smooth(machine, recording).items() if name not in still}
     for effect in every_effect():
         places, reasons = places_of(effect, machine), list[str]()
         asked = of_such_machines(effect.slug, machine)
@@ -119,7 +121,7 @@ def catalogue(machine: Machine, recording: Recording) -> Catalogue:
                 reasons.append(effect.unvaried or usual)
             for settings in (*variants, *others):
                 placed = PlacedEffect.at(effect, machine, place, effect.within(place, settings, seen))
-                reason = why_untestable(placed, recording)
+                reason = why_untestable(placed, recording, still)
                 if reason is None:
                     found.append(placed)
                 elif not others:  # what another place's column stands in for can be tested
@@ -251,7 +253,12 @@ def empirical_forms(machine: Machine, recording: Recording) -> tuple[PlacedEffec
 
 def _varied(machine: Machine, recording: Recording) -> dict[str, tuple[float, float]]:
     """Ranges of all that was varied: joints, payload, time, thermometers by name, however the file has its columns."""
-    seen = {name: ends for name, ends in ranges(machine, recording).items() if ends[1] > ends[0]}
+    still = still_sources(machine, recording)
+    seen = {
+        name: ends
+        for name, ends in ranges(machine, recording).items()
+        if ends[1] > ends[0] and name not in still
+    }
     own = sorted(seen.keys() - set(recording.joints), key=lambda name: (Driver.of(name).thermal, name))
     return {name: seen[name] for name in (*(n for n in recording.joints if n in seen), *own)}
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.constants import g
 
 from truepose.identification.recording.recording import Recording
@@ -23,6 +24,7 @@ from truepose.models.driver import (
     Driver,
 )
 from truepose.models.effects.base import Effect, PlacedEffect, effects
+from truepose.models.effects.empirical_sources import travel_of
 from truepose.models.effects.thermometers import any_thermometer
 from truepose.models.machine import Machine
 
@@ -30,6 +32,8 @@ GRAVITY = (0.0, 0.0, -g)
 """What weight pulls with where the base stands upright, m/s^2."""
 GRAVITY_LINE = f"gravity: [0, 0, -{g}]"
 HEAT, PLAY, DRIFT, FLEXURE = "thermal-expansion", "backlash", "mount-drift", "axis-flexure"
+STEPS, LEAST_TRAVEL = 20.0, 1e-3
+"""Smallest variation that anything may be a function of: steps of a thermometer's last digit, share of a joint's range."""
 RARE = frozenset({"screw-windup"})
 """Effects of weight that few machines have."""
 
@@ -120,8 +124,31 @@ def _of_columns(machine: Machine, recording: Recording) -> list[Missing]:
     return out
 
 
-def why_untestable(placed: PlacedEffect, recording: Recording) -> str | None:
+def still_sources(machine: Machine, recording: Recording) -> frozenset[str]:
+    """Return the joints and thermometers that hardly vary in the calibration rows: nothing can be a function of them.
+
+    A joint moves by less than ``LEAST_TRAVEL`` of its range, or a thermometer by less than ``STEPS`` of its last digit.
+    """
+    rows = ~recording.validation
+    joints = zip(recording.joints, recording.q[rows].T, strict=True)
+    still = {name for name, v in joints if np.ptp(v) < LEAST_TRAVEL * np.ptp(travel_of(machine, name))}
+    measured = {name: v[rows] for name, v in recording.drivers.items() if Driver.of(name).thermal}
+    return frozenset(still | {name for name, v in measured.items() if np.ptp(v) < STEPS * _resolution(v)})
+
+
+def _resolution(values: NDArray[np.float64]) -> float:
+    """Return the step of the last decimal digit that any of the values uses."""
+    return next((10.0**-k for k in range(9) if np.allclose(values, np.round(values, k), rtol=0.0, atol=1e-9)), 0.0)
+
+
+def why_untestable(
+    placed: PlacedEffect, recording: Recording, still: frozenset[str] = frozenset()
+) -> str | None:
     """What the recording lacks for a candidate: a driver's column, or a driver that varies. None where nothing."""
+    read = [Driver.of(name).now for name in placed.drivers]
+    constant = next((d for d in read if d.thermal and d.served_by(recording.drivers) in still), None)
+    if constant is not None:
+        return f"{constant.served_by(recording.drivers)} hardly varies"
     for name in placed.drivers:
         values = recording.driver(name)
         if values is None:
