@@ -21,6 +21,7 @@ LIBRARY: Mapping[str, DriverKind] = {
     "gravity-sag": "load",
     "screw-windup": "load",
     "axis-flexure": "load",
+    "platform-deformation": "coupling",
     "actuator-scale": "position",
     "axis-straightness": "position",
     "flexure-shift": "position",

@@ -178,7 +178,9 @@ def coarse_joints(rig: Rig, stand: Stand) -> Iterator[Found]:
         for a, unit, q in zip(rig.machine.mechanism.actuators, units, rig.recording.q.T, strict=True)
     ]
     for a, unit, step in zip(rig.machine.mechanism.actuators, units, steps, strict=True):
-        alike = [other for b, other in zip(rig.machine.mechanism.actuators, steps, strict=True) if b.unit == a.unit]
+        alike = [
+            other for b, other in zip(rig.machine.mechanism.actuators, steps, strict=True) if b.unit == a.unit
+        ]
         if step and min(alike) == 0.0:
             yield Found(
                 "resolution",

@@ -104,6 +104,11 @@ class Comparison:
         return _ratio(self.before, self.after)
 
     @property
+    def score(self) -> float:
+        """Error after over before: of the tool's position where it is read, else of the readings."""
+        return self.ratio if self.pose is None else self.pose.model / max(self.pose.plain, 1e-300)
+
+    @property
     def worse(self) -> bool:
         """Whether readings or the tool's position are worse than before, by more than ``NO_WORSE`` allows."""
         pose = self.pose is not None and self.pose.model > NO_WORSE * self.pose.plain

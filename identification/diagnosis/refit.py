@@ -1,9 +1,9 @@
 """The likeliest set, what has no name included, fitted without linearisation; and what of it may be applied.
 
 A model may predict readings better and leave the tool worse, where a form without a name took what the robot does. So
-models are tried in turn: all that was found, less what the sensor is said to do and may not, names alone, sure names
-alone. The first whose held-out readings and tool's position are no worse than plain calibration's is applied; without
-one, plain calibration is. Forms without a name must make nothing worse at the ends of what was seen either (outermost poses,
+models are tried: all that was found, less what the sensor is said to do and may not, names alone, forms alone, sure names
+alone. Of those whose held-out readings and tool's position are no worse than plain calibration's, the best is applied; without
+one, plain calibration is: the better of the ordinary fit and the one held to the drawing. Forms without a name must make nothing worse at the ends of what was seen either (outermost poses,
 heaviest loads, warmest rows), and geometry may not leave its tolerances to meet them.
 """
 
@@ -25,6 +25,7 @@ from truepose.identification.diagnosis.holdout import (
     held_out_blocks,
     trial,
 )
+from truepose.identification.diagnosis.null_fits import Fits
 from truepose.identification.diagnosis.result import WHOLE
 from truepose.identification.diagnosis.search import Found, noise_at, start_from
 from truepose.identification.fit.bounded import within_bounds
@@ -40,6 +41,12 @@ Mask = NDArray[np.bool_]
 Split = tuple[str, list[Block]]
 WORTH = 0.95
 """Share of the remainder's signal that the forms which are carried hold; the others are left to the noise."""
+ORDINARY, DRAWING = "ordinary", "drawing"
+"""The fit that tolerances hardly hold, and the one that is held to the drawing."""
+AS_GOOD = 1.01
+"""Ratio of held-out errors up to which a larger model is as good as a smaller one."""
+DETERMINED = 0.5
+"""Variance, in squared tolerances, below which readings tell more of a combination of constants than tolerances do."""
 FEW = 40
 """Most forms of the remainder that are carried, and most candidates that a mean over sets has beside the likeliest one."""
 
@@ -164,26 +171,37 @@ def refit(
 
 @dataclass(frozen=True)
 class Choice:
-    """Held-out trials of plain calibration and of models beside it.
+    """Held-out trials of both ordinary calibrations and of models beside them.
 
-    before: plain calibration; known: labels of terms that are known: where the sensor's are, readings are what is wrong.
+    baseline: the better of the ordinary fit and the one held to the drawing, by the rows held out, and ``plain`` its trial;
+    trials: of both, by name; known: labels of terms that are known: where the sensor's are, readings are what is wrong.
     """
 
     found: Found
-    before: Estimate
+    baseline: Estimate
     outliers: Mask
     split: Split
     plain: Trial
+    trials: Mapping[str, Trial]
     known: frozenset[str]
 
     @classmethod
-    def of(cls, found: Found, before: Estimate, outliers: Mask, sure: Collection[int]) -> Choice:
-        """With plain calibration tried; ``sure``: candidates that are known beside what the file states."""
-        recording = found.signatures.recording
+    def of(cls, found: Found, fits: Fits, sure: Collection[int]) -> Choice:
+        """Try both calibrations; ``sure``: candidates that are known beside what the file states."""
+        recording, before = found.signatures.recording, fits.before
         split = held_out_blocks(recording, before.used)
         known = {e.label for e in (*before.effects, *(found.catalogue.candidates[i] for i in sure))}
-        plain = trial(before, recording, outliers, split)
-        return cls(found, before, outliers, split, plain, frozenset(known))
+        own = {DRAWING: before, ORDINARY: fits.free}
+        trials = {name: trial(fit, recording, fits.outliers, split) for name, fit in own.items()}
+        better = trials[ORDINARY].against(trials[DRAWING]).score * AS_GOOD < 1.0
+        name = ORDINARY if better else DRAWING
+        return cls(found, own[name], fits.outliers, split, trials[name], trials, frozenset(known))
+
+    @property
+    def baselines(self) -> dict[str, float]:
+        """Rms error of the tool's position, mm, with both calibrations; empty where no sensor reads it."""
+        poses = {name: one.against(one).pose for name, one in self.trials.items()}
+        return {name: pose.plain for name, pose in poses.items() if pose is not None}
 
     def compared(self, fit: Estimate) -> Comparison:
         """A model held out beside plain calibration."""
@@ -222,43 +240,66 @@ class Choice:
         return held.worse_beyond(self.compared(names.fit))
 
     def strays(self, model: Model, names: Model | None) -> bool:
-        """Whether forms without a name move a constant out of its tolerance, as far as a true model never leaves one."""
-        without = self.before if names is None else names.fit
-        count, most = len(self.before.machine.parameters), worst_allowed(model.fit)
-        own, other = model.fit.in_tolerances[:count], without.in_tolerances[:count]
+        """Return True if forms without a name move geometry farther from its tolerances than a true model ever leaves it.
+
+        Only combinations of constants count that the readings determine: constants that share what no reading tells apart may
+        each be far from the drawing.
+        """
+        without = self.baseline if names is None else names.fit
+        seen, most = _determined_directions(model.fit), worst_allowed(model.fit)
+        own, other = (seen @ fit.in_tolerances[: seen.shape[1]] for fit in (model.fit, without))
         return bool(np.any((np.abs(own) > most) & (np.abs(own - other) > most)))
 
-    def smaller(
-        self, model: Model, names: Model | None, sure: Collection[int]
-    ) -> Iterator[tuple[str, Model]]:
+    def others(self, model: Model, names: Model | None, sure: Collection[int]) -> Iterator[tuple[str, Model]]:
         """What else may be applied, largest first; ``sure``: candidates whose place and driver are known."""
         cat = self.found.catalogue
         silent = self._silent(model.fit)
         robot = {i: s for i, s in model.accepted.items() if cat.candidates[i].label not in silent}
         if len(robot) < len(model.accepted):
-            less = refit(self.found, robot, model.shapes, self.outliers)
-            if less is not None:
-                yield "robot", less
+            yield from self._refitted("robot", robot, model.shapes)
         if names is not None and model.nameless(self.found):
             yield "names", names
+            forms = {i: s for i, s in model.accepted.items() if not cat.named(i) or i in cat.stated}
+            yield from self._refitted("forms", forms, model.shapes)
         known = {i: s for i, s in model.accepted.items() if i in sure or i in cat.stated}
         if known and len(known) < len(model.accepted):
-            certain = refit(self.found, known, (), self.outliers)
-            if certain is not None:
-                yield "sure-names", certain
+            yield from self._refitted("sure-names", known, ())
+
+    def _refitted(
+        self, label: str, accepted: Mapping[int, float], shapes: tuple[Shape, ...]
+    ) -> Iterator[tuple[str, Model]]:
+        model = refit(self.found, accepted, shapes, self.outliers)
+        if model is not None:
+            yield label, model
+
+
+def _determined_directions(fit: Estimate) -> Array:
+    """Return orthonormal directions (k, n) among the n constants, in tolerances, of which readings tell more than tolerances."""
+    constants = fit.machine.parameters
+    tolerance = np.array([p.tolerance if np.isfinite(p.tolerance) else 0.0 for p in constants])
+    free = np.flatnonzero(fit.prior.free < len(constants))
+    at = fit.prior.free[free]
+    kept = tolerance[at] > 0.0
+    scale = tolerance[at[kept]]
+    covariance = fit.posterior_among(free[kept]) / scale[:, None] / scale
+    values, vectors = np.linalg.eigh(covariance)
+    out = np.zeros((int(np.sum(values < DETERMINED)), len(constants)))
+    out[:, at[kept]] = vectors[:, values < DETERMINED].T
+    return out
 
 
 def chosen_model(
     choice: Choice, model: Model, names: Model | None, sure: Collection[int], whole: Comparison
 ) -> tuple[str, Model | None, Comparison]:
-    """The label of what may be applied, its model (None: plain calibration), and how it was held out.
+    """Return the label of what is applied, its model (None: plain calibration), and how it was held out.
 
-    ``whole``: all that was found (``model``), held out.
+    It is the best of all that may be applied, and the largest of those that are as good. ``whole``: all that was found
+    (``model``), held out.
     """
-    if choice.may_be_applied(model, names, whole):
-        return WHOLE, model, whole
-    for label, less in choice.smaller(model, names, sure):
-        held = choice.compared(less.fit)
-        if choice.may_be_applied(less, names, held):
-            return label, less, held
-    return "plain", None, choice.plain.against(choice.plain)
+    tried = [(WHOLE, model, whole)]
+    tried += [(label, less, choice.compared(less.fit)) for label, less in choice.others(model, names, sure)]
+    allowed = [one for one in tried if choice.may_be_applied(one[1], names, one[2])]
+    if not allowed:
+        return "plain", None, choice.plain.against(choice.plain)
+    best = min(held.score for _, _, held in allowed)
+    return next(one for one in allowed if one[2].score <= AS_GOOD * best)

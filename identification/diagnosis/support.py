@@ -49,7 +49,9 @@ def keep_supported(summary: Summary, found: Found, fit: Estimate, rms: float) ->
             kept.append(one)
         elif share >= UNSEEN:
             where = "+".join(one.cause.place)
-            unseen.append(Untestable(one.cause.effect, f"{where}: no reading tells it apart from the geometry"))
+            unseen.append(
+                Untestable(one.cause.effect, f"{where}: no reading tells it apart from the geometry")
+            )
         else:
             open_.append(one)
     halves = replications(found, kept, rms)
@@ -84,7 +86,9 @@ def _cap(one: Named, half: Replication | None) -> Named:
     rest = Rival(EffectAtPlace(Empirical.slug, one.cause.place), one.probability - UNREPLICATED, one.gain)
     others = [m for m in one.equivalents if m.cause != rest.cause]
     same = sum(m.probability for m in one.equivalents if m.cause == rest.cause)
-    ranked = sorted((*others, replace(rest, probability=rest.probability + same)), key=lambda m: -m.probability)
+    ranked = sorted(
+        (*others, replace(rest, probability=rest.probability + same)), key=lambda m: -m.probability
+    )
     return replace(one, probability=UNREPLICATED, equivalents=tuple(ranked))
 
 

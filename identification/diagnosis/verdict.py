@@ -70,7 +70,7 @@ def concluded(fits: Fits, found: Found) -> Diagnosis:
         found = replace(found, linearisation=there.linearisation)  # and only its columns are asked for
     supported = keep_supported(summarised(there, model.fit), there, model.fit, fits.rms)
     summary, nameless = supported.summary, model.nameless(there)
-    choice = Choice.of(there, fits.before, fits.outliers, _sure(summary, NAMED))
+    choice = Choice.of(there, fits, _sure(summary, NAMED))
     quiet = _quiet(fits, found, supported, choice)
     if quiet.verdict == "adequate":
         return quiet
@@ -117,10 +117,10 @@ def _quiet(fits: Fits, found: Found, supported: Supported, choice: Choice) -> Di
         missing=missing_inputs(machine, recording),
         free=fits.free,
         before=fits.before,
-        after=fits.before,
-        fits=_summaries(fits, fits.before, recording.validation),
+        after=choice.baseline,
+        fits=_summaries(fits, choice.baseline, recording.validation),
         proof=None,
-        terms=fits.before.fitted_effects(),
+        terms=choice.baseline.fitted_effects(),
         outlier_rows=tuple(int(recording.source_row[k]) for k in np.flatnonzero(fits.outliers)),
         noise=float(_typical(found, lambda point: unknowns.noise[0].values[point.noise[0]])),
         inflation=dict(zip(found.problem.classes, wider, strict=True)),
@@ -128,7 +128,7 @@ def _quiet(fits: Fits, found: Found, supported: Supported, choice: Choice) -> Di
         inclusion=tuple(Alternative(*place, p, 0.0) for place, p in summary.inclusion.places.items()),
         leading=tuple(Lead(*one.cause, one.levels, one.probability) for one in summary.leading),
         disagreement=found.posterior.disagreement,
-        applied=_told("plain", plain, plain),
+        applied=_told(choice, "plain", plain, plain),
         together=Presence(machine, cat, found.problem, found.posterior).together(),
         evidence=places,
         evidence_anywhere=anywhere,
@@ -209,16 +209,17 @@ def _applied(
     """What is applied: averaged over explanations where all that was found may be, else the largest model that may."""
     label, less, held = chosen_model(choice, model, names, _sure(summary), whole)
     if less is None or label != WHOLE:
-        return choice.before if less is None else less.fit, _told(label, held, whole)
+        return choice.baseline if less is None else less.fit, _told(choice, label, held, whole)
     after = averaged(choice.found, model.fit)
     seen = choice.as_it_is(after)
     if seen is None or seen.worse:
-        return after if seen is None else model.fit, _told(label, held, whole)
-    return after, _told(label, seen, seen)
+        return after if seen is None else model.fit, _told(choice, label, held, whole)
+    return after, _told(choice, label, seen, seen)
 
 
-def _told(label: str, held: Comparison, whole: Comparison) -> Applied:
-    return Applied(label, held.split, held.pose, held.ratio, whole.pose, whole.ratio)
+def _told(choice: Choice, label: str, held: Comparison, whole: Comparison) -> Applied:
+    held_out = held.split, held.pose, held.ratio
+    return Applied(label, *held_out, whole.pose, whole.ratio, choice.baselines)
 
 
 def _gain(choice: Choice, names: Model | None, whole: Comparison) -> Mapping[str, float]:
@@ -226,6 +227,6 @@ def _gain(choice: Choice, names: Model | None, whole: Comparison) -> Mapping[str
     without = 1.0 if names is None else choice.judged(names.fit).ratio
     if whole.ratio >= without:
         return {}
-    summary = summarise(choice.before, choice.found.signatures.recording.validation)
+    summary = summarise(choice.baseline, choice.found.signatures.recording.validation)
     rms = summary.validation_rms or summary.rms
     return {kind: (without - whole.ratio) * value for kind, value in rms.items()}

@@ -221,7 +221,9 @@ class Predictor:
         with itself; units of its channels."""
         sight = self._sight(slice(0, len(self.q)), p, x)
         every = zip(self._sensors, self.comparisons(), strict=True)
-        return [f.self_compared(sight, p, self.recording, c) for f, c in every if c and f.sensor.compares_itself]
+        return [
+            f.self_compared(sight, p, self.recording, c) for f, c in every if c and f.sensor.compares_itself
+        ]
 
     def twists(self, p: Array, x: Array) -> tuple[Array, Array]:
         """Poses (n, 4, 4) and their total derivative by p as world twists (n, 6, np)."""

@@ -12,6 +12,7 @@ _HOLDS = {
     WHOLE: "all that was found",
     "robot": "all that was found of the robot, and nothing that its sensor may or may not do",
     "names": "effects with a name alone",
+    "forms": "forms without a name alone",
     "sure-names": "effects whose place and driver are sure alone",
     "plain": "plain calibration",
 }
@@ -27,7 +28,10 @@ def applied_words(applied: Applied | None) -> list[str]:
     if applied.pose is None:
         out.append("Whether the tool's pose gains is not judged: no sensor reads its position.")
     elif applied.model != "plain":
-        out.append(f"The tool's position, {where}: {_pose(applied.pose)} with improved.yaml.")
+        model = measure(applied.pose.model, "mm")
+        out.append(
+            f"Error of the tool's position, {where}: {_baselines(applied)}, {model} with improved.yaml."
+        )
     if applied.model != WHOLE and (applied.whole_pose or known(applied.whole_ratio)):
         out += _left_out(applied, where)
     return out
@@ -96,6 +100,12 @@ def _left_out(applied: Applied, where: str) -> list[str]:
             f" of plain calibration's): {held}."
         ]
     return [f"All that was found moves constants out of their tolerances: {held}."]
+
+
+def _baselines(applied: Applied) -> str:
+    """Return the error with the ordinary fit and with the one held to the drawing."""
+    ordinary, drawing = (measure(applied.baselines[name], "mm") for name in ("ordinary", "drawing"))
+    return f"{ordinary} with the ordinary fit, {drawing} held to the drawing"
 
 
 def _pose(error: PoseError) -> str:

@@ -224,6 +224,7 @@ def _applied(applied: Applied) -> Json:
         "held_out": applied.held_out,
         "pose": pose(applied.pose),
         "readings_ratio": applied.ratio,
+        "baselines": {**applied.baselines, "unit": "mm"} if applied.baselines else None,
         "all_that_was_found": {"pose": pose(applied.whole_pose), "readings_ratio": applied.whole_ratio},
     }
 

@@ -138,7 +138,9 @@ def still_sources(machine: Machine, recording: Recording) -> frozenset[str]:
 
 def _resolution(values: NDArray[np.float64]) -> float:
     """Return the step of the last decimal digit that any of the values uses."""
-    return next((10.0**-k for k in range(9) if np.allclose(values, np.round(values, k), rtol=0.0, atol=1e-9)), 0.0)
+    return next(
+        (10.0**-k for k in range(9) if np.allclose(values, np.round(values, k), rtol=0.0, atol=1e-9)), 0.0
+    )
 
 
 def why_untestable(

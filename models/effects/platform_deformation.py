@@ -7,7 +7,17 @@ from math import atan2, tau
 
 import casadi as ca
 
-from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
+from truepose.models.effects.base import (
+    Coefficient,
+    DriverKind,
+    Effect,
+    Observed,
+    Place,
+    Settings,
+    Shifts,
+    Site,
+    effects,
+)
 from truepose.models.effects.common import centre_and_half
 from truepose.models.machine import Machine
 from truepose.models.mechanism import Actuator, Limb
@@ -34,7 +44,6 @@ class PlatformDeformation(Effect):
 
     slug = "platform-deformation"
     setting_ranges = ranges({"form": NOT_NEGATIVE})
-    driven_by = "load"
     title = "Platform that bends"
     counted = True
     formula = (
@@ -69,6 +78,10 @@ class PlatformDeformation(Effect):
 
     def reads_load(self, settings: Settings) -> bool:
         return round(settings.get("form", COMMON)) in (WEIGHT, RECIPROCAL)
+
+    def driver_kind(self, machine: Machine, place: Place, settings: Settings) -> DriverKind:
+        """Return the legs' load, or the travel of the actuators where the flexures' forces grow with it."""
+        return "load" if self.reads_load(settings) else "coupling"
 
     def shifts(self, site: Site) -> Shifts:
         limbs = _limbs(site.machine)

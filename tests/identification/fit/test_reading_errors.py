@@ -83,7 +83,9 @@ def ball(q: np.ndarray) -> np.ndarray:
     arm = np.array([300.0 * np.cos(q[1]), -300.0 * np.sin(q[1])])  # along the arm's plane, and up
     inner = q[1] + q[2]
     along = np.array([np.cos(inner), -np.sin(inner)])
-    outer = 250.0 * np.array([np.cos(q[3]), -np.sin(q[3])])  # in the last link's frame: along it, and out of the plane
+    outer = 250.0 * np.array(
+        [np.cos(q[3]), -np.sin(q[3])]
+    )  # in the last link's frame: along it, and out of the plane
     radial = arm[0] + outer[0] * along[0]
     height = 200.0 + arm[1] + outer[0] * along[1]
     turn = np.array([[np.cos(q[0]), -np.sin(q[0])], [np.sin(q[0]), np.cos(q[0])]])
@@ -96,7 +98,9 @@ def arm_recording(machine: Machine, noise: float = 1e-4) -> Recording:
     for k in range(40):
         goal = ([350.0, 60.0, 250.0], [280.0, -120.0, 180.0])[k % 2]
         swing = rng.uniform(-0.9, 0.9)
-        found = least_squares(lambda q, goal=goal, swing=swing: ball(np.append(q, swing)) - goal, [0.0, -0.7, 1.4])
+        found = least_squares(
+            lambda q, goal=goal, swing=swing: ball(np.append(q, swing)) - goal, [0.0, -0.7, 1.4]
+        )
         assert found.cost < 1e-12
         rows.append(np.append(found.x, swing) + noise * rng.standard_normal(4))
     table = {"placement": [1] * 40, "socket": [f"S{k % 2}" for k in range(40)]}
