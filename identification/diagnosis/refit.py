@@ -2,9 +2,10 @@
 
 A model may predict readings better and leave the tool worse, where a form without a name took what the robot does. So
 models are tried: all that was found, less what the sensor is said to do and may not, names alone, forms alone, sure names
-alone. Of those whose held-out readings and tool's position are no worse than plain calibration's, the best is applied; without
-one, plain calibration is: the better of the ordinary fit and the one held to the drawing. Forms without a name must make nothing worse at the ends of what was seen either (outermost poses,
-heaviest loads, warmest rows), and geometry may not leave its tolerances to meet them.
+alone. Of those whose held-out readings and tool's position are no worse than plain calibration's, the best is applied;
+without one, plain calibration is: the better of the ordinary fit and the one held to the drawing. Forms without a name
+must make nothing worse at the ends of what was seen either (outermost poses, heaviest loads, warmest rows), and geometry
+may not leave its tolerances to meet them.
 """
 
 from __future__ import annotations
@@ -274,7 +275,7 @@ class Choice:
 
 
 def _determined_directions(fit: Estimate) -> Array:
-    """Return orthonormal directions (k, n) among the n constants, in tolerances, of which readings tell more than tolerances."""
+    """Return orthonormal directions (k, n) of the n constants, in tolerances, of which readings tell more than those do."""
     constants = fit.machine.parameters
     tolerance = np.array([p.tolerance if np.isfinite(p.tolerance) else 0.0 for p in constants])
     free = np.flatnonzero(fit.prior.free < len(constants))

@@ -1,8 +1,8 @@
 """Whether the data support what the posterior names: a fit that determines it, and both halves of the rows.
 
-The posterior weighs a linearised problem. A name also needs the nonlinear fit of the named set: its coefficients are seen by the
-readings, and they differ from zero by more than three sigma. A law that one half of the rows alone would not name is not
-replicated, and its probability is at most ``UNREPLICATED``.
+The posterior weighs a linearised problem. A name also needs the nonlinear fit of the named set: its coefficients are seen by
+the readings, and they differ from zero by more than three sigma. A law that one half of the rows alone would not name is
+not replicated, and its probability is at most ``UNREPLICATED``.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from truepose.models.placed import EffectAtPlace
 CHANCE = 0.0027
 """Probability that noise alone is as far from zero: three sigma of one coefficient."""
 UNREPLICATED = 0.5
-"""Most that a law is believed that one half of the rows would not name. Of 64 results that a second sample did not show by itself,
-32 stood in both samples together (Open Science Collaboration 2015, Science 349:aac4716: 36 and 68 of 100)."""
+"""Most that a law is believed that one half of the rows would not name. Of 64 results that a second sample did not show by
+itself, 32 stood in both together (Open Science Collaboration 2015, Science 349:aac4716: 36 and 68 of 100)."""
 UNSEEN = 0.9
 """Share of its prior 1-sigma that a coefficient keeps where readings say nothing of it."""
 

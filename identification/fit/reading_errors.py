@@ -1,11 +1,11 @@
 """Errors of the joints' readings, where the machine is compared with itself and nothing is measured.
 
-A ball that is seated in sockets of unknown distance gives no reading: the machine is moved until the ball sits, and the noise
-is in the joints' readings. A model that makes the machine smaller makes such residuals smaller too, noise included, so ordinary
-least squares prefers the smaller machine. In errors-in-variables form the noise belongs to the readings: the model is evaluated at the
-corrected readings ``q - e``, where all rows of a socket agree, and the noise ``f(q) - f(q - e)`` is a constant that no model
-can shrink (Fuller 1987, Measurement Error Models, section 3.2). The errors are estimated at a fit, to which a new fit follows, until they
-stay.
+A ball that is seated in sockets of unknown distance gives no reading: the machine is moved until the ball sits, and the
+noise is in the joints' readings. A model that makes the machine smaller makes such residuals smaller too, noise included,
+so ordinary least squares prefers the smaller machine. In errors-in-variables form the noise belongs to the readings: the
+model is evaluated at the corrected readings ``q - e``, where all rows of a socket agree, and the noise ``f(q) - f(q - e)``
+is a constant that no model can shrink (Fuller 1987, Measurement Error Models, section 3.2). The errors are estimated at a
+fit, to which a new fit follows, until they stay.
 """
 
 from __future__ import annotations

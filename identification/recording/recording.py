@@ -42,8 +42,8 @@ class Recording(Shown):
     joint's column or a reading's is said to be in, by its header or by the machine file, where all files agree. digests, dates:
     SHA-256 of each file and the day that its comments name, empty where there is none. untried: columns of numbers that were
     left out because nobody declared them. shuffled: that rows next to each other are declared to be no visits one after the
-    other, so that their order tells nothing of how a joint came. reading_errors: estimated noise of the joints' readings, known only where rows
-    are compared with each other (`truepose.identification.fit.reading_errors`).
+    other, so that their order tells nothing of how a joint came. reading_errors: estimated noise of the joints' readings,
+    known only where rows are compared with each other (`truepose.identification.fit.reading_errors`).
     """
 
     shown_by: ClassVar[str] = "truepose.identification.recording.recording_view"

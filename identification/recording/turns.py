@@ -1,8 +1,8 @@
 """Angles recorded from 0 to 360 degrees, of joints whose range nobody states.
 
-A joint that stands at -10 degrees and is logged as 350 seems to have turned by a whole turn: a gain, play or drag would be taken for
-something else. Readings within one turn from zero are brought to the half turn on either side of zero, unless that
-splits an arc that is whole as it was recorded.
+A joint that stands at -10 degrees and is logged as 350 seems to have turned by a whole turn: a gain, play or drag would be
+taken for something else. Readings within one turn from zero are brought to the half turn on either side of zero, unless
+that splits an arc that is whole as it was recorded.
 """
 
 from __future__ import annotations

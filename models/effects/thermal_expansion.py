@@ -26,8 +26,8 @@ TOOL = "tool"
 
 @effects.add("thermal-expansion")
 class ThermalExpansion(Effect):
-    """Every length of the place grows by alpha (T - 20 degC) of itself; one part, or all legs alike. Of a slide that is no leg, the
-    screw or scale grows: its reading means alpha (T - 20 degC) more of its way from zero.
+    """Every length of the place grows by alpha (T - 20 degC) of itself; one part, or all legs alike. Of a slide that is no
+    leg, the screw or scale grows: its reading means alpha (T - 20 degC) more of its way from zero.
 
     Settings: ``lag`` (s) of the body behind its thermometer, first order; for all legs together,
     ``thermometer`` k when only leg k's temperature was recorded (0: each leg its own). ``from.COLUMN`` (degC): a thermometer

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.skips import NOTHING_BESIDE, SHARED
 
+from support.skips import NOTHING_BESIDE, SHARED
 from truepose.identification.load import load_recording
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
