@@ -13,7 +13,7 @@ from truepose.models.machine import Machine
 def calibrated_words(name: str, summary: FitSummary) -> tuple[str, bool]:
     """The outcome in a sentence or two, and whether nothing speaks against it."""
     good = nothing_against(summary)
-    said = f"{name} is calibrated: {figures(summary)}."
+    said = f"{name} {_outcome(good)}: {figures(summary)}."
     return (said if good else f"{said} Something may be missing: truepose diagnose tells what."), good
 
 
@@ -30,8 +30,12 @@ def calibrated_headline(machine: Machine, summary: FitSummary) -> tuple[str, boo
     sizes = left[kind], stated_noise(machine)[kind]
     factor, name = sensor_unit(max(sizes), unit)
     off, floor = (f"{significant(size * factor)} {unit_symbol(name)}".rstrip() for size in sizes)
-    said = f"{machine.name} is calibrated: it misses the {kind} {where}by {off}; the instrument alone makes {floor}."
+    said = f"{machine.name} {_outcome(good)}: it misses the {kind} {where}by {off}; the instrument alone makes {floor}."
     return (said if good else f"{said} Something may be missing."), good
+
+
+def _outcome(good: bool) -> str:
+    return "is calibrated" if good else "was fitted, but the fit leaves more than noise"
 
 
 def figures(summary: FitSummary) -> str:

@@ -23,8 +23,6 @@ from truepose.wording import joined
 
 LEADS = 3
 """Most of what leads that the headline names."""
-DOUBTFUL = 0.2
-"""Probability in a half of the rows below which that is said."""
 _SHARED = ("order", "steps", "linear", "quadratic", "periodic")
 _ALARM_NAMES = {
     "residual": "lack of fit",
@@ -101,7 +99,7 @@ def _faults(findings: Sequence[Finding]) -> list[str]:
     out = [f"leaves out {joined(absent)}"] if absent else []
     out += [f"has {joined(wrong)}"] if wrong else []
     clauses = driver_clauses([f for f in findings if f.effect not in OF_ROWS])
-    out += [f"does not hold that {joined(clauses)}"] if clauses else []
+    out += [f"misses that {joined(clauses)}"] if clauses else []
     return out + ([f"was fitted beside {joined(rows)}"] if rows else [])
 
 
@@ -154,21 +152,22 @@ def form_words(left: Remainder) -> str:
 
 def explanation(finding: Finding) -> str:
     """What the effect is, how it was found, and what speaks against it."""
-    said = [finding.explanation]
+    said = [*against_words(finding), finding.explanation]
     if finding.family:
         said.append("It was found at more places of this kind, and each makes the others likelier.")
-    return " ".join([*said, *against_words(finding)])
+    return " ".join(said)
 
 
 def against_words(finding: Finding) -> list[str]:
-    """What the halves of the recording say against a name; nothing where both have it."""
+    """Return what the halves of the recording say against a name; nothing where both have it."""
     halves = finding.replication
-    if halves is not None and not halves.agree:
-        return ["The halves of the recording do not agree on its amplitude: something else varies there."]
-    if halves is not None and min(halves.halves) < DOUBTFUL:
-        alone = percent(min(halves.halves))
-        return [f"One half of the recording alone would not name it (probability {alone})."]
-    return []
+    if halves is None or halves.replicated:
+        return []
+    if not halves.agree:
+        return ["Not replicated: the halves of the recording do not agree on its amplitude."]
+    return [
+        f"Not replicated: one half of the rows alone would not name it (probability {percent(min(halves.halves))})."
+    ]
 
 
 def separating_experiment(finding: Finding) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from truepose.identification.diagnosis.result import Finding, Lead, Together
+from truepose.identification.diagnosis.result import NAMED, Finding, Lead, Together
 from truepose.identification.report.numbers import percent
 from truepose.models.driver import DriverKind
 from truepose.models.effects.base import effects
@@ -86,13 +86,27 @@ def driver_clauses(findings: Sequence[Finding]) -> list[str]:
 
 def known_words(finding: Finding) -> tuple[str, str]:
     """A finding at the deepest level that is known, and how sure that is: ``compliant joint at q2``, ``98 %``; or ``q5 errs in
-    waves of its own position``, ``over 99.9 %; this law 12 %``."""
+    waves of its own position``, ``over 99.9 %; which law is open``."""
     where = ", ".join(finding.place) or "the recording"
     if not finding.nameless and (level_of(finding) == "law" or not finding.levels.driver):
         return f"{title(finding.effect)} at {where}", percent(finding.probability)
     sure = percent(finding.levels.driver)
-    law = "" if finding.nameless else f"; this law {percent(finding.probability)}"
-    return f"{where} {_ONE[finding.levels.kind]}", f"{sure}{law}"
+    return f"{where} {_ONE[finding.levels.kind]}", f"{sure}; {open_law(finding)}"
+
+
+def open_law(finding: Finding) -> str:
+    """Return how open the law is: not replicated in a half of the rows, likelier than not, or not known."""
+    if finding.nameless:
+        return "no law of the catalogue"
+    halves = finding.replication
+    if halves is not None and not halves.replicated:
+        return "its law is not replicated: one half of the rows alone would not name it"
+    likely = (
+        f", {title(finding.effect)} with {percent(finding.probability)}"
+        if finding.probability > NAMED
+        else ""
+    )
+    return f"which law is open{likely}"
 
 
 def together_words(one: Together) -> str:
@@ -144,6 +158,8 @@ def _laws(findings: Sequence[Finding]) -> str:
     for f in findings:
         if not f.nameless:
             named.setdefault(f.effect, []).append(f.probability)
+    if named and max(map(max, named.values())) <= NAMED:
+        return "which law is open"
     said = [f"{title(slug)}: {spanned(p)}" for slug, p in named.items()]
     if named and len(said) < len({f.effect for f in findings}):
         said.append("else a form without a name")

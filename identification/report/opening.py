@@ -12,7 +12,7 @@ from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.summary import FitSummary
 from truepose.identification.report import diagnosis_words as words
 from truepose.identification.report.applied_words import applied_words, rows_words
-from truepose.identification.report.before_after import sensor_unit
+from truepose.identification.report.before_after import better_baseline, sensor_unit
 from truepose.identification.report.calibration_words import figures, nothing_against
 from truepose.identification.report.document import Command, Gain, Items, Opening, Text
 from truepose.identification.report.fits import stated_noise
@@ -35,7 +35,7 @@ GUILTY = 8
 
 def diagnosis_opening(diagnosis: Diagnosis) -> Opening:
     """Of a diagnosis."""
-    before, after = diagnosis.fits["before"], diagnosis.fits["after"]
+    before, after = better_baseline(diagnosis), diagnosis.fits["after"]
     two = bool(diagnosis.terms)
     ratio = diagnosis.proof.ratio if diagnosis.proof is not None else math.nan
     gains = [

@@ -33,4 +33,12 @@ def far_row_words(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     return said
 
 
-__all__ = ["far_row_words"]
+def excluded_words(rows: Sequence[int], most: int) -> str:
+    """Return ``1 row excluded as an outlier: row 7``, with at most so many numbers."""
+    numbers = shortened([str(row) for row in rows], most)
+    if len(rows) == 1:
+        return f"1 row excluded as an outlier: row {numbers}"
+    return f"{len(rows)} rows excluded as outliers: rows {numbers}"
+
+
+__all__ = ["excluded_words", "far_row_words"]

@@ -18,8 +18,8 @@ from truepose.identification.report.coefficient_words import coefficient_words
 from truepose.identification.report.diagnosis_words import LEADS, form_words, set_words
 from truepose.identification.report.judgement_words import diagnosis_judgement
 from truepose.identification.report.level_words import (
-    NAMES,
     driver_clauses,
+    known_words,
     lead_words,
     level_of,
     together_words,
@@ -31,7 +31,7 @@ from truepose.identification.report.mount_words import mount_words
 from truepose.identification.report.next_steps import after_calibration, after_diagnosis
 from truepose.identification.report.numbers import measure, percent
 from truepose.identification.report.results import diagnosis_json
-from truepose.identification.report.row_words import far_row_words
+from truepose.identification.report.row_words import excluded_words, far_row_words
 from truepose.identification.report.untestable_words import missing_words
 from truepose.identification.report.verdict_reasons import doubts
 from truepose.models.machine_file import ExpectedPose
@@ -116,24 +116,19 @@ def _found(result: Diagnosis, tight: bool) -> list[list[str]]:
 
 def _finding(finding: Finding, tight: bool) -> list[str]:
     """One or two lines of what it is; how sure the parts are, what was fitted, and its rivals."""
-    who = f"{finding.effect} at {shortened(finding.place, PLACES)}, {percent(finding.probability)}"
+    if level_of(finding) == "law" or not finding.levels.driver:
+        who = f"{finding.effect} at {shortened(finding.place, PLACES)}, {percent(finding.probability)}"
+    else:
+        known, sure = known_words(finding)
+        who = f"{known} ({sure}); fitted as {finding.effect}"
     out = wrapped(f"{who}: {finding.explanation}", most=1 if tight else 2)
     sized = coefficient_words(finding.parameters)
-    if level_of(finding) != "law" and finding.levels.driver:
-        out += wrapped(_levels(finding), 4, most=1)
     if sized:
         out += wrapped(sized, 4, most=1)
     rivals = list(dict.fromkeys(_alternative(e) for e in finding.equivalents))
     if rivals and not tight:
         out += wrapped(f"could also be: {'; '.join(rivals[:RIVALS])}", 4, most=1)
     return out
-
-
-def _levels(finding: Finding) -> str:
-    """How sure each level is, in few words."""
-    levels = finding.levels
-    law = "" if finding.nameless else f", its law {percent(finding.probability)}"
-    return f"sure of: its place {percent(levels.place)}, that it follows {NAMES[levels.kind]} {percent(levels.driver)}{law}"
 
 
 def _beside(result: Diagnosis, most: int, each: int) -> list[str]:
@@ -144,8 +139,7 @@ def _beside(result: Diagnosis, most: int, each: int) -> list[str]:
         out += wrapped(f"likeliest sets: {' | '.join(told)}")
     out += several_lines(missing_words(result.missing), "could not be tested", most, 2)
     if result.outlier_rows:
-        rows = shortened([str(row) for row in result.outlier_rows], ROWS)
-        out += wrapped(f"rows left out as outliers: {rows}", most=1)
+        out += wrapped(excluded_words(result.outlier_rows, ROWS), most=1)
     fits = ", ".join(f"{name} {fit.chi2_per_dof:.3g}" for name, fit in result.fits.items())
     return [*out, f"  chi2 per degree of freedom: {fits}"]
 

@@ -36,6 +36,7 @@ from truepose.identification.report.level_words import levels_words
 from truepose.identification.report.notes import diagnosis_notes, worded
 from truepose.identification.report.numbers import measure, percent, significant, unit_symbol
 from truepose.identification.report.plan_words import plan_lines, plan_notes
+from truepose.identification.report.row_words import excluded_words
 from truepose.identification.report.unseen_words import unseen_sentences
 from truepose.identification.report.untestable_words import untestable_lines
 from truepose.identification.report.verdict_reasons import doubts
@@ -123,7 +124,6 @@ def _(found: Diagnosis) -> View:
         gain = f"before: {gain}; after: {_rms(machine, after.rms)}{_held_out(machine, after)}"
     misfit = ", ".join(f"{name} {significant(fit.chi2_per_dof)}" for name, fit in found.fits.items())
     concealed = ["concealed: an ordinary fit would have looked good"] if found.concealed else []
-    rows = shortened([str(row) for row in found.outlier_rows], MOST)
     return View(
         f"Diagnosis of {machine.name}: {found.verdict}. {said}",
         facts=(
@@ -131,7 +131,7 @@ def _(found: Diagnosis) -> View:
             f"chi2 per degree of freedom: {misfit}",
             *concealed,
             *applied_words(found.applied),
-            *([f"rows left out as outliers: {rows}"] if rows else []),
+            *([excluded_words(found.outlier_rows, MOST)] if found.outlier_rows else []),
             *(f"speaks against it: {text}" for text in doubts(found)),
             *(f"cannot be tested: {text}" for text in untestable_lines(found.untestable)),
             *(f"note: {text}" for text in diagnosis_notes(found)),
