@@ -14,12 +14,14 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import truepose
 from challenge.simulator.registry import NAMES
 from support import TESTS
 from support.golden_diagnoses import changes, summary, text
+from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.report.lines import COLUMNS, LINES
 from truepose.identification.report.terminal import diagnosis_lines
 
@@ -38,6 +40,7 @@ def test_diagnosis_is_as_committed(case: str, request: pytest.FixtureRequest) ->
     assert (
         len(lines) <= LINES and max(map(len, lines)) <= COLUMNS and lines[0].startswith(f"{machine.name}: ")
     )
+    check_sizes(found_here)
     document = truepose.diagnosis_json(found_here)
     assert document["judgement"] == {"calibrated": True, "why": []}
     new = summary(document)
@@ -49,6 +52,16 @@ def test_diagnosis_is_as_committed(case: str, request: pytest.FixtureRequest) ->
         return
     told = "\n".join(f"- {said}" for said in found)
     assert not found, f"tests/golden_diagnoses/{case} (pytest --update-golden, if this is meant):\n{told}"
+
+
+def check_sizes(found: Diagnosis) -> None:
+    """A finding has the size that ``improved.yaml`` has, where that holds it."""
+    deployed = {e.label: e.values for e in found.after.fitted_effects()}
+    for one in found.findings:
+        labels = {label for label in deployed if label.startswith(f"{one.effect}@{'+'.join(one.place)}")}
+        values = [value for label in labels for value in deployed[label].values()]
+        for quantity in one.parameters.values():
+            assert not values or any(np.isclose(quantity.value, value, rtol=1e-12) for value in values)
 
 
 def test_every_verdict_and_every_machine_is_there() -> None:

@@ -18,7 +18,14 @@ from support.searched_arm import ARM, PLAY, SCALE, WRONG_SIGN, Case, held, searc
 from truepose.errors import InputError
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.diagnosis.holdout import Comparison
-from truepose.identification.diagnosis.refit import Choice, Model, chosen_model, refit
+from truepose.identification.diagnosis.null_fits import Fits
+from truepose.identification.diagnosis.refit import (
+    Choice,
+    Model,
+    _determined_directions,
+    chosen_model,
+    refit,
+)
 from truepose.identification.diagnosis.result import WHOLE, Applied, BlockProof, PoseError
 from truepose.identification.fit.bounded import beyond, coefficient_bounds, within_bounds
 from truepose.identification.fit.estimate import Estimate, estimate
@@ -179,7 +186,7 @@ def test_a_model_that_leaves_the_tool_worse_gives_way_to_a_smaller_one(
     everything = refit(found, dict.fromkeys((play, line, warp), 1.0), (), case.exclude)
     names = refit(found, {play: 1.0}, (), case.exclude)
     assert everything is not None and names is not None
-    choice = Choice.of(found, case.null, case.exclude, ())
+    choice = Choice.of(found, Fits(case.null, case.null, case.exclude), ())
     monkeypatch.setattr(Choice, "strays", lambda *_: False)
     good, bad = comparison(0.5, 0.5), comparison(0.5, 2.0)
 
@@ -250,9 +257,10 @@ def test_a_file_that_leaves_the_tool_worse_is_refused(tmp_path: Path) -> None:
 
 def test_what_was_left_out_for_the_tools_sake_is_said() -> None:
     good, bad = PoseError(0.07, 0.05), PoseError(0.07, 0.26)
-    (whole,) = applied_words(Applied(WHOLE, "role", good, 0.5, good, 0.5))
-    assert "70.0 µm with plain calibration, 50.0 µm with improved.yaml" in whole
-    _, left = applied_words(Applied("names", "role", good, 0.6, bad, 0.5))
+    both = {"ordinary": 0.08, "drawing": 0.07}
+    (whole,) = applied_words(Applied(WHOLE, "role", good, 0.5, good, 0.5, both))
+    assert "80.0 µm with the ordinary fit, 70.0 µm held to the drawing, 50.0 µm with improved.yaml" in whole
+    _, left = applied_words(Applied("names", "role", good, 0.6, bad, 0.5, both))
     assert "the tool would be worse" in left and "effects with a name alone" in left
     (only,) = applied_words(Applied("plain", "blocks", PoseError(0.07, 0.07), 1.0, None, 1.4))
     assert "readings that were not fitted get worse" in only and "plain calibration" in only
@@ -266,7 +274,7 @@ def test_what_was_left_out_for_the_tools_sake_is_said() -> None:
 @pytest.fixture(scope="module")
 def choice() -> Choice:
     case, found = held(PLAY, SCALE)
-    return Choice.of(found, case.null, case.exclude, ())
+    return Choice.of(found, Fits(case.null, case.null, case.exclude), ())
 
 
 def test_sure_names_are_applied_where_others_may_not(choice: Choice, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -290,29 +298,64 @@ def test_sure_names_are_applied_where_others_may_not(choice: Choice, monkeypatch
 
 
 def test_rows_for_validation_judge_where_there_are_any(choice: Choice) -> None:
-    fit = choice.before
+    fit = choice.baseline
     assert choice.as_it_is(fit) is None
     assert choice.judged(fit).ratio == pytest.approx(1.0) and choice.judged(fit).split == "blocks"
 
 
 @pytest.mark.parametrize(("share", "strays"), [(0.9, False), (1.1, True)])
-def test_a_constant_strays_that_forms_move_as_far_as_a_true_model_never_leaves_one(
+def test_geometry_strays_that_forms_move_as_far_as_a_true_model_never_leaves_it(
     choice: Choice, share: float, strays: bool
 ) -> None:
     """Beyond where plain calibration has it; not where names alone move it as far."""
-    fit, before = choice.before, choice.before
-    most = worst_allowed(fit)
-    k = next(k for k in range(len(fit.machine.parameters)) if 0.0 < fit.prior.sigma[k] < np.inf)
-    at = before.in_tolerances[k]
-    p, scaled = fit.p.copy(), float(fit.prior.sigma[k])
-    p[k] += np.copysign(share * most, at) * scaled
-    moved = replace(fit, p=p)
-    assert abs(moved.in_tolerances[k] - at) == pytest.approx(share * most)
-    assert abs(moved.in_tolerances[k]) > most or share < 1.0
+    moved = shifted(choice.baseline, _determined_directions(choice.baseline)[0], share)
     model = Model({}, (), moved)
     assert choice.strays(model, None) is strays
     assert not choice.strays(model, Model({}, (), moved))
-    assert not choice.strays(Model({}, (), before), None)
+    assert not choice.strays(Model({}, (), choice.baseline), None)
+
+
+def test_constants_that_share_what_no_reading_tells_apart_do_not_stray(choice: Choice) -> None:
+    """A joint's length and the tool's along the same axis: one longer and one shorter by ten thousand tolerances."""
+    seen = _determined_directions(choice.baseline)
+    _, _, unseen = np.linalg.svd(seen)
+    free = np.array([0.0 < p.tolerance < np.inf for p in choice.baseline.machine.parameters])
+    direction = next(v for v in unseen[len(seen) :] if np.sum(v[free] ** 2) > 0.999)
+    far = shifted(choice.baseline, direction, 1e4)
+    assert far.worst_parameter_sigma > worst_allowed(far)
+    assert not choice.strays(Model({}, (), far), None)
+
+
+def shifted(fit: Estimate, direction: Array, share: float) -> Estimate:
+    """Return a fit whose constants are moved along a direction, so far as ``share`` of what a true model allows."""
+    tolerance = np.array([p.tolerance if np.isfinite(p.tolerance) else 0.0 for p in fit.machine.parameters])
+    nominal = np.array([p.nominal for p in fit.machine.parameters])
+    p = fit.p.copy()
+    p[: len(nominal)] = np.where(tolerance > 0.0, nominal, p[: len(nominal)])
+    p[: len(nominal)] += share * worst_allowed(fit) * direction * tolerance
+    return replace(fit, p=p)
+
+
+def test_the_best_of_what_was_found_is_deployed(choice: Choice, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not the largest model that is no worse than plain calibration; of models as good, the largest."""
+    case, found = held(PLAY, SCALE)
+    number = {c.label: i for i, c in enumerate(case.cat.candidates)}
+    line = next(i for i, c in enumerate(case.cat.candidates) if c.place == ("q1",) and not case.cat.named(i))
+    play, scale = number["backlash@q2"], number["actuator-scale@q1"]
+    everything = refit(found, dict.fromkeys((play, scale, line), 1.0), (), case.exclude)
+    names = refit(found, {play: 1.0, scale: 1.0}, (), case.exclude)
+    assert everything is not None and names is not None
+    monkeypatch.setattr(Choice, "strays", lambda *_: False)
+    for whole, alone, expected in ((0.9, 0.5, "names"), (0.5, 0.498, WHOLE), (0.5, 0.9, WHOLE)):
+        monkeypatch.setattr(
+            Choice,
+            "compared",
+            lambda _, fit, alone=alone, own=names.fit: (
+                comparison(alone, alone) if fit is own else comparison(1.5, 1.5)
+            ),
+        )
+        label, _, _ = chosen_model(choice, everything, names, (), comparison(whole, whole))
+        assert label == expected
 
 
 def test_forms_must_make_nothing_worse_at_the_ends_and_names_may(choice: Choice) -> None:
