@@ -17,7 +17,7 @@ from truepose.identification.check.judging import reach, shown
 from truepose.identification.check.pair import Pair, Sheet
 from truepose.identification.check.result import Check, Found
 from truepose.identification.check.rig import Rig
-from truepose.identification.check.run import unbounded
+from truepose.identification.check.run import check_loaded, unbounded
 from truepose.identification.check.scene import Scene, Stand
 from truepose.identification.check.sensorless import without_sensor
 from truepose.identification.recording.recording import Recording
@@ -59,6 +59,28 @@ def test_rows_are_too_few_where_constants_outnumber_readings(
 def test_rows_for_validation_are_no_rows_of_a_fit(right: pd.DataFrame, tmp_path: Path) -> None:
     rows = right[:12].assign(role=["validation"] * 8 + ["calibration"] * 4)
     assert kinds(tmp_path, document(), rows)["too-few-rows"].says.startswith("4 rows are 24 readings")
+
+
+@pytest.mark.parametrize(("kg", "heavy"), [(50.0, False), (50000.0, True)])
+def test_masses_in_grams_are_heavier_than_a_cube_of_steel(
+    kg: float, heavy: bool, right: pd.DataFrame, tmp_path: Path
+) -> None:
+    machine = document(gravity=[0, 0, -9.80665], masses={"hand": {"kg": kg, "com": [0, 0, 0], "in": "tool"}})
+    found = kinds(tmp_path, machine, right).get("mass-unit")
+    assert (found is not None) is heavy
+    assert found is None or ("50 kg" in found.fix and found.verdict == "suspect")
+
+
+@pytest.mark.parametrize(("digits", "coarse"), [(0, True), (4, False)])
+def test_a_joint_logged_in_whole_degrees_is_reported_where_the_readings_miss(
+    digits: int, coarse: bool, right: pd.DataFrame, tmp_path: Path
+) -> None:
+    column = next(name for name in right.columns if name.startswith("q3"))
+    rows = right.assign(**{column: right[column].round(digits)})
+    machine, recording = loaded(tmp_path, document(), rows)
+    found = {f.kind: f for f in check_loaded(machine, recording).found}
+    assert ("resolution" in found) is coarse
+    assert not coarse or found["resolution"].where == ("q3",)
 
 
 def test_rows_that_repeat_another_one_are_counted_once(right: pd.DataFrame, tmp_path: Path) -> None:

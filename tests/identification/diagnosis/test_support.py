@@ -51,7 +51,9 @@ def test_what_no_reading_sees_could_not_be_tested(found: Found, summary: Summary
     kept = keep_supported(summary, found, replace(found.fit, factor=factor, p=p), 1.0)
     assert [one.effect for one in kept.unseen] == ["backlash"] and "q2" in kept.unseen[0].why
     assert all(n.cause.effect != "backlash" for n in (*kept.summary.names, *kept.summary.leading))
-    assert kept.summary.inclusion.of(next(n.cause for n in summary.names if n.cause.effect == "backlash")) == 0.0
+    assert (
+        kept.summary.inclusion.of(next(n.cause for n in summary.names if n.cause.effect == "backlash")) == 0.0
+    )
 
 
 @pytest.mark.parametrize(

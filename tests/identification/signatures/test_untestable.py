@@ -14,7 +14,12 @@ from support.sensor_bench import ARM, HEAD
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import catalogue
-from truepose.identification.signatures.untestable import missing_inputs, of_such_machines, unloaded
+from truepose.identification.signatures.untestable import (
+    missing_inputs,
+    of_such_machines,
+    still_sources,
+    unloaded,
+)
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 
@@ -197,3 +202,24 @@ def test_four_reasons_are_told_without_a_count_of_others(tmp_path: Path) -> None
     cat = catalogue(machine, poses(machine, sides | {axis: np.zeros(ROWS) for axis in "xyz"}, shuffled=True))
     (why,) = (one.why for one in cat.untestable if one.effect == "backlash")
     assert why == "; ".join(f"q{k}: no approach.q{k} column, and {SHUFFLED}" for k in (3, 4, 5, 6))
+
+
+@pytest.mark.parametrize(("travel", "digits", "free"), [(90.0, 3, True), (90.0, 0, False), (1e-3, 9, False)])
+def test_nothing_is_a_function_of_what_hardly_varies(
+    tmp_path: Path, travel: float, digits: int, free: bool
+) -> None:
+    """A joint that moves by a thousandth of a degree; a thermometer that varies by less than twenty of its last digit."""
+    machine = arm(tmp_path)
+    joint = machine.mechanism.readings[0]
+    columns = {
+        f"{joint} [rad]": np.radians(np.linspace(0.0, travel, ROWS)),
+        "temperature.air": np.round(np.linspace(20.123, 29.234, ROWS), digits),
+    }
+    recording = poses(machine, columns)
+    still = still_sources(machine, recording)
+    assert (joint in still) is (travel < 1.0) and ("temperature.air" in still) is (digits == 0)
+    forms = [c for c in catalogue(machine, recording).candidates if f"from.{joint}" in c.settings_map]
+    assert bool(forms) is (travel > 1.0)
+    warm = [c for c in catalogue(machine, recording).candidates if "temperature.air" in "".join(c.drivers)]
+    assert bool(warm) is (digits > 0)
+    assert free is not bool(still)
