@@ -29,7 +29,6 @@ from truepose.identification.posterior.posterior import LONG_SET
 from truepose.identification.posterior.state import State, moments, typical
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.placed import EffectAtPlace
 
 Array = NDArray[np.float64]
 ENOUGH = 0.1
@@ -69,8 +68,8 @@ def _open(found: Found, held: Collection[int]) -> dict[int, float]:
     """Named candidates outside the likeliest set that may well be there, with their largest size; the likeliest ones.
 
     A form without a name says nothing beyond the rows that were seen: a few chances in ten are no reason to carry it there.
-    What the likeliest set holds and its fit does not, because bounds left nothing of it, stays out; so does what differs from a
-    held candidate by a continuous setting alone, such as a lag: one effect has one entry, and one size.
+    What the likeliest set holds and its fit does not, because bounds left nothing of it, stays out; so do other settings of
+    what it holds, where one excludes the other: one effect has one entry, and one size.
     """
     gone = set(chosen(found.problem, found.mode)) - set(held)
     share, spread = defaultdict[int, float](float), defaultdict[int, float](float)
@@ -78,20 +77,23 @@ def _open(found: Found, held: Collection[int]) -> dict[int, float]:
         for i, size in chosen(found.problem, state).items():
             share[i] += weight
             spread[i] = max(spread[i], size)
-    entries = {_entry(found.catalogue.candidates[i]) for i in held}
-    named = [
-        i
-        for i in share
-        if found.catalogue.named(i) and i not in gone and _entry(found.catalogue.candidates[i]) not in entries
-    ]
+    gone |= _alternatives(found, held)
+    named = [i for i in share if found.catalogue.named(i) and i not in gone]
     wanted = sorted((i for i in named if i not in held and share[i] >= LEADING), key=lambda i: -share[i])
     return {i: spread[i] for i in wanted[:FEW]}
 
 
-def _entry(placed: PlacedEffect) -> tuple[EffectAtPlace, tuple[tuple[str, float], ...]]:
-    """Return an effect at its place with its settings but the continuous ones, which are approximated by a few values."""
-    discrete = (item for item in placed.settings if item[0] not in placed.effect.continuous)
-    return placed.at_place, tuple(sorted(discrete))
+def _alternatives(found: Found, held: Collection[int]) -> set[int]:
+    """Return candidates that are a held cause with other settings, and stand in place of it."""
+    cat = found.catalogue
+    adding = [placed.effect.adds(placed.settings_map) for placed in cat.candidates]
+    together = {cat.cause(i): all(adding[k] for k in held if cat.cause(k) == cat.cause(i)) for i in held}
+    causes = [cat.cause(i) for i in range(len(cat.candidates))]
+    return {
+        i
+        for i, cause in enumerate(causes)
+        if i not in held and cause in together and not (adding[i] and together[cause])
+    }
 
 
 @dataclass(frozen=True)
@@ -149,9 +151,10 @@ def _lift(found: Found, kept: Sequence[int]) -> sp.csr_array:
 
 
 def _without_rare(found: Found, kept: Collection[int]) -> list[tuple[State, float]]:
-    """Visited states that hold nothing but ``kept`` candidates; where these are few, all states without what is rare.
+    """Return visited states that hold nothing but ``kept`` candidates; where these are few, all states without what is rare.
 
-    What is rare may stand in for what is not: a state is better left out than robbed of it.
+    What is rare may stand in for what is not: a state is better left out than robbed of it. None is robbed of an alternative
+    to what is kept.
     """
     every = [(_kept(found, state, kept), share) for state, share in found.posterior.states]
     whole = [
@@ -159,7 +162,15 @@ def _without_rare(found: Found, kept: Collection[int]) -> list[tuple[State, floa
         for one, (state, _) in zip(every, found.posterior.states, strict=True)
         if len(one[0].members) == len(state.members)
     ]
-    return whole if sum(share for _, share in whole) >= ENOUGH else every
+    if sum(share for _, share in whole) >= ENOUGH:
+        return whole
+    other, candidates = _alternatives(found, kept), found.problem.candidates
+    complete = [
+        one
+        for one, (state, _) in zip(every, found.posterior.states, strict=True)
+        if not other.intersection(candidates[term] for term, _ in state.members)
+    ]
+    return complete or every
 
 
 def _kept(found: Found, state: State, kept: Collection[int]) -> State:

@@ -7,6 +7,7 @@ not replicated, and its probability is at most ``UNREPLICATED``.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +15,6 @@ from scipy.stats import chi2
 
 from truepose.identification.diagnosis.naming import Summary
 from truepose.identification.diagnosis.posterior_summary import Named, Rival
-from truepose.identification.diagnosis.proof import replications
 from truepose.identification.diagnosis.result import Replication
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.fit.estimate import Estimate
@@ -22,6 +22,8 @@ from truepose.identification.signatures.untestable import Untestable
 from truepose.models.effects.empirical import Empirical
 from truepose.models.placed import EffectAtPlace
 
+Replications = Callable[[Sequence[Named]], tuple[Replication | None, ...]]
+"""What the halves of the rows say of names."""
 CHANCE = 0.0027
 """Probability that noise alone is as far from zero: three sigma of one coefficient."""
 UNREPLICATED = 0.5
@@ -40,7 +42,7 @@ class Supported:
     unseen: tuple[Untestable, ...]
 
 
-def keep_supported(summary: Summary, found: Found, fit: Estimate, rms: float) -> Supported:
+def keep_supported(summary: Summary, found: Found, fit: Estimate, halves: Replications) -> Supported:
     """Leave names to ``leading`` that the ``fit`` of the named set does not determine, and cap laws that are not replicated."""
     kept, unseen, open_ = list[Named](), list[Untestable](), list[Named]()
     for one in summary.names:
@@ -54,13 +56,13 @@ def keep_supported(summary: Summary, found: Found, fit: Estimate, rms: float) ->
             )
         else:
             open_.append(one)
-    halves = replications(found, kept, rms)
-    names = tuple(_cap(one, half) for one, half in zip(kept, halves, strict=True))
+    replicated = halves(kept)
+    names = tuple(_cap(one, half) for one, half in zip(kept, replicated, strict=True))
     law = {n.cause: n.probability for n in names if not n.nameless}
     hidden = {n.cause: 0.0 for n in summary.names if n not in kept and n not in open_ and not n.nameless}
     inclusion = replace(summary.inclusion, places={**summary.inclusion.places, **law, **hidden})
     leading = (*open_, *summary.leading)
-    return Supported(Summary(names, leading, inclusion), halves, tuple(unseen))
+    return Supported(Summary(names, leading, inclusion), replicated, tuple(unseen))
 
 
 def _determination(found: Found, fit: Estimate, one: Named) -> tuple[float, float]:
@@ -76,7 +78,9 @@ def _determination(found: Found, fit: Estimate, one: Named) -> tuple[float, floa
     scale = np.sqrt(np.diag(covariance))
     value = fit.p[index] / scale
     statistic = float(value @ np.linalg.pinv(covariance / scale[:, None] / scale, hermitian=True) @ value)
-    return statistic / float(chi2.isf(CHANCE, len(free))), float(np.min(scale / (sigma * fit.noise)))
+    kept = np.minimum((scale / (sigma * fit.noise)) ** 2, 1.0)
+    known = max(float(np.sum(1.0 - kept)), 1.0)  # of a long series the readings determine a few coefficients
+    return statistic / float(chi2.isf(CHANCE, known)), float(np.sqrt(np.min(kept)))
 
 
 def _cap(one: Named, half: Replication | None) -> Named:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,7 +24,7 @@ from truepose.identification.diagnosis.holdout import Comparison
 from truepose.identification.diagnosis.naming import Summary, summarised
 from truepose.identification.diagnosis.null_fits import Fits
 from truepose.identification.diagnosis.posterior_summary import NAMED, Named, Presence
-from truepose.identification.diagnosis.proof import flip_inflation, prove
+from truepose.identification.diagnosis.proof import flip_inflation, prove, replications
 from truepose.identification.diagnosis.refit import Choice, Model, chosen_model, refit, remainder_shapes
 from truepose.identification.diagnosis.result import (
     WHOLE,
@@ -68,7 +69,8 @@ def concluded(fits: Fits, found: Found) -> Diagnosis:
         found = replace(found, linearisation=found.linearisation.bare())  # large: let go before the next
         there = replace(found, fit=model.fit, linearisation=found.signatures.linearise(model.fit))
         found = replace(found, linearisation=there.linearisation)  # and only its columns are asked for
-    supported = keep_supported(summarised(there, model.fit), there, model.fit, fits.rms)
+    halves = partial(replications, found, rms=fits.rms)
+    supported = keep_supported(summarised(there, model.fit), there, model.fit, halves)
     summary, nameless = supported.summary, model.nameless(there)
     choice = Choice.of(there, fits, _sure(summary, NAMED))
     quiet = _quiet(fits, found, supported, choice)

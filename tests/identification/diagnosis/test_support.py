@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
 from support.searched_arm import PLAY, SCALE, searched
 from truepose.identification.diagnosis.naming import Summary, summarised
+from truepose.identification.diagnosis.proof import replications
 from truepose.identification.diagnosis.result import Replication
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.support import UNREPLICATED, _cap, keep_supported
@@ -25,7 +27,7 @@ def summary(found: Found) -> Summary:
 
 
 def test_names_that_the_fit_determines_stay(found: Found, summary: Summary) -> None:
-    kept = keep_supported(summary, found, found.fit, 1.0)
+    kept = keep_supported(summary, found, found.fit, partial(replications, found, rms=1.0))
     assert [n.cause for n in kept.summary.names] == [n.cause for n in summary.names]
     assert kept.unseen == () and len(kept.replications) == len(summary.names)
 
@@ -37,7 +39,9 @@ def test_a_name_needs_three_sigma_of_the_nonlinear_fit(
     at = found.fit.prior.names.index("backlash@q2:b")
     p = found.fit.p.copy()
     p[at] = sigmas * found.fit.std[at]
-    kept = keep_supported(summary, found, replace(found.fit, p=p), 1.0).summary
+    kept = keep_supported(
+        summary, found, replace(found.fit, p=p), partial(replications, found, rms=1.0)
+    ).summary
     assert any(n.cause.effect == "backlash" for n in kept.names) is stays
     assert any(n.cause.effect == "backlash" for n in kept.leading) is not stays
 
@@ -48,7 +52,9 @@ def test_what_no_reading_sees_could_not_be_tested(found: Found, summary: Summary
     factor, p = found.fit.factor.copy(), found.fit.p.copy()
     factor[:, free] = 0.0
     p[found.fit.prior.free[free]] = 0.0
-    kept = keep_supported(summary, found, replace(found.fit, factor=factor, p=p), 1.0)
+    kept = keep_supported(
+        summary, found, replace(found.fit, factor=factor, p=p), partial(replications, found, rms=1.0)
+    )
     assert [one.effect for one in kept.unseen] == ["backlash"] and "q2" in kept.unseen[0].why
     assert all(n.cause.effect != "backlash" for n in (*kept.summary.names, *kept.summary.leading))
     assert (
