@@ -31,6 +31,8 @@ LIKELY, EXCHANGES = 20.0, 4
 def ascended(spike_slab: SpikeSlab, richness: Richness, point: GridPoint, members: Sequence[Member]) -> State:
     """A state whose every slot holds the likeliest cause beside the others, or nothing, at the likeliest point near."""
     current = list(members)
+    while not spike_slab.holds(current):
+        current.pop()
     for _ in range(ROUNDS):
         before, here = set(current), point
         point = nearest_top(spike_slab, point, current, thorough=False)
