@@ -104,7 +104,9 @@ class Sampling:
 
     def posterior(self, rounds: int = ROUNDS) -> Posterior:
         """What the chains say once they agree, or after so many rounds in all."""
-        least = (rounds + 1) // 2 if self._apart else 1  # a region is not weighed before its chain has settled
+        least = (
+            (rounds + 1) // 2 if self._apart else 1
+        )  # a region is not weighed before its chain has settled
         budget = BUDGET * (SETTLING + (1.0 - SETTLING) * rounds / ROUNDS)
         while self._done < least or (self._done < rounds and self._chains.disagreement > AGREED):
             for _ in range(ROUND):

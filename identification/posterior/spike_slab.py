@@ -291,6 +291,8 @@ class SpikeSlab:
 
     def log_prior(self, members: Sequence[Member]) -> float:
         """Log prior of members and their sizes beside what is given, without that of their number."""
-        if not all(self.noticeable[size, term] for term, size in members) or not self.holds((*self.given, *members)):
+        if not all(self.noticeable[size, term] for term, size in members) or not self.holds(
+            (*self.given, *members)
+        ):
             return -np.inf
         return self.terms.log_prior_of((*self.given, *members))
