@@ -120,11 +120,11 @@ def _by_rows(
     rng = np.random.default_rng(SEED)
     project = projector(fit, recording)
     back = np.argsort(order)  # noise is drawn in the order of acquisition: shuffled rows get the same draws
-    drawn = (project(rng.standard_normal(r.shape)[back]) for _ in range(draws_for(r)))
-    noise = (_standard(noise * told) for noise in drawn)
+    drawn = (rng.standard_normal(r.shape)[back] for _ in range(draws_for(r)))
     largest = list[Array]()
-    while some := list(islice(noise, max(1, TOGETHER // max(r.size, 1)))):
-        largest.append(np.max(list(_tests(np.array(some), bases, neighbours).values()), axis=0))
+    while some := list(islice(drawn, max(1, TOGETHER // max(r.size, 1)))):
+        noise = [_standard(left * told) for left in project(np.array(some))]
+        largest.append(np.max(list(_tests(np.array(noise), bases, neighbours).values()), axis=0))
     along = {name: float(np.sum((basis.T @ r) ** 2)) for name, basis in bases.items()}
     return {name: float(value[0]) for name, value in observed.items()}, np.concatenate(largest), along
 
@@ -188,7 +188,8 @@ def _tests(r: Array, bases: Mapping[str, Array], order: NDArray[np.intp] | None)
 
 
 def projector(fit: Estimate, recording: Recording) -> Callable[[Array], Array]:
-    """What a fit under tolerances leaves of random residuals: noise - J A^-1 J' noise (whole when J is too large to hold)."""
+    """What a fit under tolerances leaves of random residuals (n, m), or of several (b, n, m): noise - J A^-1 J' noise (whole
+    when J is too large to hold)."""
     free = fit.prior.free
     if fit.n_observations * len(free) > LARGEST_PROJECTION:
         return lambda noise: noise
@@ -199,4 +200,9 @@ def projector(fit: Estimate, recording: Recording) -> Callable[[Array], Array]:
         fit.by_steps(block)[fit.used[block.rows]] @ root for block in predictor.blocks(fit.p, fit.x, fit.used)
     ]
     turned = np.concatenate(rows).reshape(-1, root.shape[1])
-    return lambda noise: np.asarray(noise.ravel() - turned @ (turned.T @ noise.ravel())).reshape(noise.shape)
+
+    def left(noise: Array) -> Array:
+        each = noise.reshape(-1, len(turned)).T
+        return np.asarray((each - turned @ (turned.T @ each)).T.reshape(noise.shape))
+
+    return left

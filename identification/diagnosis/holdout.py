@@ -24,8 +24,8 @@ from truepose.models.machine_file import NO_WORSE
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 FOLDS = 5
-ROUGH = 1e-3
-"""What a fit without a block may leave to gain of half its sum of squares: no step of it is then a twentieth of a sigma."""
+LEFT = 1e-2
+"""What a fit without a block may leave to gain of half its sum of squares: predictions move by a tenth of a sigma at most."""
 BOOTSTRAP, SEED = 1000, 3
 MANY = 20_000
 """Rows from which on a ratio is as good as normal in its log, and a bootstrap takes long."""
@@ -204,7 +204,7 @@ def _without(model: Estimate, predictor: Predictor, exclude: Mask) -> Estimate |
             exclude=exclude,
             prior=model.prior,
             predictor=predictor,
-            tolerance=ROUGH,
+            tolerance=LEFT,
         )
     except (ConvergenceError, InputError):
         return None

@@ -20,7 +20,7 @@ from truepose.identification.diagnosis.alone import weighed_alone
 from truepose.identification.diagnosis.selection_problem import SelectionProblem, selection_problem
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.posterior.mode import climbed
-from truepose.identification.posterior.posterior import LONG_SET, ROUNDS, Posterior, Sampling, mode
+from truepose.identification.posterior.posterior import ROUNDS, Posterior, Sampling, mode
 from truepose.identification.posterior.state import State
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Linearisation
@@ -33,6 +33,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 CLIMBS, MOVES = 4, 2
 """Most expansion points that are climbed to, and most that follow from a posterior that was drawn."""
+LONG_SET = 150
+"""Columns of a set beyond which an expansion takes long, and few follow."""
 ROUGH = 1e-2
 """What a fit may leave to gain of half its sum of squares where it is an expansion point only."""
 REFINED, PARTS, CLOSE = 2, 4, 0.02

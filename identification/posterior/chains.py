@@ -74,11 +74,20 @@ class Chains:
         self._logs = dict[tuple[Members, GridPoint], float]()
         self.tallies = [Tally(part) for _ in chains]
 
-    def run(self, sweeps: int) -> None:
-        """So many sweeps more of every chain."""
+    def settle(self) -> None:
+        """Let every chain go on by a sweep that does not count."""
+        for chain in self._chains:
+            next(chain.sweeps(1))
+
+    def run(self) -> None:
+        """Let every chain go on by a sweep, and count it."""
         for chain, tally in zip(self._chains, self.tallies, strict=True):
-            for sweep in chain.sweeps(sweeps):
-                tally.add(sweep)
+            tally.add(next(chain.sweeps(1)))
+
+    @property
+    def sweeps(self) -> int:
+        """Sweeps of each chain that were counted."""
+        return self.tallies[0].sweeps
 
     def log_posterior(self, draw: tuple[Members, GridPoint]) -> float:
         """Of a state that was drawn, up to a constant."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +19,18 @@ ROW_BY_ROW = 18
 """Columns up to which all terms and sizes are factored at once, row by row; wider ones are too few for that to pay."""
 
 
-def log_gains(marginals: Sequence[Marginal], sizes: Sizes) -> Array:
-    """(p, s, c) log Bayes factor of each term at each size beside each of the marginals; bounds count."""
+def log_gains(
+    marginals: Sequence[Marginal], sizes: Sizes, groups: Collection[SameSize] | None = None
+) -> Array:
+    """(p, s, c) log Bayes factor of each term at each size beside each of the marginals; bounds count.
+
+    ``groups``: of the terms by size those that are weighed; others have 0.
+    """
     terms = marginals[0].terms
     out = np.zeros((len(marginals), len(sizes.values), len(terms)))
     for k, group in enumerate(terms.by_size):
+        if groups is not None and not any(group is one for one in groups):
+            continue
         block = np.array([m.blocks[k] for m in marginals])
         score = np.array([m.score[group.columns] * group.there for m in marginals])
         many = group.columns.shape[1] > ROW_BY_ROW

@@ -25,6 +25,13 @@ class Halves:
         self._factor, self._own, self.turned = factor, rows, turned
         self._turn, self._of = turn, of
 
+    @classmethod
+    def from_turned(cls, rows: Array, turned: Array) -> Halves:
+        """Return the halves of products that were turned already."""
+        found = cls(np.zeros((0, 0)), rows[:0], turned)
+        found.__dict__["all"] = rows
+        return found
+
     @property
     def _rows(self) -> Array:
         if self._turn is not None and self._of is not None:

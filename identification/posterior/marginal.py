@@ -32,19 +32,28 @@ the largest eigenvalue below which nothing determines a direction."""
 
 
 class Own:
-    """G'G and G'e at the noise of a point, entry by entry as asked for; zero for columns that cannot be seen."""
+    """G'G and G'e at the noise of a point, entry by entry as asked for; zero for columns that cannot be seen.
 
-    def __init__(self, design: Design, terms: Terms, weights: Array) -> None:
+    ``left`` (w,): columns of the design that the terms count by, where these are not all.
+    """
+
+    def __init__(self, design: Design, terms: Terms, weights: Array, left: Index | None = None) -> None:
         self._design, self._terms, self._weights = design, terms, weights
+        self._at = np.arange(design.width) if left is None else left
+        self._seen = design.seen[self._at]
+
+    def among_terms(self, left: Index, terms: Terms) -> Own:
+        """Return the same products by the columns ``left`` (w,) alone, by which ``terms`` count theirs."""
+        return Own(self._design, terms, self._weights, self._at[left])
 
     @cached_property
     def score(self) -> Array:
         """(w,) products with e."""
-        return self.scores(np.arange(self._design.width))
+        return self.scores(np.arange(len(self._at)))
 
     def scores(self, columns: Index) -> Array:
         """(k,) products of some columns with e."""
-        return self._sum(columns, np.array(self._design.width)) * self._design.seen[columns]
+        return self._sum(self._at[columns], np.array(self._design.width)) * self._seen[columns]
 
     def told(self, columns: Index) -> tuple[Array, Array]:
         """Entries (k, k) among some columns, and their scores (k,)."""
@@ -52,14 +61,13 @@ class Own:
 
     def rows(self, columns: Index) -> Array:
         """(k, w) rows."""
-        seen = self._design.seen
-        found = self._sum(columns[:, None], np.arange(self._design.width))
-        return _without(found, seen[columns][:, None], seen)
+        found = self._sum(self._at[columns][:, None], self._at)
+        return _without(found, self._seen[columns][:, None], self._seen)
 
     def among(self, columns: Index) -> Array:
         """(k, k) entries."""
-        seen = self._design.seen[columns]
-        return _without(self._sum(columns[:, None], columns), seen[:, None], seen)
+        at, seen = self._at[columns], self._seen[columns]
+        return _without(self._sum(at[:, None], at), seen[:, None], seen)
 
     @cached_property
     def blocks(self) -> tuple[Array, ...]:
@@ -67,7 +75,7 @@ class Own:
         return tuple(self._block(group) for group in self._terms.by_size)
 
     def _block(self, group: SameSize) -> Array:
-        at, seen = group.columns, self._design.seen[group.columns] & group.there
+        at, seen = self._at[group.columns], self._seen[group.columns] & group.there
         found = self._sum(at[:, :, None], at[:, None, :])
         return _without(found, seen[:, :, None], seen[:, None, :])
 
@@ -190,13 +198,28 @@ class Marginal:
         return Marginal(self.terms, self, half, self.log_evidence + gain)
 
     def beside(self, columns: Index, sizes: Array, left: Index, terms: Terms) -> Marginal:
-        """With columns (k,) taken in for good, of the columns ``left`` (w,) alone, by which ``terms`` count theirs."""
+        """With columns (k,) taken in for good, of the columns ``left`` (w,) alone, by which ``terms`` count theirs.
+
+        Fewer columns than what was taken in are written out; of more the halves are cheaper.
+        """
+        if isinstance(self._above, Own) and len(left) > len(self._beside.all) + len(columns):
+            return self._stacked(columns, sizes, left, terms, self._above)
         rows, (both, score) = len(columns), self.told(np.concatenate([columns, left]))
         factor, turned, gain = taken(both[:rows, :rows], score[:rows], sizes)
         across = solved(factor, both[:rows, rows:] * sizes[:, None])
         told = Told(terms, score[rows:] - across.T @ turned, both[rows:, rows:] - across.T @ across)
-        nothing = Halves(np.zeros((0, 0)), np.zeros((0, len(left))), np.zeros(0))
+        nothing = Halves.from_turned(np.zeros((0, len(left))), np.zeros(0))
         return Marginal(terms, told, nothing, self.log_evidence + gain)
+
+    def _stacked(self, columns: Index, sizes: Array, left: Index, terms: Terms, above: Own) -> Marginal:
+        """Return what ``beside`` does, as products of halves."""
+        rows = self.rows(columns)
+        factor, turned, gain = taken(rows[:, columns], self.score[columns], sizes)
+        further = solved(factor, rows[:, left] * sizes[:, None])
+        halves = Halves.from_turned(
+            np.vstack([self._beside.all[:, left], further]), np.concatenate([self._beside.turned, turned])
+        )
+        return Marginal(terms, above.among_terms(left, terms), halves, self.log_evidence + gain)
 
     def without(self, at: Index) -> Marginal:
         """Without some of the columns that were taken in last: their places ``at`` (k,) among these."""

@@ -21,6 +21,8 @@ from truepose.identification.prior import Richness
 Array = NDArray[np.float64]
 ROUNDS = 30
 """Most rounds of an ascent: each adds one term at most."""
+OFTEN = 1.25
+"""How many times more terms a set has gained before its likeliest noise is looked for anew."""
 STEPS = (4, 1)
 """Steps on an axis of the grid that are repeated while they gain, in turn."""
 
@@ -31,9 +33,13 @@ LIKELY, EXCHANGES = 20.0, 4
 def ascended(spike_slab: SpikeSlab, richness: Richness, point: GridPoint, members: Sequence[Member]) -> State:
     """A state whose every slot holds the likeliest cause beside the others, or nothing, at the likeliest point near."""
     current = list(members)
+    while not spike_slab.holds(current):
+        current.pop()
+    looked = -1
     for _ in range(ROUNDS):
         before, here = set(current), point
-        point = nearest_top(spike_slab, point, current, thorough=False)
+        if not looked <= len(current) < OFTEN * looked:
+            point, looked = nearest_top(spike_slab, point, current, thorough=False), len(current)
         grown = _grown(spike_slab, richness, point, current)
         if len(grown) > len(current):
             current = grown

@@ -30,8 +30,9 @@ RARE = 0.1
 """Probability up to which a cause is mostly not there."""
 CLASS, CLEAR = 5, 0.8
 """Most causes of a class, and probability that these hold a slot together for it to be one."""
-LONG_SET, SHORTER = 150, 3
-"""Columns of a set beyond which a sweep takes long, and by how much chains and rounds are shorter then."""
+BUDGET, SETTLING, FEWEST = 12e9, 0.25, 4
+"""Operations after which chains end whether they agree or not, the share of them in which chains settle, and sweeps that
+count at least."""
 FOR_CLASS = 0.9
 """How much a member counts for its class; the rest for itself, so that the likeliest of a class stands for it."""
 
@@ -53,6 +54,8 @@ class Posterior:
     points: tuple[tuple[GridPoint, float], ...]
     disagreement: float
     sweeps: int
+    cut: bool = False
+    """Whether the chains ended with their budget of work, before they agreed or were long enough."""
 
 
 def sample(
@@ -94,23 +97,27 @@ class Sampling:
             Chain(self._part, richness, around.reach, point, members, seed + k)
             for k, (point, members) in enumerate(starts)
         ]
-        self._shorter = SHORTER if len(spike_slab.columns(top.members)[0]) > LONG_SET else 1
-        for chain in chains:
-            for _ in chain.sweeps(BURN // self._shorter):
-                pass
         self._chains, self._done, self._apart = Chains(self._part, richness, chains), 0, other is not top
+        for _ in range(BURN):
+            if self._part.work.done < SETTLING * BUDGET:
+                self._chains.settle()
 
     def posterior(self, rounds: int = ROUNDS) -> Posterior:
         """What the chains say once they agree, or after so many rounds in all."""
-        most = max(rounds // self._shorter, 1)
-        least = (most + 1) // 2 if self._apart else 1  # a region is not weighed before its chain has settled
-        while self._done < least or (self._done < most and self._chains.disagreement > AGREED):
-            self._chains.run(ROUND // self._shorter)
+        least = (
+            (rounds + 1) // 2 if self._apart else 1
+        )  # a region is not weighed before its chain has settled
+        budget = BUDGET * (SETTLING + (1.0 - SETTLING) * rounds / ROUNDS)
+        while self._done < least or (self._done < rounds and self._chains.disagreement > AGREED):
+            for _ in range(ROUND):
+                if self._part.work.done > budget and self._chains.sweeps >= FEWEST:
+                    return _gathered(self._part, self._index, self._chains, cut=True)
+                self._chains.run()
             self._done += 1
-        return _gathered(self._part, self._index, self._chains)
+        return _gathered(self._part, self._index, self._chains, cut=False)
 
 
-def _gathered(part: SpikeSlab, index: NDArray[np.intp], chains: Chains) -> Posterior:
+def _gathered(part: SpikeSlab, index: NDArray[np.intp], chains: Chains, *, cut: bool) -> Posterior:
     weights, tallies = chains.weights, chains.tallies
     shares, points = Counter[tuple[Members, GridPoint]](), Counter[GridPoint]()
     for weight, tally in zip(weights.tolist(), tallies, strict=True):
@@ -140,6 +147,7 @@ def _gathered(part: SpikeSlab, index: NDArray[np.intp], chains: Chains) -> Poste
         points=tuple(points.most_common()),
         disagreement=chains.disagreement,
         sweeps=sum(t.sweeps for t in tallies),
+        cut=cut,
     )
 
 

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +13,9 @@ from scipy.linalg import block_diag
 from truepose.identification.posterior.conditional import log_gains, plausibility
 from truepose.identification.posterior.design import Design, GridPoint, Unknowns
 from truepose.identification.posterior.marginal import Marginal, marginal, nbytes
+from truepose.identification.posterior.memory import REMEMBERED, Memory
 from truepose.identification.posterior.terms import Term, Terms
+from truepose.identification.posterior.work import Work
 from truepose.identification.prior import LONG, Sizes
 
 Array = NDArray[np.float64]
@@ -23,63 +23,18 @@ Index = NDArray[np.intp]
 Member = tuple[int, int]
 """A term and the index of its size."""
 Members = tuple[Member, ...]
-REMEMBERED, MARGINALS = 80_000_000, 200
-"""Bytes of each sort of marginals, and of conditionals, that are kept, and most marginals."""
+MARGINALS = 200
+"""Most marginals of each sort that are kept."""
 NOTICED = 4.0
 """Squared signal, in units of the noise, below which an effect of some size is nothing to speak of."""
 UNSEEN = 1e-3
 """Information about the largest usual size that is none."""
 FEWER = 0.9
 """Share of the columns that turned terms must not exceed, for a problem of these to be worth its memory."""
+HELD = 3
+"""Readings that each coefficient of a set needs at least: so few readings do not tell more coefficients apart."""
 SETS = 200_000
 """Evidences that are kept."""
-Value = TypeVar("Value")
-
-
-class Memory(Generic[Value]):
-    """The latest so many values, and of those that take much memory no more than fit into ``REMEMBERED``."""
-
-    def __init__(self, limit: int, size: Callable[[Value], int] | None = None) -> None:
-        self._limit, self._values, self._size = max(limit, 4), OrderedDict[Hashable, Value](), size
-        self._sizes, self._total = dict[Hashable, int](), 0
-
-    def clear(self) -> None:
-        """Forget all."""
-        self._values.clear()
-        self._sizes.clear()
-        self._total = 0
-
-    def get_or(self, key: Hashable, make: Callable[[], Value]) -> Value:
-        """The value of a key, made where it is not there."""
-        return self.get_all([key], lambda _: [make()])[0]
-
-    def get_all(
-        self, keys: Sequence[Hashable], make: Callable[[Sequence[int]], Sequence[Value]]
-    ) -> list[Value]:
-        """The values of keys; those that are not there, by their places, are made at once."""
-        new = [k for k, key in enumerate(keys) if key not in self._values]
-        made = dict(zip(new, make(new), strict=True)) if new else {}
-        found = [made[k] if k in made else self._values[key] for k, key in enumerate(keys)]
-        for key, value in zip(keys, found, strict=True):
-            self._values[key] = value
-            self._values.move_to_end(key)
-            self._measure(key, value)
-        while len(self._values) > self._limit or self._total > REMEMBERED:
-            if len(self._values) <= len(keys):
-                break  # what was asked for stays, however large
-            self._let_go()
-        return found
-
-    def _measure(self, key: Hashable, value: Value) -> None:
-        """Values grow while they are used: what one takes is asked anew whenever it is."""
-        if self._size is not None:
-            size = self._size(value)
-            self._total += size - self._sizes.get(key, 0)
-            self._sizes[key] = size
-
-    def _let_go(self) -> None:
-        key, _ = self._values.popitem(last=False)
-        self._total -= self._sizes.pop(key, 0)
 
 
 @dataclass(frozen=True)
@@ -130,13 +85,14 @@ class SpikeSlab:
         self.design, self.unknowns, self.terms, self.sizes = design, unknowns, terms, sizes
         self.given = tuple(sorted(given))
         self._open, self._left = (
-            terms.beside([t for t, _ in self.given]) if given else (terms, np.zeros(0, dtype=np.intp))
+            terms.beside([t for t, _ in self.given]) if given else (terms, np.arange(design.width))
         )
         self._roots = Memory[Marginal](MARGINALS, nbytes)
         self._bases = Memory[Marginal](MARGINALS, nbytes)
         self._taken, self._priors = Memory[Marginal](8, nbytes), Memory[Array](32)
         self._conditionals = Memory[Conditional](REMEMBERED // (16 * (len(terms) + 1) * len(sizes.values)))
         self._evidences = Memory[float](SETS)
+        self.work = Work()
 
     def restricted(self, wanted: NDArray[np.bool_]) -> tuple[SpikeSlab, Index]:
         """The problem with the terms wanted (c,) only, and their numbers in this one."""
@@ -197,7 +153,12 @@ class SpikeSlab:
 
     def root(self, point: GridPoint) -> Marginal:
         """Without any term, at a point."""
-        return self._roots.get_or(point, lambda: marginal(self.design, self.unknowns, self.terms, point))
+
+        def made() -> Marginal:
+            self.work.count_taken(self.design.n, self.design.width)
+            return marginal(self.design, self.unknowns, self.terms, point)
+
+        return self._roots.get_or(point, made)
 
     @cached_property
     def _stated(self) -> GridPoint:
@@ -214,12 +175,35 @@ class SpikeSlab:
             information[group.terms] = np.trace(block, axis1=1, axis2=2)
         return np.asarray(self.sizes.values[:, None] ** 2 * information > NOTICED)
 
+    @cached_property
+    def capacity(self) -> int:
+        """Most coefficients of a set that the readings hold."""
+        return sum(self.design.counts) // HELD
+
+    @cached_property
+    def ranks(self) -> Index:
+        """(c,) number of coefficients of each term that the readings see, at the stated noise."""
+        root, out = self.root(self._stated), np.array([len(c) for c in self.terms.columns], dtype=np.intp)
+        if self.design.width > self.capacity:
+            for k in np.flatnonzero((out > LONG) & ~self.terms.bounded):
+                out[k] = max(np.sum(np.linalg.eigvalsh(root.among(self.terms.columns[k])) > UNSEEN), 1)
+        return out
+
+    def holds(self, members: Sequence[Member]) -> bool:
+        """Return True if the readings hold the coefficients of all members together."""
+        return int(sum(self.ranks[term] for term, _ in members)) <= self.capacity
+
     def base(self, point: GridPoint) -> Marginal:
         """With what is given, at a point."""
         if not self.given:
             return self.root(point)
         own = self.columns(self.given)
-        return self._bases.get_or(point, lambda: self.root(point).beside(*own, self._left, self._open))
+
+        def made() -> Marginal:
+            self.work.count_taken(len(own[0]), self.design.width)
+            return self.root(point).beside(*own, self._left, self._open)
+
+        return self._bases.get_or(point, made)
 
     def columns(self, members: Sequence[Member], terms: Terms | None = None) -> tuple[Index, Array]:
         """Columns (k,) of all members, and the size of each (k,)."""
@@ -232,20 +216,30 @@ class SpikeSlab:
     def beside(self, point: GridPoint, members: Sequence[Member], leaving: Members = ()) -> Marginal:
         """With members taken in. ``leaving`` were there a moment ago: as long as each leaves a set in turn, that is cheap."""
         base, others = self.base(point), sorted((*members, *leaving))
-        key = (point, tuple(others))
-        whole = self._taken.get_or(key, lambda: base.including(*self.columns(others, self._open)))
+        own, width = self.columns(others, self._open), len(self._left)
+
+        def made() -> Marginal:
+            self.work.count_taken(len(own[0]), width)
+            return base.including(*own)
+
+        whole = self._taken.get_or((point, tuple(others)), made)
         if not leaving:
             return whole
         widths = [len(self.terms.columns[term]) for term, _ in others]
-        return whole.without(np.flatnonzero(np.repeat([m in leaving for m in others], widths)))
+        gone = np.flatnonzero(np.repeat([m in leaving for m in others], widths))
+        self.work.count_left(len(gone), len(own[0]), width)
+        return whole.without(gone)
 
     def log_odds(self, point: GridPoint, members: Sequence[Member], leaving: Members = ()) -> Array:
         """(s, c) log odds of each further term at each size beside the members, prior included; a slot's odds are not."""
         return self.conditional(point, members, leaving).log_odds
 
     def _log_prior_beside(self, members: Members) -> Array:
-        """(s, c) log prior of each further term at each size; what would not be noticed is nothing."""
-        return np.where(self.noticeable, self.terms.log_prior((*self.given, *members)), -np.inf)
+        """(s, c) log prior of each further term at each size; what would not be noticed is nothing, nor what the readings
+        do not hold."""
+        every = (*self.given, *members)
+        room = self.capacity - sum(self.ranks[term] for term, _ in every)
+        return np.where(self.noticeable & (self.ranks <= room), self.terms.log_prior(every), -np.inf)
 
     def conditional(self, point: GridPoint, members: Sequence[Member], leaving: Members = ()) -> Conditional:
         """What a further slot may hold beside the members; ``leaving`` as in ``beside``."""
@@ -260,7 +254,10 @@ class SpikeSlab:
         def made(new: Sequence[int]) -> list[Conditional]:
             prior = self._priors.get_or(rest, lambda: self._log_prior_beside(rest))
             there = [self.beside(points[k], rest, leaving if points[k] == here else ()) for k in new]
-            odds = log_gains(there, self.sizes) + prior
+            groups = [group for group in self._open.by_size if np.isfinite(prior[:, group.terms]).any()]
+            odds = log_gains(there, self.sizes, groups) + prior
+            for _ in new:
+                self.work.count_weighed(groups, len(self.sizes.values))
             return [Conditional.of(o, m.log_evidence) for o, m in zip(odds, there, strict=True)]
 
         return self._conditionals.get_all([(p, rest) for p in points], made)
@@ -271,7 +268,8 @@ class SpikeSlab:
         return self._evidences.get_or(key, lambda: self._log_evidence(point, members))
 
     def _log_evidence(self, point: GridPoint, members: Sequence[Member]) -> float:
-        base = self.base(point)
+        base, taken = self.base(point), sum(len(self.terms.columns[term]) for term, _ in members)
+        self.work.count_taken(taken, taken)
         return base.log_evidence + (base.gain(*self.columns(members, self._open)) if members else 0.0)
 
     def log_bounds(self, point: GridPoint, members: Sequence[Member]) -> float:
@@ -293,6 +291,8 @@ class SpikeSlab:
 
     def log_prior(self, members: Sequence[Member]) -> float:
         """Log prior of members and their sizes beside what is given, without that of their number."""
-        if not all(self.noticeable[size, term] for term, size in members):
+        if not all(self.noticeable[size, term] for term, size in members) or not self.holds(
+            (*self.given, *members)
+        ):
             return -np.inf
         return self.terms.log_prior_of((*self.given, *members))
