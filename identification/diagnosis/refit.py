@@ -224,7 +224,7 @@ class Choice:
     def strays(self, model: Model, names: Model | None) -> bool:
         """Whether forms without a name move a constant out of its tolerance, as far as a true model never leaves one."""
         without = self.before if names is None else names.fit
-        count, most = len(self.before.machine.parameters), worst_allowed(model.fit)
+        count, most = len(self.before.nominal.parameters), worst_allowed(model.fit)
         own, other = model.fit.in_tolerances[:count], without.in_tolerances[:count]
         return bool(np.any((np.abs(own) > most) & (np.abs(own - other) > most)))
 

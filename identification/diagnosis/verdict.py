@@ -102,7 +102,7 @@ def _quiet(fits: Fits, found: Found, summary: Summary, choice: Choice) -> Diagno
     plain = choice.plain.against(choice.plain)
     places, anywhere = evidence(found, summary.inclusion)
     return Diagnosis(
-        machine=machine,
+        nominal=machine,
         recording=recording,
         verdict=verdict(summary, raised),
         concealed=False,

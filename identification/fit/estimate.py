@@ -121,7 +121,7 @@ def result(problem: Problem, solution: Solution, effects: tuple[PlacedEffect, ..
     columns = len(problem.nothing) + 1
     parts = triangular_parts(problem.data(p, x), columns, groups)
     return Estimate(
-        machine=problem.predictor.machine,
+        nominal=problem.predictor.machine,
         effects=effects,
         prior=problem.prior,
         p=p,

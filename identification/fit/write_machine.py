@@ -63,7 +63,7 @@ def calibrated_document(
     ``kept``: what was known before of what it held.
     Raises InputError when the machine has no file or a parameter stands nowhere in it.
     """
-    machine = estimate.machine
+    machine = estimate.nominal
     if machine.file is None:
         raise InputError(f"{machine.name}: found a machine without a file, expected one read by load_machine")
     document: dict[str, Any] = _unshared(machine.file.raw)
@@ -104,7 +104,7 @@ def covariance_of(estimate: Estimate) -> Covariance:
     if not names:
         return Covariance.of_tolerances(names, scale)
     known = Covariance.of(names, scale, estimate.root, estimate.known.unknown)
-    own = unexplained(estimate.machine, estimate.residual[estimate.used], estimate.effective_parameters)
+    own = unexplained(estimate.nominal, estimate.residual[estimate.used], estimate.effective_parameters)
     return replace(known, unexplained=own)
 
 
@@ -222,7 +222,7 @@ def _effect_entries(estimate: Estimate, kept: Covariance | None) -> list[dict[st
 
 def _declare_drivers(document: dict[str, Any], estimate: Estimate) -> None:
     """What effects read and the file does not name is declared from now on: columns that were tried, torques and currents."""
-    machine = estimate.machine
+    machine = estimate.nominal
     named = {d.name for d in machine.file.drivers} if machine.file else set()
     named |= {
         d.name for d in machine.declared_drivers if d.column or d.absent is not None

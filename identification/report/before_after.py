@@ -16,7 +16,7 @@ HELD_OUT = "on held-out rows"
 def before_after_words(diagnosis: Diagnosis) -> list[str]:
     """A line for each kind of reading: ``position: 0.438 mm before, 0.115 mm after on held-out rows``."""
     before, after = diagnosis.fits["before"], diagnosis.fits["after"]
-    units = diagnosis.machine.residual_units
+    units = diagnosis.nominal.residual_units
     held = before.validation_rms is not None and after.validation_rms is not None
     first = before.validation_rms if held else before.rms
     last = after.validation_rms if held else after.rms

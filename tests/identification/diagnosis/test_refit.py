@@ -221,7 +221,7 @@ def test_improved_predicts_the_tool_no_worse_than_plain_calibration(tmp_path: Pa
 
 def tool_error(fit: Estimate, recording: Recording) -> float:
     """Rms error of the tool's origin on validation rows, as poses have it, moved rigidly onto the fitted rows (mm)."""
-    predictor = Predictor(fit.machine, recording, fit.effects)
+    predictor = Predictor(fit.nominal, recording, fit.effects)
     poses, _ = predictor.poses(fit.p, fit.x)
     at, read = poses[:, :3, 3], np.column_stack([recording.observations[axis] for axis in "xyz"])
     own, onto = at[fit.used], read[fit.used]
@@ -302,7 +302,7 @@ def test_a_constant_strays_that_forms_move_as_far_as_a_true_model_never_leaves_o
     """Beyond where plain calibration has it; not where names alone move it as far."""
     fit, before = choice.before, choice.before
     most = worst_allowed(fit)
-    k = next(k for k in range(len(fit.machine.parameters)) if 0.0 < fit.prior.sigma[k] < np.inf)
+    k = next(k for k in range(len(fit.nominal.parameters)) if 0.0 < fit.prior.sigma[k] < np.inf)
     at = before.in_tolerances[k]
     p, scaled = fit.p.copy(), float(fit.prior.sigma[k])
     p[k] += np.copysign(share * most, at) * scaled
