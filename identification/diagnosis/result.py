@@ -234,7 +234,9 @@ class Applied:
 class Diagnosis(Written):
     """The whole outcome.
 
-    nominal: the machine that was diagnosed, with the values of its file. noise: in stated sigmas, and inflation: how many times wider than stated the tolerances of each class of parts look,
+    nominal: the machine that was diagnosed, with the values of its file.
+
+    noise: in stated sigmas, and inflation: how many times wider than stated the tolerances of each class of parts look,
     both in the posterior. sets: the likeliest sets of effects; inclusion: every effect at every place with its probability;
     leading: what is less probable than not, but leads; disagreement: largest difference of a probability between the
     posterior's chains; applied: what ``after`` holds, and why; missing: what this machine likely has and the recording cannot

@@ -32,10 +32,11 @@ UNKNOWN = 1e15
 class Estimate(Shown):
     """Result of a fit.
 
-    nominal: the machine that the fit started from, with the values of its file; p (np,) parameters then effect coefficients, x (n, nx) passive coordinates, residual (n, m) whitened by
-    sigma (NaN where a row cannot be assembled), used (n,) rows that were fitted, weights (n,) of the robust
-    loss, factor: triangular factor of [J r] of the readings, columns scaled by ``prior.scale`` and restricted
-    to ``prior.free``, or by the fewer steps of long series that were solved for (``turn``).
+    nominal: the machine that the fit started from, with the values of its file. p (np,) parameters then effect
+    coefficients, x (n, nx) passive coordinates, residual (n, m) whitened by sigma (NaN where a row cannot be assembled),
+    used (n,) rows that were fitted, weights (n,) of the robust loss, factor: triangular factor of [J r] of the readings,
+    columns scaled by ``prior.scale`` and restricted to ``prior.free``, or by the fewer steps of long series that were solved
+    for (``turn``).
     """
 
     nominal: Machine
