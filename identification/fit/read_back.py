@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -52,12 +53,17 @@ def read_back(text: str, path: Path, fit: Estimate, known: Covariance, recording
 
 
 def _differences(machine: Machine, fit: Estimate, known: Covariance, recording: Recording) -> Iterator[str]:
-    """Yield in words what a machine and a fit do not share; the costly comparison of predictions comes last."""
+    """Yield in words what a machine and a fit do not share; the costly comparison of predictions comes last.
+
+    A frame that alone was fitted had no tolerance in the fit, and keeps that of the file.
+    """
     for name, (value, tolerance) in _constants(fit.nominal, fit.p.tolist()).items():
         found = machine.geometry.get(name)
         if found is None:
             yield f"{name} is missing"
-        elif not _close(found.nominal, value) or not _close(found.tolerance, tolerance):
+        elif not _close(found.nominal, value) or not (
+            tolerance == math.inf or _close(found.tolerance, tolerance)
+        ):
             yield f"{name} is {found.nominal!r} +- {found.tolerance!r}, expected {value!r} +- {tolerance!r}"
     effects = fit.fitted_effects()
     if [e.label for e in machine.effects] != [e.label for e in effects]:
