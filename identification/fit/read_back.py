@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.errors import InputError
+from truepose.errors import InputError, ReadBackError
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.prediction.predict import predictor_for
@@ -31,10 +31,6 @@ SURE = 1e-6
 """rad; a rotation vector nearer to half a turn may be written with either sign."""
 PACKED = 1e-6
 """Largest difference of the covariance's factor, as a share of its row: many names are packed in single precision."""
-
-
-class ReadBackError(RuntimeError):
-    """A text that truepose made for a file does not hold what it was made from: a fault of truepose."""
 
 
 def read_back(text: str, path: Path, fit: Estimate, known: Covariance, recording: Recording) -> Machine:
@@ -133,4 +129,4 @@ def _predictions(predictor: Predictor, p: Array) -> tuple[NDArray[np.str_], Arra
     return np.array(units), values, poses
 
 
-__all__ = ["ReadBackError", "read_back"]
+__all__ = ["read_back"]

@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Literal
 
 from truepose.errors import InputError
-from truepose.files import atomic_write_text
+from truepose.files import atomic_file
 from truepose.models.export.held import SAMPLES, Held, Loss, closed_loss, held, loss
 from truepose.models.export.iso230 import isg_text, iso230_text
 from truepose.models.export.mjcf import mjcf_text
 from truepose.models.export.mjcf_loops import mjcf_loops_text
+from truepose.models.export.read_back import check_urdf
 from truepose.models.export.standing import standing
 from truepose.models.export.tree import tree_of
 from truepose.models.export.ur_kinematics import ur_kinematics_text
@@ -79,7 +80,10 @@ def export(machine: Machine, path: Path | str, format: str | None = None) -> Exp
     if machine.file is not None and Path(path).resolve() == machine.file.path.resolve():
         raise InputError(f"{path}: found the machine file itself, expected another file to write")
     done = render(machine, chosen)
-    atomic_write_text(path, done.text)
+    with atomic_file(path) as unfinished:
+        unfinished.write_text(done.text, encoding="utf-8", newline="")
+        if chosen == "urdf":
+            check_urdf(unfinished, machine, str(path))
     return done
 
 
