@@ -25,6 +25,7 @@ from truepose.identification.fit.absurd import Judgement, judged
 from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.bounds import Bounds, bounds_of
 from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, blame, estimate, result
+from truepose.identification.fit.fitted import Fitted
 from truepose.identification.fit.only import held_but, kept_covariance, prior_but
 from truepose.identification.fit.problem import Prior, Problem, prior_of
 from truepose.identification.fit.relinearised import TUNING, Scaling, relinearised
@@ -54,12 +55,13 @@ BIAS = "std is the estimator's 1-sigma with {} taken as known; its bias towards 
 
 
 @dataclass(frozen=True, repr=False)
-class Calibration(Written):
+class Calibration(Written, Fitted):
     """The fit, the free fit (None when it found no minimum), and what was fitted how.
 
     kept: what the machine file knows of what was held, where some constants alone were fitted.
 
-    ``report(path)`` writes the report, ``write(directory)`` ``calibrated.yaml``, ``fit.json`` and ``report.html``.
+    It stands for its ``machine``, the calibrated one, in every function that takes a machine. ``report(path)`` writes the
+    report, ``save(directory)`` ``calibrated.yaml``, ``fit.json`` and ``report.html``.
     """
 
     fit: Estimate

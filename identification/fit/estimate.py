@@ -122,6 +122,7 @@ def result(problem: Problem, solution: Solution, effects: tuple[PlacedEffect, ..
     parts = triangular_parts(problem.data(p, x), columns, groups)
     return Estimate(
         nominal=problem.predictor.machine,
+        recording=problem.predictor.recording,
         effects=effects,
         prior=problem.prior,
         p=p,

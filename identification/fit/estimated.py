@@ -10,15 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.fit.decomposition import Decomposition, moved_by
+from truepose.identification.fit.fitted import Fitted
 from truepose.identification.fit.leastsquares import Solution
 from truepose.identification.fit.noise import Scatter, channel_groups
 from truepose.identification.fit.problem import Prior
 from truepose.identification.fit.relinearised import Shrunk
 from truepose.identification.fit.turn import Turn, Turned
 from truepose.identification.prediction.sensor_rows import Block
+from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
-from truepose.shown.result import Shown, frame_of
+from truepose.shown.result import frame_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -29,17 +31,18 @@ UNKNOWN = 1e15
 
 
 @dataclass(frozen=True, repr=False)
-class Estimate(Shown):
+class Estimate(Fitted):
     """Result of a fit.
 
-    nominal: the machine that the fit started from, with the values of its file. p (np,) parameters then effect
-    coefficients, x (n, nx) passive coordinates, residual (n, m) whitened by sigma (NaN where a row cannot be assembled),
-    used (n,) rows that were fitted, weights (n,) of the robust loss, factor: triangular factor of [J r] of the readings,
-    columns scaled by ``prior.scale`` and restricted to ``prior.free``, or by the fewer steps of long series that were solved
-    for (``turn``).
+    nominal: the machine that the fit started from, with the values of its file; recording: its rows. p (np,) parameters then
+    effect coefficients, x (n, nx) passive coordinates, residual (n, m) whitened by sigma (NaN where a row cannot be
+    assembled), used (n,) rows that were fitted, weights (n,) of the robust loss, factor: triangular factor of [J r] of the
+    readings, columns scaled by ``prior.scale`` and restricted to ``prior.free``, or by the fewer steps of long series that
+    were solved for (``turn``).
     """
 
     nominal: Machine
+    recording: Recording
     effects: tuple[PlacedEffect, ...]
     prior: Prior
     p: Array

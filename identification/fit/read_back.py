@@ -103,8 +103,8 @@ def _distance(machine: Machine, fit: Estimate, recording: Recording) -> float:
         return 0.0
     part = recording.subset(rows)
     read, made = predictor_for(machine, part), Predictor(fit.nominal, part, fit.effects)
-    units, values, poses = _predictions(read, read.model.p_home)
-    _, expected, stand = _predictions(made, fit.p)
+    units, values, poses = _predictions(read, read.model.p_home, fit.x[rows])
+    _, expected, stand = _predictions(made, fit.p, fit.x[rows])
     reach, in_turns = max(1.0, float(np.max(np.abs(stand[:, :3, 3])))), units == "rad"
     off, turn = values - expected, 2.0 * np.pi
     off[:, in_turns] -= turn * np.round(off[:, in_turns] / turn)
@@ -120,9 +120,9 @@ def _distance(machine: Machine, fit: Estimate, recording: Recording) -> float:
     return float(np.max([np.max(np.abs(d), initial=0.0) for d in moved]))
 
 
-def _predictions(predictor: Predictor, p: Array) -> tuple[NDArray[np.str_], Array, Array]:
+def _predictions(predictor: Predictor, p: Array, start: Array) -> tuple[NDArray[np.str_], Array, Array]:
     """Return units of columns, values (n, k), mm and rad, and poses (n, 4, 4); NaN where rows cannot be assembled."""
-    x, good = predictor.assemble(p)
+    x, good = predictor.assemble(p, start)
     _, values, poses = predictor.values(p, x)
     values[~good] = np.nan
     units = [unit for sensor in predictor.machine.sensors for unit in sensor.columns.values()]

@@ -171,6 +171,7 @@ def _at_drawing(machine: Machine, recording: Recording) -> tuple[Estimate, Recor
     nothing = np.zeros(len(prior.free))
     return Estimate(
         nominal=machine,
+        recording=recording,
         effects=machine.effects,
         prior=prior,
         p=p,

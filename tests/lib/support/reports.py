@@ -92,6 +92,7 @@ def fitted(
     factor[:, 1] = 0.0  # one direction is blind
     return Estimate(
         nominal=machine,
+        recording=recording,
         effects=terms,
         prior=prior,
         p=p,
