@@ -250,6 +250,8 @@ class Diagnosis(Written, Fitted):
     constants are in ``after.to_frame()``.
     """
 
+    internal = frozenset({"evidence", "evidence_anywhere", "terms"})
+
     nominal: Machine
     recording: Recording
     verdict: str

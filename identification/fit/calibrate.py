@@ -36,6 +36,7 @@ from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
+from truepose.models.given import MachineLike, as_machine
 from truepose.models.machine import Machine
 from truepose.shown.result import Written, frame_of
 from truepose.wording import meant
@@ -63,6 +64,8 @@ class Calibration(Written, Fitted):
     It stands for its ``machine``, the calibrated one, in every function that takes a machine. ``report(path)`` writes the
     report, ``save(directory)`` ``calibrated.yaml``, ``fit.json`` and ``report.html``.
     """
+
+    internal = frozenset({"began", "kept"})
 
     fit: Estimate
     free: Estimate | None
@@ -92,7 +95,7 @@ class Calibration(Written, Fitted):
 
 
 def calibrate(
-    machine: Machine,
+    machine: MachineLike,
     recording: Recording | Sources,
     *,
     estimator: str = "map",
@@ -113,6 +116,7 @@ def calibrate(
     together, for bounds that cannot be kept and for too few rows, ConvergenceError naming the parameters
     responsible.
     """
+    machine = as_machine(machine)
     biased = _checked(estimator, solver, scaling)
     recording = as_recording(machine, recording)
     machine = with_set_ups(held_but(machine, only) if only else machine, recording)

@@ -28,7 +28,7 @@ class Shown:
 
     def __dir__(self) -> list[str]:
         """The names that completion offers: fields and methods for a user."""
-        hidden = {"shown_by", "internal", *self.internal}
+        hidden = {"shown_by", "internal", "write", *self.internal}
         return sorted(name for name in super().__dir__() if not name.startswith("_") and name not in hidden)
 
     def __repr__(self) -> str:
@@ -52,7 +52,7 @@ class Written(Shown):
         """Write what the command of the same name writes, all or nothing; the paths. Raises InputError."""
         return cast("list[Path]", above("files", "write_files")(self, directory))
 
-    write = save
+    write = save  # its former name
 
 
 def frame_of(result: Shown) -> pd.DataFrame:
