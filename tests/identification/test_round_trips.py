@@ -1,4 +1,4 @@
-"""Whatever truepose writes, it reads: settings of every candidate, machine files of every fit, results in memory."""
+"""Whatever truepose writes, it reads: settings of every candidate, and machines that hold them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ import numpy as np
 import pytest
 
 from support.effect_machines import TEXTS, read_machines
+from support.round_trips import check_round_trip
+from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import effect_entry
+from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import catalogue
@@ -75,3 +78,15 @@ def test_a_series_is_read_as_it_was_written(
 ) -> None:
     made = PlacedEffect.at(TransmissionError(), machines["arm"], ("q1",), {"first": first, "orders": last})
     assert said(reread(machines["arm"], (made,))) == said((made,))
+
+
+def test_a_fit_with_a_series_above_the_catalogue_s_is_read_and_generated(
+    machines: Mapping[str, Machine], tmp_path: Path
+) -> None:
+    machine = machines["arm"]
+    waves = PlacedEffect.at(TransmissionError(), machine, ("q1",), {"first": 61.0, "orders": 90.0})
+    waves = waves.with_values([c.scale for c in waves.coefficients])
+    poses = varied(machine)
+    told = simulate(machine, poses, [waves], seed=2)
+    rows = poses.to_frame().reset_index(drop=True).assign(**{name: told[name] for name in told})
+    check_round_trip(estimate(machine, load_recording(machine, rows), [waves]), tmp_path)

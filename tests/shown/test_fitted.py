@@ -15,6 +15,7 @@ import pytest
 
 import truepose
 from support.results import BUNDLED, RESULTS, calibration, diagnosis, machine, recording
+from support.round_trips import check_round_trip
 from truepose.errors import InputError
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.calibrate import Calibration
@@ -63,6 +64,7 @@ def test_a_result_predicts_as_the_file_that_it_writes(name: str, tmp_path: Path)
         truepose.predict(result.machine, rows),
     ):
         assert ((found - expected).abs().max() <= 1e-9 * size).all()
+    check_round_trip(result, tmp_path)  # type: ignore[arg-type]
     file, read = result.machine.file, again.file
     assert file is not None and read is not None
     assert (file.covariance, file.nominal, file.pose_error, file.refused) == (

@@ -13,6 +13,8 @@ import truepose
 from support.generated_c import COMPILER, LEVEL, WARNINGS
 from truepose.identification.compensation.inverse import PoseSolver
 from truepose.identification.diagnosis.result import Diagnosis
+from truepose.identification.fit.calibrate import Calibration
+from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.write_machine import calibrated_text
 from truepose.identification.report.fitted import file_of
 from truepose.models import lie
@@ -22,8 +24,8 @@ from truepose.models.mechanism import AXES
 POSES = 5
 
 
-def check_round_trip(found: Diagnosis, folder: Path) -> None:
-    """Write a diagnosis's machine, read it and generate it; predictions and poses are those of the result."""
+def check_round_trip(found: Estimate | Calibration | Diagnosis, folder: Path) -> None:
+    """Write the machine of a result, read it and generate it; predictions and poses are those of the result."""
     path = folder / "improved.yaml"
     path.write_text(calibrated_text(path, **file_of(found))[0], encoding="utf-8")
     again = truepose.load_machine(path)
