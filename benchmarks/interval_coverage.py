@@ -216,10 +216,10 @@ def _pulls(bench: Bench, predictor: Predictor, fit: Estimate, p: Array, readings
     predictor.recording = bench.recording(readings)
     x, _ = predictor.assemble(fit.p)
     (block,) = predictor.blocks(fit.p, x)
-    sigma, stated = _sigma(bench.machine), _sigma(fit.machine)
+    sigma, stated = _sigma(bench.machine), _sigma(fit.nominal)
     known, free = covariance_of(fit), fit.prior.free
     std = sigma * known.std(block.jacobian[..., free], fit.prior.scale[free])
-    kinds = [channel.kind for channel in fit.machine.channels]
+    kinds = [channel.kind for channel in fit.nominal.channels]
     own = np.array([known.unexplained.get(f"sensor.{kind}", (0.0, ""))[0] for kind in kinds])
     return np.asarray(sigma * block.residual / np.sqrt(std**2 + own**2 + stated**2)).ravel()
 

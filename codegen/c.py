@@ -31,6 +31,7 @@ from truepose.codegen.trigonometry import trigonometry
 from truepose.codegen.wrappers import wrappers
 from truepose.errors import InputError
 from truepose.files import atomic_directory
+from truepose.models.given import MachineLike, as_machine
 from truepose.models.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine import FRAME_OF, Machine
 from truepose.models.sensors.direction import ORIGIN, Direction
@@ -64,7 +65,7 @@ _PARTS = ("batch", "state")
 
 
 def generate(
-    machine: Machine,
+    machine: MachineLike,
     directory: Path,
     real: Real = "double",
     *,
@@ -80,6 +81,7 @@ def generate(
     Raises InputError when the machine's name is no C identifier, ``nominal`` names an unknown parameter, or a feature was
     asked for that this machine cannot have.
     """
+    machine = as_machine(machine)
     check_machine_name(machine.name)
     if real not in ("double", "float"):
         raise InputError(f"real: found {real!r}, expected 'double' or 'float'")

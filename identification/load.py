@@ -14,12 +14,12 @@ from truepose.identification.recording.load import Sources, tables
 from truepose.identification.recording.load import load_recording as load_rows
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.table import Table
-from truepose.models.machine import Machine
+from truepose.models.given import MachineLike, as_machine
 from truepose.models.sensors.irradiance import Irradiance
 
 
 def load_recording(
-    machine: Machine,
+    machine: MachineLike,
     source: Sources,
     *,
     need_observations: bool = True,
@@ -34,6 +34,7 @@ def load_recording(
     fringes are counted. ``shuffled``: rows are no visits one after the other (a comment ``# order: shuffled`` in a file
     says the same), so that nothing is looked for that depends on how joints came to a row.
     """
+    machine = as_machine(machine)
     if irradiance:
         sensor_of(machine)
     files = tables(source)

@@ -15,7 +15,7 @@ from pydantic_core import CoreSchema
 from truepose.errors import InputError
 from truepose.models.field_errors import input_error
 from truepose.models.fields import Number, NumberTolerance, Section, as_number
-from truepose.models.limits import LARGEST, within
+from truepose.models.limits import LATEST, within
 from truepose.models.units import convert, parse_unit
 from truepose.wording import close_matches, cut
 
@@ -116,9 +116,9 @@ def _setting(value: object, where: str) -> float:
             "coefficients stand in parameters"
         )
     number = float(value) if isinstance(value, bool) else as_number(value)
-    if number is None or not within(number):
+    if number is None or not within(number, LATEST):
         raise InputError(
-            f"{where}: found {cut(repr(value))}, expected a number of at most {LARGEST:g} by size"
+            f"{where}: found {cut(repr(value))}, expected a number of at most {LATEST:g} by size"
         )
     return value if isinstance(value, int) and not isinstance(value, bool) else number
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from truepose.errors import InputError
 from truepose.models.driver import VELOCITY, Driver
 from truepose.models.effect import Effect, effects
+from truepose.models.given import MachineLike, as_machine
 from truepose.models.limits import LARGEST, within
 from truepose.models.load import place_effect, resolve_place
 from truepose.models.machine import Machine
@@ -30,13 +31,14 @@ _NAMED = 6
 
 
 def parse_effect(
-    text: str, machine: Machine, option: str = "--effect", *, stated: bool = False
+    text: str, machine: MachineLike, option: str = "--effect", *, stated: bool = False
 ) -> PlacedEffect:
     """One effect named on the command line: places joined by ``+``, settings among the coefficients.
 
     ``stated``: it is to be added as it stands, so that it needs a value, and one that can be. Raises InputError, which
     names the ``option``, for an unknown slug, place or name (with close matches) and for a bad unit.
     """
+    machine = as_machine(machine)
     where = f"{option} {text}"
     head = _HEAD.match(text.strip())
     if head is None:

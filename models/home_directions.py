@@ -21,10 +21,14 @@ def home_directions(
 ) -> Mapping[str, tuple[float, float, float]]:
     """Unit vector of each end of ``joint_ends`` (frames: ``truepose.models.states``), nominal parameters, home readings.
 
+    A calibrated file has the drawing's parameters in ``nominal``: a fit, and the file of it, then have the same directions.
+
     Raises InputError, which names ``file``, where the mechanism cannot be assembled at home.
     """
     frames = tuple(Parameter(f"{frame}.{axis}", "mm", 0.0) for frame in FRAMES for axis in AXES)
-    closing = replace(mechanism, loops="exact")  # at home every way to close is the exact one
+    drawn = {} if file is None else file.nominal
+    own = tuple(replace(p, nominal=drawn.get(p.name, p.nominal)) for p in mechanism.parameters)
+    closing = replace(mechanism, parameters=own, loops="exact")  # at home every way to close is the exact one
     machine = Machine(file.name if file else "mechanism", closing, frames, (), file=file)
     ends = joint_ends(machine)
     if not ends:

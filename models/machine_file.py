@@ -67,6 +67,7 @@ __all__ = [
     "Tolerances",
     "checked_machine",
     "input_error",
+    "machine_text",
     "read_machine",
     "write_machine",
 ]
@@ -251,10 +252,15 @@ def _tolerances(
     return Tolerances(default.length, default.angle, overrides, units, str(path))
 
 
-def write_machine(path: Path | str, document: Mapping[str, Any], comment: str = "") -> None:
-    """Write a machine file: whole or not at all, key order kept, floats at full precision.
+def write_machine(path: Path | str, document: Mapping[str, Any]) -> None:
+    """Write a machine file: whole or not at all."""
+    atomic_write_text(path, machine_text(document))
+
+
+def machine_text(document: Mapping[str, Any], comment: str = "") -> str:
+    """Return the text of a machine file: key order kept, floats at full precision.
 
     Its first line is ``comment``, if there is one; then its schema is named.
     """
     head = f"# {comment}\n" if comment else ""
-    atomic_write_text(path, f"{head}{SCHEMA_LINE}\n{document_text(document)}")
+    return f"{head}{SCHEMA_LINE}\n{document_text(document)}"

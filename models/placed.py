@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.models.driver import DriverKind
-from truepose.models.setting_range import SettingRanges
+from truepose.models.setting_range import SettingRanges, check_settings
 
 Array = NDArray[np.float64]
 SERIES = 24
@@ -192,8 +192,13 @@ class PlacedEffect:
         settings: Settings | None = None,
         values: Mapping[str, float] | None = None,
     ) -> PlacedEffect:
-        """Bind an effect to a place; coefficient values default to 0."""
+        """Bind an effect to a place; coefficient values default to 0.
+
+        Raises InputError for settings that no machine file may hold, so that whatever is made can be written and read.
+        """
         fixed = dict(settings or {})
+        if effect.setting_ranges is not None:
+            check_settings(effect.slug, effect.setting_ranges, fixed, f"{effect.slug}@{'+'.join(place)}")
         coefficients = effect.coefficients(machine, place, fixed)
         amplitudes = tuple(float((values or {}).get(c.name, 0.0)) for c in coefficients)
         drivers = effect.drivers(machine, place, fixed)

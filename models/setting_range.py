@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Final
 
 from truepose.errors import InputError
-from truepose.models.limits import LARGEST
+from truepose.models.limits import LARGEST, LATEST
 from truepose.wording import close_matches
 
 
@@ -31,6 +31,10 @@ class Allowed:
 
 
 ANY: Final = Allowed()
+COLUMN: Final = Allowed(-LATEST, LATEST)
+"""Values of a logged column: nanoseconds since 1970 are one."""
+DURATION: Final = Allowed(0.0, LATEST)
+"""Differences of two values of a logged column."""
 SWITCH: Final = Allowed(0.0, 1.0)
 NOT_NEGATIVE: Final = Allowed(low=0.0)
 POSITIVE: Final = Allowed(low=1e-12)
@@ -38,6 +42,8 @@ ORDER: Final = Allowed(-1e4, 1e4, zero=False)
 """How often something repeats in a turn or a pitch."""
 COUNT: Final = Allowed(1.0, 60.0, whole=True)
 """Terms of a series, degrees of a polynomial: each is a column of every fit."""
+HARMONIC: Final = Allowed(1.0, 180.0, whole=True)
+"""Orders of a long series: time and memory of a fit grow as the square of their number."""
 SettingRanges = Mapping[str, Allowed]
 """By name; a name that ends with a dot stands for all that begin with it: ``from.``."""
 
@@ -63,7 +69,10 @@ def check_settings(effect: str, known: SettingRanges, settings: Mapping[str, flo
 
 __all__ = [
     "ANY",
+    "COLUMN",
     "COUNT",
+    "DURATION",
+    "HARMONIC",
     "NOT_NEGATIVE",
     "NO_SETTINGS",
     "ORDER",

@@ -49,7 +49,7 @@ def campaigns(data: Path, work: Path, names: Sequence[str]) -> Iterator[str]:
 def _carried(machine: Machine, recording: Recording) -> float:
     """Rms of the position of held-out rows, mm."""
     fit = truepose.calibrate(machine, recording, only=("base", "tool")).fit
-    channels = fit.machine.channels
+    channels = fit.nominal.channels
     at = [k for k, c in enumerate(channels) if c.kind == "position"]
     off = channels[at[0]].sigma * fit.residual[recording.validation][:, at]
     return float(np.sqrt(np.mean(np.sum(off**2, axis=1))))

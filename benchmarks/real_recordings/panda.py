@@ -63,7 +63,7 @@ def panda_scatter(recording: Recording, fit: Estimate) -> dict[str, tuple[np.nda
         " ".join(key)
         for key in zip(sets, *(recording.labels[c] for c in ("placement", "socket")), strict=True)
     ]
-    poses, _ = Predictor(fit.machine, recording).poses(fit.p)
+    poses, _ = Predictor(fit.nominal, recording).poses(fit.p)
     values = dict(zip(fit.prior.names, fit.p, strict=True))
     out = {}
     for name in dict.fromkeys(sets.tolist()):
@@ -72,7 +72,7 @@ def panda_scatter(recording: Recording, fit: Estimate) -> dict[str, tuple[np.nda
         rows = np.flatnonzero(recording.validation & (sets == name))
         at = pd.DataFrame(poses[rows, :3, :3] @ ball + poses[rows, :3, 3])
         mean = at.groupby([seats[k] for k in rows]).transform("mean")
-        residual = fit.residual[rows] * [c.sigma for s in fit.machine.sensors for c in s.channels]
+        residual = fit.residual[rows] * [c.sigma for s in fit.nominal.sensors for c in s.channels]
         out[str(name)] = (np.linalg.norm(at - mean, axis=1), np.linalg.norm(residual, axis=1))
     return out
 

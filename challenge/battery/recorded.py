@@ -78,7 +78,7 @@ def compared(
 
     Balls in sockets tell no position of the tool; their readings count in stated sigmas.
     """
-    if any(sensor.label_columns for sensor in plain.machine.sensors):
+    if any(sensor.label_columns for sensor in plain.nominal.sensors):
         return (_seated(plain, rest), _seated(applied, rest)), None
     (before, tool_before), (after, tool_after) = (errors(fit, fitted, rest) for fit in (plain, applied))
     return (before, after), (tool_before, tool_after)
@@ -106,7 +106,7 @@ def _points(fit: Estimate, recording: Recording, silent: Collection[str]) -> Too
     from truepose.identification.fit.tool_pose import tool_points
     from truepose.identification.prediction.predictor import Predictor
 
-    predictor = Predictor(fit.machine, recording, fit.effects)
+    predictor = Predictor(fit.nominal, recording, fit.effects)
     x, _ = predictor.assemble(fit.p)
     return tool_points(predictor, fit.p, x, silent)
 
@@ -115,7 +115,7 @@ def _seated(fit: Estimate, rest: Recording) -> float:
     """Rms, in stated sigmas, of how far rows that share a socket are apart."""
     from truepose.identification.prediction.predictor import Predictor
 
-    predictor = Predictor(fit.machine, rest, fit.effects)
+    predictor = Predictor(fit.nominal, rest, fit.effects)
     x, assembled = predictor.assemble(fit.p)
     off = np.concatenate([block.residual.ravel() for block in predictor.blocks(fit.p, x, assembled)])
     off = off[np.isfinite(off) & (off != 0.0)]  # a row that refers to itself says nothing

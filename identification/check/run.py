@@ -23,6 +23,7 @@ from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.tried import try_columns
 from truepose.identification.signatures.untestable import missing_inputs
+from truepose.models.given import MachineLike, as_machine
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 from truepose.models.view import TOOL_IN_WORLD
@@ -59,11 +60,12 @@ def check_files(
     return check(loaded, rows), loaded, rows
 
 
-def check(machine: Machine, source: Recording | Sources) -> Check:
+def check(machine: MachineLike, source: Recording | Sources) -> Check:
     """What may be wrong between a machine and a recording of it: a path, a DataFrame, a dict, several, or one that is loaded.
 
     Raises InputError for what cannot be read, and for a machine without a sensor.
     """
+    machine = as_machine(machine)
     if not machine.sensors:
         raise InputError(f"{machine.name}: found no sensor, expected one: nothing says what the readings are")
     rows = as_recording(unbounded(machine), source)

@@ -33,6 +33,7 @@ from truepose.identification.compensation.rows import (
     twists_between,
 )
 from truepose.identification.recording.recording import Recording
+from truepose.models.given import MachineLike, as_machine
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
@@ -50,7 +51,7 @@ _COLUMNS = ("command", "target", "before", "after")
 
 
 def compensate(
-    machine: Machine, path: Recording, *, method: Method = "exact", compiled_from: int = COMPILED_FROM
+    machine: MachineLike, path: Recording, *, method: Method = "exact", compiled_from: int = COMPILED_FROM
 ) -> Compensation:
     """Commands for every row of ``path``, whose readings are nominal; drivers are the path's own.
 
@@ -59,6 +60,7 @@ def compensate(
     1e-9 rad). Raises InputError naming the first row that cannot be followed: out of reach, or with a joint out of its
     range.
     """
+    machine = as_machine(machine)
     if method not in METHODS:
         raise InputError(f"--method: found {method!r}, expected one of {', '.join(METHODS)}")
     follower = Follower(machine, path)

@@ -22,6 +22,7 @@ from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.errors import InputError
 from truepose.identification.prediction.loops import Loops
 from truepose.models import lie
+from truepose.models.given import MachineLike, as_machine
 from truepose.models.home import coordinate_scale
 from truepose.models.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine import Machine
@@ -86,11 +87,12 @@ class Inverse(Shown):
         return tuple(name for name, out in zip(self.readings, self.beyond[row], strict=True) if out)
 
 
-def inverse(machine: Machine, poses: Array, start: Array | None = None) -> Inverse:
+def inverse(machine: MachineLike, poses: Array, start: Array | None = None) -> Inverse:
     """Readings that put the tool at sensor-frame ``poses`` (n, 4, 4), mm, from ``start`` (nq,) or (n, nq).
 
     A redundant mechanism is given the solution that its start leads to. Raises InputError for what is no pose.
     """
+    machine = as_machine(machine)
     return PoseSolver(machine).inverse(poses, start)
 
 

@@ -193,7 +193,7 @@ def projector(fit: Estimate, recording: Recording) -> Callable[[Array], Array]:
     free = fit.prior.free
     if fit.n_observations * len(free) > LARGEST_PROJECTION:
         return lambda noise: noise
-    predictor = Predictor(fit.machine, recording, fit.effects)
+    predictor = Predictor(fit.nominal, recording, fit.effects)
     # of A = J'J + prior one factor serves all draws; the fit's own factor has J'J
     root = fit.known.step_root
     rows = [

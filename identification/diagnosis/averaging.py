@@ -206,7 +206,7 @@ def _positive_root(difference: Array, size: Array) -> Array:
 
 def _moved(found: Found, likeliest: Estimate, terms: tuple[PlacedEffect, ...], mixture: _Mixture) -> Estimate:
     """The fit at the mean, or as far towards it as readings agree, with the covariance of all about it."""
-    machine, recording = likeliest.machine, found.signatures.recording
+    machine, recording = likeliest.nominal, found.signatures.recording
     predictor = Predictor(machine, recording, terms, visits=FIT)
     prior, unit = _prior(likeliest, terms), prior_of(machine, terms).scale
     at, start = prior.free, start_from(likeliest, terms)
@@ -237,7 +237,7 @@ def _free(prior: Prior, count: int) -> NDArray[np.bool_]:
 
 def _prior(likeliest: Estimate, terms: Sequence[PlacedEffect]) -> Prior:
     """The tolerances and steps of the likeliest set's fit; those of what is beside it are its spread."""
-    wide, first = prior_of(likeliest.machine, terms), likeliest.prior
+    wide, first = prior_of(likeliest.nominal, terms), likeliest.prior
     further = wide.sigma[len(first.sigma) :] / likeliest.noise
     sigma, scale = np.append(first.sigma, further), np.append(first.scale, further)
     return replace(wide, sigma=sigma, scale=scale)

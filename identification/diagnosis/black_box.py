@@ -30,7 +30,7 @@ def black_box(before: Estimate, after: Estimate, recording: Recording, outliers:
     columns = len(free) + count
     if before.residual.size * columns > LARGEST:
         return _of_some(before, after, recording, outliers, LARGEST // (m * columns))
-    predictor = Predictor(before.machine, recording, before.effects)
+    predictor = Predictor(before.nominal, recording, before.effects)
     parts = predictor.blocks(before.p, before.x, before.used)
     jacobian = np.concatenate([b.jacobian[:, :, free] * before.prior.scale[free] for b in parts])
     rng = np.random.default_rng(13)
@@ -52,7 +52,7 @@ def _of_some(
     before: Estimate, after: Estimate, recording: Recording, outliers: Mask, most: int
 ) -> float | None:
     """The same of evenly spread rows, as many as memory holds; None where readings compare rows."""
-    if most < 1 or any(sensor.compares for sensor in before.machine.sensors):
+    if most < 1 or any(sensor.compares for sensor in before.nominal.sensors):
         return None
     every = recording.in_time(np.ones(len(recording), dtype=bool))
     rows = np.sort(every[:: -(-len(every) // most)])

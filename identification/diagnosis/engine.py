@@ -20,11 +20,11 @@ from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.tried import with_measured_loads
 from truepose.identification.signatures.candidates import catalogue
-from truepose.models.machine import Machine
+from truepose.models.given import MachineLike, as_machine
 
 
 def diagnose(
-    machine: Machine,
+    machine: MachineLike,
     recording: Recording | Sources,
     *,
     prior: LearnedPrior | Path | str | None = None,
@@ -36,6 +36,7 @@ def diagnose(
     the file of it (``truepose.identification.learned_prior``). Raises InputError for unusable input and
     ConvergenceError when the fit without effects finds no minimum.
     """
+    machine = as_machine(machine)
     learned = read_prior(prior) if isinstance(prior, Path | str) else prior
     recording = as_recording(machine, recording)
     machine = with_measured_loads(with_set_ups(machine, recording), recording)

@@ -175,7 +175,7 @@ def trial(
     ``silent``: labels of the sensor's effects that say nothing of the tool's position.
     """
     name, blocks = split
-    predictor = Predictor(model.machine, recording, model.effects, visits=FIT)
+    predictor = Predictor(model.nominal, recording, model.effects, visits=FIT)
     found: dict[str, Held] = {}
     for block in blocks:
         exclude = outliers | block.rows
@@ -197,7 +197,7 @@ def _without(model: Estimate, predictor: Predictor, exclude: Mask) -> Estimate |
     """The model fitted without some rows; None where too little is left."""
     try:
         return estimate(
-            model.machine,
+            model.nominal,
             predictor.recording,
             model.effects,
             start=model.p,

@@ -75,9 +75,9 @@ def _studentised(fit: Estimate, recording: Recording, rows: NDArray[np.intp]) ->
     (Cook and Weisberg 1982, Residuals and influence).
     """
     residual = fit.residual[rows]
-    if not len(rows) or any(sensor.compares for sensor in fit.machine.sensors):
+    if not len(rows) or any(sensor.compares for sensor in fit.nominal.sensors):
         return np.asarray(np.sum(residual**2, axis=1))
-    predictor, out = Predictor(fit.machine, recording, fit.effects).of_rows(rows), list[Array]()
+    predictor, out = Predictor(fit.nominal, recording, fit.effects).of_rows(rows), list[Array]()
     root = fit.known.step_root
     for block in predictor.blocks(fit.p, fit.x[rows], fit.weights[rows]):
         own = residual[block.rows]
@@ -147,11 +147,11 @@ def miscounted_fringes(fit: Estimate, recording: Recording, far: NDArray[np.bool
     the first. A reading is the change since its own row of origin: rows counted on from a miscounted one without
     a new start share its k, and are found as long as they are few.
     """
-    channels = _half_waves(fit.machine)
+    channels = _half_waves(fit.nominal)
     rows = np.flatnonzero(far & np.isfinite(fit.residual).all(axis=1))
     if not len(rows) or not np.isfinite(channels).any():
         return {}
-    step = channels / np.array([c.sigma for c in fit.machine.channels])
+    step = channels / np.array([c.sigma for c in fit.nominal.channels])
     spread = _spread(fit, recording)[rows]
     counts = np.where(np.isfinite(step), np.round(-fit.residual[rows] / step), 0.0)
     rest = fit.residual[rows] + counts * np.where(np.isfinite(step), step, 0.0)
@@ -171,7 +171,7 @@ def _half_waves(machine: Machine) -> Array:
 
 def _spread(fit: Estimate, recording: Recording) -> Array:
     """(n, m) 1-sigma of whitened residuals of rows that were not fitted: noise and what the fit does not know."""
-    predictor, out = Predictor(fit.machine, recording, fit.effects), np.empty(fit.residual.shape)
+    predictor, out = Predictor(fit.nominal, recording, fit.effects), np.empty(fit.residual.shape)
     noise = max(fit.chi2_per_dof, 1.0)
     for block in predictor.blocks(fit.p, fit.x, fit.used * fit.weights):
         slopes = block.jacobian[:, :, fit.prior.free]
@@ -208,6 +208,6 @@ def _robust(found: Calibration) -> Estimate | None:
         return fit
     held = fit.prior if found.only else None
     try:
-        return estimate(fit.machine, found.recording, fit.effects, prior=held, start=fit.p, loss="huber")
+        return estimate(fit.nominal, found.recording, fit.effects, prior=held, start=fit.p, loss="huber")
     except ConvergenceError:
         return None

@@ -276,7 +276,7 @@ class Choice:
 
 def _determined_directions(fit: Estimate) -> Array:
     """Return orthonormal directions (k, n) of the n constants, in tolerances, of which readings tell more than those do."""
-    constants = fit.machine.parameters
+    constants = fit.nominal.parameters
     tolerance = np.array([p.tolerance if np.isfinite(p.tolerance) else 0.0 for p in constants])
     free = np.flatnonzero(fit.prior.free < len(constants))
     at = fit.prior.free[free]

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from truepose.identification.diagnosis.alarm import Alarm
 from truepose.identification.diagnosis.place_evidence import PlaceEvidence
 from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.fitted import Fitted
 from truepose.identification.fit.summary import FitSummary
 from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.recording.recording import Recording
@@ -245,8 +246,10 @@ class Applied:
 
 
 @dataclass(frozen=True, repr=False)
-class Diagnosis(Written):
+class Diagnosis(Written, Fitted):
     """The whole outcome.
+
+    nominal: the machine that was diagnosed, with the values of its file.
 
     noise: in stated sigmas, and inflation: how many times wider than stated the tolerances of each class of parts look,
     both in the posterior. sets: the likeliest sets of effects; inclusion: every effect at every place with its probability;
@@ -256,11 +259,14 @@ class Diagnosis(Written):
     writes it down. evidence: what the recording says of every effect at every place and, ``evidence_anywhere``, at any, for
     the statistics of a fleet; prior_notes: where the prior is from, if a fleet left it.
 
-    ``report(path)`` writes the report, ``write(directory)`` ``diagnosis.json``, ``improved.yaml`` and ``report.html``; the
+    It stands for its ``machine``, the improved one, in every function that takes a machine.
+    ``report(path)`` writes the report, ``save(directory)`` ``diagnosis.json``, ``improved.yaml`` and ``report.html``; the
     constants are in ``after.to_frame()``.
     """
 
-    machine: Machine
+    internal = frozenset({"evidence", "evidence_anywhere", "terms"})
+
+    nominal: Machine
     recording: Recording
     verdict: str
     concealed: bool

@@ -243,7 +243,7 @@ def start_from(fit: Estimate, terms: Sequence[PlacedEffect]) -> Array:
     """Start of a fit with these effects: parameters and amplitudes of another fit, zero for effects that it has not."""
     known = {e.label: e.amplitudes for e in fit.fitted_effects()}
     amplitudes = [known.get(t.label, np.zeros(len(t.coefficients))) for t in terms]
-    return np.concatenate([fit.p[: len(fit.machine.parameters)], *amplitudes])
+    return np.concatenate([fit.p[: len(fit.nominal.parameters)], *amplitudes])
 
 
 def refined(machine: Machine, cat: Catalogue, accepted: Iterable[int]) -> Catalogue:

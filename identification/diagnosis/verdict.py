@@ -105,7 +105,7 @@ def _quiet(fits: Fits, found: Found, supported: Supported, choice: Choice) -> Di
     plain = choice.plain.against(choice.plain)
     places, anywhere = evidence(found, summary.inclusion)
     return Diagnosis(
-        machine=machine,
+        nominal=machine,
         recording=recording,
         verdict=verdict(summary, raised),
         concealed=False,

@@ -29,6 +29,7 @@ from truepose.identification.identifiability.note import Note
 from truepose.identification.identifiability.observability import Knowledge
 from truepose.identification.identifiability.patterns import Blind
 from truepose.identification.recording.recording import Recording
+from truepose.models.given import MachineLike, as_machine
 from truepose.models.machine import Machine
 from truepose.shown.result import Written, frame_of
 
@@ -82,7 +83,7 @@ class Drift(Written):
 
 
 def drift(
-    machine: Machine,
+    machine: MachineLike,
     recording: Recording,
     *,
     accuracy: Mapping[str, float] | None = None,
@@ -95,6 +96,7 @@ def drift(
     Raises InputError for fewer than two sessions and without a free parameter, ConvergenceError naming the
     parameters responsible.
     """
+    machine = as_machine(machine)
     machine = machine.with_effects(without_set_ups(machine.effects))
     prior = prior_of(machine, machine.effects)
     sessions, notes = sessions_of(machine, recording)

@@ -194,5 +194,5 @@ def _free_residual(fit: Estimate) -> tuple[float, int]:
 
 
 def _own(fit: Estimate) -> Check:
-    rms = rms_by_kind(fit.residual[fit.used], fit.machine.channels, fit.lost_among(fit.used))
-    return Check(rms, rms, fit.machine.residual_units, 1.0, True)
+    rms = rms_by_kind(fit.residual[fit.used], fit.nominal.channels, fit.lost_among(fit.used))
+    return Check(rms, rms, fit.nominal.residual_units, 1.0, True)

@@ -84,17 +84,17 @@ def judged_diagnosis(before: Estimate, after: Estimate, *, named: bool) -> Judge
 def _departures(fit: Estimate) -> tuple[tuple[str, float], ...]:
     """Constants beyond ``GROSS`` tolerances, farthest first. Frames count for nothing: where a base stands is no drawing's."""
     away = dict(zip(fit.prior.names, fit.in_tolerances.tolist(), strict=True))
-    tolerances = {p.name: p.tolerance for p in fit.machine.parameters}
+    tolerances = {p.name: p.tolerance for p in fit.nominal.parameters}
     for name, value in _constants(fit).items():
         away[name] += value / tolerances[name]
-    standing = {parameter.name for parameter in fit.machine.frames}
+    standing = {parameter.name for parameter in fit.nominal.frames}
     gross = [(name, abs(v)) for name, v in away.items() if abs(v) > GROSS and name not in standing]
     return tuple(sorted(gross, key=lambda item: -item[1]))
 
 
 def _constants(fit: Estimate) -> dict[str, float]:
     """Constants that were found wrong, and by how much (mm, rad)."""
-    tolerances = {p.name: p.tolerance for p in fit.machine.parameters}
+    tolerances = {p.name: p.tolerance for p in fit.nominal.parameters}
     found = [e for e in fit.fitted_effects() if e.effect.slug == CONSTANT and len(e.place) == 1]
     return {
         e.place[0]: e.values["value"] for e in found if 0.0 < tolerances.get(e.place[0], 0.0) < float("inf")
@@ -106,8 +106,8 @@ def _misfit(fit: Estimate) -> Misfit | None:
     expected = 1.0 + _allowed(fit) / max(fit.n_observations, 1)
     if not fit.chi2_per_dof > max(GROSS**2, expected):
         return None
-    units = fit.machine.residual_units
-    rms = rms_by_kind(fit.residual[fit.used], fit.machine.channels)
+    units = fit.nominal.residual_units
+    rms = rms_by_kind(fit.residual[fit.used], fit.nominal.channels)
     told = {kind: (value, units[kind]) for kind, value in rms.items()}
     return Misfit(told, float(np.sqrt(fit.chi2_per_dof)), float(np.sqrt(expected)))
 
@@ -115,11 +115,11 @@ def _misfit(fit: Estimate) -> Misfit | None:
 def _allowed(fit: Estimate) -> float:
     """Expected sum of squares, in sigmas, that constants of the drawing make when they vary by their tolerances."""
     total, steps = 0.0, fit.slopes
-    parameters = fit.machine.parameters
+    parameters = fit.nominal.parameters
     for column, k in enumerate(fit.prior.free):
         if (
             k < len(parameters)
-            and parameters[k] not in fit.machine.frames
+            and parameters[k] not in fit.nominal.frames
             and np.isfinite(parameters[k].tolerance)
         ):
             size = parameters[k].tolerance / fit.prior.scale[k]

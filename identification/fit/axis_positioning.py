@@ -38,7 +38,7 @@ class AxisTest:
 def axis_tests(fit: Estimate, recording: Recording) -> list[AxisTest]:
     """Of every slide that moves alone; none where there are too few targets or runs, or no side of arrival was logged."""
     out = []
-    for k, actuator in enumerate(fit.machine.mechanism.actuators):
+    for k, actuator in enumerate(fit.nominal.mechanism.actuators):
         # a standard's test states its sides: what the order of rows suggests is none
         side = recording.drivers.get(f"{APPROACH}.{actuator.reading}")
         if actuator.unit == "mm" and side is not None:
@@ -88,14 +88,14 @@ def _along(fit: Estimate, recording: Recording, rows: NDArray[np.intp]) -> Array
     """(k,) deviations of the readings along the axis, mm: of a distance, or of a position in the direction of the travel."""
     if len(rows) < TARGETS * 2 * RUNS:
         return None
-    off = -fit.residual[rows] * [channel.sigma for channel in fit.machine.channels]
+    off = -fit.residual[rows] * [channel.sigma for channel in fit.nominal.channels]
     if fit.lost is not None:
         off = np.where(fit.lost[rows], np.nan, off)
-    lengths = [k for k, channel in enumerate(fit.machine.channels) if channel.kind == "distance"]
+    lengths = [k for k, channel in enumerate(fit.nominal.channels) if channel.kind == "distance"]
     if lengths:
         return np.asarray(off[:, lengths[0]])
-    at = position_channels(fit.machine)
-    names = [fit.machine.channels[k].name for k in at or ()]
+    at = position_channels(fit.nominal)
+    names = [fit.nominal.channels[k].name for k in at or ()]
     if at is None or any(name not in recording.observations for name in names):
         return None
     read = np.column_stack([recording.observations[name][rows] for name in names])

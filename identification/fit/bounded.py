@@ -39,7 +39,7 @@ def coefficient_bounds(machine: Machine, effects: Sequence[PlacedEffect]) -> tup
 
 def beyond(fit: Estimate) -> Mask:
     """(np,) entries of p beyond their bounds."""
-    low, high = coefficient_bounds(fit.machine, fit.effects)
+    low, high = coefficient_bounds(fit.nominal, fit.effects)
     margin = ROUNDING * fit.prior.scale
     return np.asarray((fit.p < low - margin) | (fit.p > high + margin))
 
@@ -52,17 +52,17 @@ def within_bounds(fit: Estimate, recording: Recording, exclude: Mask) -> Estimat
     """
     if not beyond(fit).any():
         return fit
-    low, high = coefficient_bounds(fit.machine, fit.effects)
+    low, high = coefficient_bounds(fit.nominal, fit.effects)
     held, current = np.zeros(len(fit.p), dtype=bool), fit
     for _ in range(ROUNDS):
         start = _bounded_step(current, low, high)
         held |= np.isclose(start, low, rtol=0.0, atol=ROUNDING * fit.prior.scale) & np.isfinite(low)
         held |= np.isclose(start, high, rtol=0.0, atol=ROUNDING * fit.prior.scale) & np.isfinite(high)
         prior = fit.prior.with_sigma(np.where(held, 0.0, fit.prior.sigma))
-        current = estimate(fit.machine, recording, fit.effects, start=start, exclude=exclude, prior=prior)
+        current = estimate(fit.nominal, recording, fit.effects, start=start, exclude=exclude, prior=prior)
         if not beyond(current).any():
             break
-    predictor = Predictor(fit.machine, recording, fit.effects)
+    predictor = Predictor(fit.nominal, recording, fit.effects)
     problem = Problem(predictor, fit.prior, np.clip(current.p, low, high), current.used, slim=True)
     kept = result(problem, replace(current.solution, t=problem.nothing), fit.effects)
     return replace(kept, noise=fit.noise)

@@ -25,6 +25,7 @@ from truepose.identification.fit.absurd import Judgement, judged
 from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.bounds import Bounds, bounds_of
 from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, blame, estimate, result
+from truepose.identification.fit.fitted import Fitted
 from truepose.identification.fit.only import held_but, kept_covariance, prior_but
 from truepose.identification.fit.problem import Prior, Problem, prior_of
 from truepose.identification.fit.reading_errors import estimate_reading_errors
@@ -36,6 +37,7 @@ from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
+from truepose.models.given import MachineLike, as_machine
 from truepose.models.machine import Machine
 from truepose.shown.result import Written, frame_of
 from truepose.wording import meant
@@ -55,13 +57,16 @@ BIAS = "std is the estimator's 1-sigma with {} taken as known; its bias towards 
 
 
 @dataclass(frozen=True, repr=False)
-class Calibration(Written):
+class Calibration(Written, Fitted):
     """The fit, the free fit (None when it found no minimum), and what was fitted how.
 
     kept: what the machine file knows of what was held, where some constants alone were fitted.
 
-    ``report(path)`` writes the report, ``write(directory)`` ``calibrated.yaml``, ``fit.json`` and ``report.html``.
+    It stands for its ``machine``, the calibrated one, in every function that takes a machine. ``report(path)`` writes the
+    report, ``save(directory)`` ``calibrated.yaml``, ``fit.json`` and ``report.html``.
     """
+
+    internal = frozenset({"began", "kept"})
 
     fit: Estimate
     free: Estimate | None
@@ -91,7 +96,7 @@ class Calibration(Written):
 
 
 def calibrate(
-    machine: Machine,
+    machine: MachineLike,
     recording: Recording | Sources,
     *,
     estimator: str = "map",
@@ -112,6 +117,7 @@ def calibrate(
     together, for bounds that cannot be kept and for too few rows, ConvergenceError naming the parameters
     responsible.
     """
+    machine = as_machine(machine)
     biased = _checked(estimator, solver, scaling)
     recording = as_recording(machine, recording)
     machine = with_set_ups(held_but(machine, only) if only else machine, recording)

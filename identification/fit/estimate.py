@@ -24,6 +24,7 @@ from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
+from truepose.models.given import MachineLike, as_machine
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
@@ -49,7 +50,7 @@ FREE_TRIES = ((STUBBORN, 400),)
 
 
 def estimate(
-    machine: Machine,
+    machine: MachineLike,
     recording: Recording | Sources,
     effects: Sequence[PlacedEffect] = (),
     *,
@@ -73,6 +74,7 @@ def estimate(
     (``Estimate.noise``), where that is known; it decides what tolerances and expected sizes weigh beside them. Raises
     InputError for too few rows, ConvergenceError naming the parameters responsible.
     """
+    machine = as_machine(machine)
     recording = as_recording(machine, recording)
     predictor = predictor or Predictor(machine, recording, effects, visits=FIT)
     prior = prior or prior_of(machine, effects)
@@ -121,7 +123,8 @@ def result(problem: Problem, solution: Solution, effects: tuple[PlacedEffect, ..
     columns = len(problem.nothing) + 1
     parts = triangular_parts(problem.data(p, x), columns, groups)
     return Estimate(
-        machine=problem.predictor.machine,
+        nominal=problem.predictor.machine,
+        recording=problem.predictor.recording,
         effects=effects,
         prior=problem.prior,
         p=p,

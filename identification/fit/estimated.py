@@ -10,15 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.fit.decomposition import Decomposition, moved_by
+from truepose.identification.fit.fitted import Fitted
 from truepose.identification.fit.leastsquares import Solution
 from truepose.identification.fit.noise import Scatter, channel_groups
 from truepose.identification.fit.problem import Prior
 from truepose.identification.fit.relinearised import Shrunk
 from truepose.identification.fit.turn import Turn, Turned
 from truepose.identification.prediction.sensor_rows import Block
+from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
-from truepose.shown.result import Shown, frame_of
+from truepose.shown.result import frame_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -29,16 +31,24 @@ UNKNOWN = 1e15
 
 
 @dataclass(frozen=True, repr=False)
-class Estimate(Shown):
+class Estimate(Fitted):
     """Result of a fit.
 
-    p (np,) parameters then effect coefficients, x (n, nx) passive coordinates, residual (n, m) whitened by
-    sigma (NaN where a row cannot be assembled), used (n,) rows that were fitted, weights (n,) of the robust
-    loss, factor: triangular factor of [J r] of the readings, columns scaled by ``prior.scale`` and restricted
-    to ``prior.free``, or by the fewer steps of long series that were solved for (``turn``).
+    nominal: the machine that the fit started from, with the values of its file; recording: its rows. p (np,) parameters then
+    effect coefficients, x (n, nx) passive coordinates, residual (n, m) whitened by sigma (NaN where a row cannot be
+    assembled), used (n,) rows that were fitted, weights (n,) of the robust loss, factor: triangular factor of [J r] of the
+    readings, columns scaled by ``prior.scale`` and restricted to ``prior.free``, or by the fewer steps of long series that
+    were solved for (``turn``).
     """
 
-    machine: Machine
+    internal = frozenset({
+        "by_steps", "covariance_among", "decomposition", "factor", "known", "levels", "lost", "lost_among",
+        "parts", "posterior", "posterior_among", "prior_weight", "root", "scatter", "shrunk", "slopes", "solution", "turn",
+        "weights", "x",
+    })  # fmt: skip
+
+    nominal: Machine
+    recording: Recording
     effects: tuple[PlacedEffect, ...]
     prior: Prior
     p: Array
@@ -107,7 +117,7 @@ class Estimate(Shown):
         residual = self.residual[self.used]
         groups, taken = [list(range(residual.shape[1]))], [self.effective_parameters]
         if len(self.parts) > 1 and self.shrunk is None:
-            groups = list(channel_groups(self.machine).values())
+            groups = list(channel_groups(self.nominal).values())
             taken = [self.decomposition.share(part[:, :-1]) for part in self.parts]
         levels = [self.levels * len(at) / residual.shape[1] for at in groups]
         used = [a + b for a, b in zip(taken, levels, strict=True)]
@@ -198,8 +208,8 @@ class Estimate(Shown):
     @property
     def in_tolerances(self) -> Array:
         """(np,) (estimate - nominal) / drawing tolerance; 0 where the tolerance is zero or infinite."""
-        nominal = np.array([p.nominal for p in self.machine.parameters])
-        tolerance = np.array([p.tolerance for p in self.machine.parameters])
+        nominal = np.array([p.nominal for p in self.nominal.parameters])
+        tolerance = np.array([p.tolerance for p in self.nominal.parameters])
         ok = (tolerance > 0) & np.isfinite(tolerance)
         out = np.zeros(len(self.p))
         out[: len(ok)][ok] = (self.p[: len(ok)][ok] - nominal[ok]) / tolerance[ok]
@@ -220,7 +230,7 @@ class Estimate(Shown):
 
     def fitted_effects(self) -> tuple[PlacedEffect, ...]:
         """The effects with their estimated coefficients."""
-        offset, out = len(self.machine.parameters), []
+        offset, out = len(self.nominal.parameters), []
         for effect in self.effects:
             size = len(effect.coefficients)
             out.append(effect.with_values(self.p[offset : offset + size].tolist()))

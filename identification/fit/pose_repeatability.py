@@ -35,10 +35,10 @@ class PoseTest:
 
 def pose_test(fit: Estimate, recording: Recording) -> PoseTest | None:
     """By the model of a fit; None where no pose has enough visits, or no sensor reads a position."""
-    axes = position_channels(fit.machine)
+    axes = position_channels(fit.nominal)
     if axes is None:
         return None
-    off = fit.residual[:, axes] * [fit.machine.channels[k].sigma for k in axes]
+    off = fit.residual[:, axes] * [fit.nominal.channels[k].sigma for k in axes]
     known = np.isfinite(off).all(axis=1)
     if fit.lost is not None:
         known &= ~fit.lost[:, axes].any(axis=1)

@@ -52,7 +52,7 @@ def revisits(fit: Estimate, recording: Recording) -> Revisits | None:
         return None
     pairs = pairs[apart <= 2.0 * np.sort(apart)[FEWEST - 1]]
     first, second = rows[pairs[:, 0]], rows[pairs[:, 1]]
-    lost, channels = fit.lost, fit.machine.channels
+    lost, channels = fit.lost, fit.nominal.channels
     gone = None if lost is None else lost[first] | lost[second]
     difference = (fit.residual[first] - fit.residual[second]) / np.sqrt(2.0)
     both = np.concatenate([fit.residual[first], fit.residual[second]])
@@ -88,7 +88,7 @@ def _pairs(q: Array, order: Index) -> tuple[Index, Array]:
 
 def _apart(fit: Estimate, difference: Array) -> dict[str, float]:
     """Largest difference over pairs, of joints that turn and of those that slide."""
-    mechanism = fit.machine.mechanism
+    mechanism = fit.nominal.mechanism
     units = {a.reading: a.unit for a in mechanism.actuators}
     out = dict[str, float]()
     for name, unit in (("turn", "rad"), ("slide", "mm")):

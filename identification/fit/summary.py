@@ -59,7 +59,7 @@ def worst_allowed(fit: Estimate) -> float:
     """
     free = fit.prior.free
     tolerance = fit.prior.sigma[free]
-    known = np.isfinite(tolerance) & (free < len(fit.machine.parameters))
+    known = np.isfinite(tolerance) & (free < len(fit.nominal.parameters))
     if not known.any():
         return float("inf")
     scaled = fit.posterior_among(known) / np.outer(tolerance[known], tolerance[known])
@@ -71,7 +71,7 @@ def worst_allowed(fit: Estimate) -> float:
 
 def summarise(fit: Estimate, validation: NDArray[np.bool_]) -> FitSummary:
     """All figures of one fit; ``validation`` (n,) are the rows that are never fitted."""
-    channels = fit.machine.channels
+    channels = fit.nominal.channels
     rows = validation & np.isfinite(fit.residual).all(axis=1)
     away = np.abs(fit.in_tolerances)
     return FitSummary(

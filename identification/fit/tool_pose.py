@@ -82,9 +82,9 @@ def calibrated_pose(fit: Estimate, recording: Recording, than: str = "the drawin
 
     None where no sensor reads points of the tool.
     """
-    predictor = Predictor(fit.machine, recording, fit.effects)
+    predictor = Predictor(fit.nominal, recording, fit.effects)
     p = fit.p.copy()
-    count = len(fit.machine.parameters)
+    count = len(fit.nominal.parameters)
     p[:count] = predictor.model.p_home[:count]
     p[count:] = np.where(fit.prior.sigma[count:] > 0.0, 0.0, fit.p[count:])  # what is held was there before
     x, good = predictor.assemble(p, fit.x)

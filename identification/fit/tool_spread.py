@@ -55,7 +55,7 @@ def tool_spread(fit: Estimate, recording: Recording, rows: Rows, q: Array | None
         part = replace(part, from_row=part.rows)  # where the tool is depends on no other row
     if q is not None:
         part = replace(part, q=frozen(np.array(q)))
-    predictor = Predictor(fit.machine, part, fit.effects)
+    predictor = Predictor(fit.nominal, part, fit.effects)
     x, good = predictor.assemble(fit.p, fit.x[rows])
     predictor, x = predictor.of_rows(np.flatnonzero(good)), x[good]
     pose, twist = predictor.twists(fit.p, x)
@@ -102,7 +102,7 @@ def _spread(slopes: Array, root: Array) -> Array:
 
 def _own(fit: Estimate) -> float:
     """Variance of a position, over its three axes, that no parameter explains, mm^2."""
-    left = unexplained(fit.machine, fit.residual[fit.used], fit.effective_parameters)
+    left = unexplained(fit.nominal, fit.residual[fit.used], fit.effective_parameters)
     return sum(
         3.0 * size**2 for kind, (size, unit) in left.items() if kind.endswith(".position") and unit == "mm"
     )
@@ -112,7 +112,7 @@ def workspace(fit: Estimate, recording: Recording) -> tuple[ToolSpread, NDArray[
     """Over what the joints covered in the recording, and over the ranges that the machine file states; which poses (n,) lie
     within what was covered."""
     low, high = recording.q.min(axis=0), recording.q.max(axis=0)
-    ranges = [a.range for a in fit.machine.mechanism.actuators]
+    ranges = [a.range for a in fit.nominal.mechanism.actuators]
     first = np.array([low[k] if r is None else min(r[0], low[k]) for k, r in enumerate(ranges)])
     last = np.array([high[k] if r is None else max(r[1], high[k]) for k, r in enumerate(ranges)])
     share = _spread_evenly(SAMPLES, len(low))

@@ -18,15 +18,17 @@ from typing import Any
 import numpy as np
 
 from truepose.errors import InputError
+from truepose.files import atomic_write_text
 from truepose.identification.fit.absurd import Judgement, judged
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.noise import unexplained
+from truepose.identification.fit.read_back import read_back
 from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.recording.recording import Recording
 from truepose.models.driver import MEASURED_LOADS, ROW, DeclaredDriver, Driver
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine, Mass
-from truepose.models.machine_file import ExpectedPose, write_machine
+from truepose.models.machine_file import ExpectedPose, machine_text
 from truepose.models.mechanism import AXES, Direction
 from truepose.models.parameters import Parameter
 from truepose.models.units import UnitSystem, convert
@@ -45,9 +47,24 @@ def write_calibrated(
     """Write the calibrated machine, whole or not at all; one that may not be called so says it first.
 
     ``judgement``: of the whole work where there is more than this fit; ``kept``: what was known before of what it held.
+    Raises ReadBackError, and writes nothing, where the text would not be read as the machine that was fitted.
     """
+    atomic_write_text(path, calibrated_text(path, estimate, recording, pose, judgement, kept)[0])
+
+
+def calibrated_text(
+    path: Path | str,
+    estimate: Estimate,
+    recording: Recording,
+    pose: ExpectedPose | None = None,
+    judgement: Judgement | None = None,
+    kept: Covariance | None = None,
+) -> tuple[str, Machine]:
+    """Return what ``write_calibrated`` writes, and the machine that is read from it as from the file ``path``."""
     found = judged(estimate) if judgement is None else judgement
-    write_machine(path, calibrated_document(estimate, recording, pose, found.why, kept), found.refusal)
+    known = known_of(estimate, recording, kept)
+    text = machine_text(calibrated_document(estimate, recording, pose, found.why, kept, known), found.refusal)
+    return text, read_back(text, Path(path), estimate, known, recording)
 
 
 def calibrated_document(
@@ -56,14 +73,15 @@ def calibrated_document(
     pose: ExpectedPose | None = None,
     refused: Sequence[str] = (),
     kept: Covariance | None = None,
+    known: Covariance | None = None,
 ) -> dict[str, Any]:
     """The machine file of a fit, as a document of its own: nothing is shared with the machine's.
 
     ``pose``: what the fit is worth to the tool, where that was judged; ``refused``: why it may not be called a calibration;
-    ``kept``: what was known before of what it held.
+    ``kept``: what was known before of what it held; ``known``: ``known_of`` the same, where it was worked out already.
     Raises InputError when the machine has no file or a parameter stands nowhere in it.
     """
-    machine = estimate.machine
+    machine = estimate.nominal
     if machine.file is None:
         raise InputError(f"{machine.name}: found a machine without a file, expected one read by load_machine")
     document: dict[str, Any] = _unshared(machine.file.raw)
@@ -80,8 +98,7 @@ def calibrated_document(
     if estimate.effects:
         document["effects"] = _effect_entries(estimate, kept)
         _declare_drivers(document, estimate)
-    known = replace(covariance_of(estimate), seen=_seen(estimate, recording))
-    document["covariance"] = (known if kept is None else known.beside(kept)).document()
+    document["covariance"] = (known or known_of(estimate, recording, kept)).document()
     drawing = machine.file.nominal
     document["nominal"] = {p.name: float(drawing.get(p.name, p.nominal)) for p in free}
     document["sessions"] = list(recording.sessions)
@@ -97,6 +114,12 @@ def _pose_error(pose: ExpectedPose) -> dict[str, Any]:
     return {**said, "unit": "mm", "rows": pose.rows}
 
 
+def known_of(estimate: Estimate, recording: Recording, kept: Covariance | None = None) -> Covariance:
+    """Return the covariance that the file holds: of the estimates, together with what was kept."""
+    known = replace(covariance_of(estimate), seen=_seen(estimate, recording))
+    return known if kept is None else known.beside(kept)
+
+
 def covariance_of(estimate: Estimate) -> Covariance:
     """What readings and tolerances together know of the free entries, and what the model leaves unexplained."""
     free = estimate.prior.free
@@ -104,7 +127,7 @@ def covariance_of(estimate: Estimate) -> Covariance:
     if not names:
         return Covariance.of_tolerances(names, scale)
     known = Covariance.of(names, scale, estimate.root, estimate.known.unknown)
-    own = unexplained(estimate.machine, estimate.residual[estimate.used], estimate.effective_parameters)
+    own = unexplained(estimate.nominal, estimate.residual[estimate.used], estimate.effective_parameters)
     return replace(known, unexplained=own)
 
 
@@ -222,7 +245,7 @@ def _effect_entries(estimate: Estimate, kept: Covariance | None) -> list[dict[st
 
 def _declare_drivers(document: dict[str, Any], estimate: Estimate) -> None:
     """What effects read and the file does not name is declared from now on: columns that were tried, torques and currents."""
-    machine = estimate.machine
+    machine = estimate.nominal
     named = {d.name for d in machine.file.drivers} if machine.file else set()
     named |= {
         d.name for d in machine.declared_drivers if d.column or d.absent is not None
@@ -266,4 +289,11 @@ def _unshared(value: Any) -> Any:
     return value
 
 
-__all__ = ["calibrated_document", "covariance_of", "effect_entry", "in_file_units", "write_calibrated"]
+__all__ = [
+    "calibrated_document",
+    "calibrated_text",
+    "covariance_of",
+    "effect_entry",
+    "in_file_units",
+    "write_calibrated",
+]

@@ -36,7 +36,7 @@ def kept(diagnosis: Diagnosis) -> dict[str, Any]:
     same mean in ``unit``; ``anywhere``: by effect the same five numbers, of any of its places; ``parameters``: by name what
     the readings alone say, [deviation, std] in tolerances, and its class of parts.
     """
-    machine = diagnosis.machine
+    machine = diagnosis.nominal
     return {
         "schema": KEPT,
         "machine": machine.name,
@@ -83,8 +83,8 @@ def _parameters(fit: Estimate) -> dict[str, list[float | str]]:
 
     A fit is N(m, v) from a prior N(0, w) and the readings' N(x, e): 1 / e = 1 / v - 1 / w, x = m e / v (variances).
     """
-    free = [k for k in fit.prior.free if k < len(fit.machine.parameters)]
-    tolerance = {k: fit.machine.parameters[k].tolerance for k in free}
+    free = [k for k in fit.prior.free if k < len(fit.nominal.parameters)]
+    tolerance = {k: fit.nominal.parameters[k].tolerance for k in free}
     at = [k for k in free if 0.0 < tolerance[k] < np.inf]
     if not at:
         return {}

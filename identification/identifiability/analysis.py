@@ -32,7 +32,7 @@ from truepose.identification.identifiability.poses import SEED, Seen, drawn_pose
 from truepose.identification.identifiability.subset import Columns, Subset, independent_subset
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
-from truepose.models.machine import Machine
+from truepose.models.given import MachineLike, as_machine
 from truepose.shown.result import Shown, frame_of
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ class Identifiability(Shown):
 
 
 def identifiability(
-    machine: Machine,
+    machine: MachineLike,
     recording: Recording | None = None,
     *,
     poses: int = DRAWN_POSES,
@@ -120,6 +120,7 @@ def identifiability(
     of wide tolerance stands. Raises InputError where a joint has no range to draw from, where nothing is free,
     and when no row can be assembled.
     """
+    machine = as_machine(machine)
     rows = drawn_poses(machine, poses, seed) if recording is None else recording
     machine = with_set_ups(machine, rows)
     predictor = with_observations(machine, rows)

@@ -43,7 +43,7 @@ class Knowledge:
     @classmethod
     def of(cls, fit: Estimate) -> Knowledge:
         """What a fit knows."""
-        units = fit.machine.with_effects(fit.effects).parameter_units
+        units = fit.nominal.with_effects(fit.effects).parameter_units
         return cls.at(fit.prior, units, fit.p, fit.decomposition)
 
     @classmethod

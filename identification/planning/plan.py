@@ -22,6 +22,7 @@ from truepose.identification.planning.exchange import Pool, exchange
 from truepose.identification.planning.information import PoseInformation, Poses
 from truepose.identification.planning.rounding import rounded
 from truepose.identification.planning.supply import Supply
+from truepose.models.given import MachineLike, as_machine
 from truepose.models.machine import Machine
 from truepose.shown.result import Shown, frame_of
 
@@ -93,7 +94,7 @@ class Plan(Shown):
 
 
 def plan(
-    machine: Machine,
+    machine: MachineLike,
     n: int,
     *,
     method: str = "continuous",
@@ -110,6 +111,7 @@ def plan(
     changes count from the pose before. Raises InputError where ranges are missing, too few poses can be
     assembled or n is too small for the criterion.
     """
+    machine = as_machine(machine)
     judged = _checked(n, method, criterion, candidates)
     information = PoseInformation(machine)
     progress("looking at candidates")

@@ -15,6 +15,7 @@ from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.table import read_table
 from truepose.models.effects.base import PlacedEffect
+from truepose.models.given import MachineLike, as_machine
 from truepose.models.machine import Machine
 from truepose.models.units import convert
 
@@ -22,13 +23,18 @@ Array = NDArray[np.float64]
 
 
 def simulate(
-    machine: Machine, poses: Recording | Sources, extra: Sequence[PlacedEffect] = (), *, seed: int | None = 0
+    machine: MachineLike,
+    poses: Recording | Sources,
+    extra: Sequence[PlacedEffect] = (),
+    *,
+    seed: int | None = 0,
 ) -> pd.DataFrame:
     """The sensor's columns for every row of ``poses`` (a path, a DataFrame or a dict, too), in the machine file's units.
 
     Noise is the instrument's, drawn from ``seed``; None leaves it out. Raises InputError naming the first row
     that cannot be assembled, and a column of labels that a sensor without readings needs.
     """
+    machine = as_machine(machine)
     poses = as_recording(machine, poses, need_observations=False)
     _check_labels(machine, poses)
     predictor = predictor_for(machine.with_effects((*machine.effects, *extra)), poses)

@@ -18,7 +18,7 @@ def before_after_words(diagnosis: Diagnosis) -> list[str]:
     """Return a line for each kind of reading: ``position: 0.438 mm with the ordinary fit, 0.51 mm held to the drawing, 0.115 mm
     after on held-out rows``."""
     fits = [diagnosis.fits[name] for name in ("free", "before", "after")]
-    units = diagnosis.machine.residual_units
+    units = diagnosis.nominal.residual_units
     held = all(fit.validation_rms is not None for fit in fits)
     rms = [(fit.validation_rms if held else fit.rms) or {} for fit in fits]
     where = HELD_OUT if held else "on the fitted rows"

@@ -69,7 +69,7 @@ def all_curves(
     diagnosis: Diagnosis, findings: Sequence[Finding], rows: NDArray[np.intp] | None = None
 ) -> list[list[Curve]]:
     """The same of several findings, whose readings are evaluated once for all of them, in some ``rows`` or in all."""
-    known, machine, fit = set(diagnosis.after.prior.names), diagnosis.machine, diagnosis.after
+    known, machine, fit = set(diagnosis.after.prior.names), diagnosis.nominal, diagnosis.after
     drawn: dict[int, tuple[list[PlacedEffect], Formula, list[str]]] = {}
     for k, finding in enumerate(findings[:MANY]):
         terms = terms_of(diagnosis, finding)
@@ -95,7 +95,7 @@ def _worth(shift: PortShift) -> float:
 
 
 def _curve(diagnosis: Diagnosis, terms: Sequence[PlacedEffect], found: Formula, shift: PortShift) -> Curve:
-    machine, expression = diagnosis.machine, found.shifts[shift.port]
+    machine, expression = diagnosis.nominal, found.shifts[shift.port]
     readings = [name for name, symbol in found.q.items() if ca.depends_on(expression, symbol)]
     scale, unit = finer(
         float(np.nanmax(np.abs(shift.fitted), initial=0.0)) or 1.0, machine.unit_of(shift.port)
@@ -157,7 +157,7 @@ def _evaluated(
     def value(q: Array) -> Array:
         return values(q[:, None], found.amplitudes)[0].ravel()
 
-    period = _period(diagnosis.machine, terms, reading, value)
+    period = _period(diagnosis.nominal, terms, reading, value)
     if not np.ptp(measured) > FOLDED * period:
         period = float("inf")
     x = np.linspace(measured.min(), min(measured.max(), measured.min() + period), POINTS)
@@ -169,14 +169,14 @@ def _evaluated(
     at = [place[names[k]] for k in free]
     own = slopes[:, free]
     std = np.sqrt(np.maximum(np.einsum("nk,kl,nl->n", own, fit.covariance_among(np.array(at)), own), 0.0))
-    factor, _ = reading_unit(diagnosis.machine, reading)
+    factor, _ = reading_unit(diagnosis.nominal, reading)
     return Curve(factor * x, scale * y, scale * std, measured, "", ""), factor * period
 
 
 def _driver(diagnosis: Diagnosis, terms: Sequence[PlacedEffect], shift: PortShift) -> Column | None:
     """The logged driver that a shift follows most, or the load that it carries; None where joints drive it."""
     logged = [Driver.of(name).now.name for term in terms for name in term.drivers]
-    columns = [column_of(diagnosis.machine, diagnosis.recording, name) for name in dict.fromkeys(logged)]
+    columns = [column_of(diagnosis.nominal, diagnosis.recording, name) for name in dict.fromkeys(logged)]
     driven = [column for column in columns if column is not None and np.ptp(column.values) > 0]
     if driven:
         return max(driven, key=lambda c: _goes_with(c.values, shift.fitted))
@@ -186,12 +186,12 @@ def _driver(diagnosis: Diagnosis, terms: Sequence[PlacedEffect], shift: PortShif
 def _load(diagnosis: Diagnosis, port: str) -> Column | None:
     """Gravity's load at a port in each row."""
     fit = diagnosis.after
-    predictor = Predictor(diagnosis.machine, diagnosis.recording, fit.effects, ports=True)
+    predictor = Predictor(diagnosis.nominal, diagnosis.recording, fit.effects, ports=True)
     p = np.concatenate([fit.p, np.zeros(len(predictor.model.names) - len(fit.p))])
     values = predictor.loads_at([port], p, fit.x).get(port)
     if values is None or not np.ptp(values) > 0:
         return None
-    unit = "N" if diagnosis.machine.unit_of(port) == "mm" else "N·m"
+    unit = "N" if diagnosis.nominal.unit_of(port) == "mm" else "N·m"
     return Column(port, f"load [{unit}]", values)
 
 

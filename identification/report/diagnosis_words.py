@@ -76,7 +76,7 @@ def several(count: int, one: str) -> str:
 
 def headline(diagnosis: Diagnosis, *, brief: bool = False) -> tuple[str, Tone]:
     """The verdict in one sentence, and its tone; ``brief``: without what the misfit speaks for."""
-    model = f"The model of {diagnosis.machine.name}"
+    model = f"The model of {diagnosis.nominal.name}"
     misfit = "" if brief else misfit_clause(diagnosis)
     if diagnosis.verdict == "missing-physics" and diagnosis.findings:
         return f"{model} {joined(_faults(diagnosis.findings))}{misfit}.", "warn"

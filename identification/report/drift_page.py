@@ -70,7 +70,7 @@ def drift_html(found: Drift, cautions: Sequence[str] = ()) -> str:
         sections.append(Section("notes", "Notes", [Items(notes)]))
     tone: Tone = "warn" if found.moved else "good"
     if found.recording is not None and found.fits:
-        sections.append(origin_section(found.fits[0].machine, found.recording, "drift"))
+        sections.append(origin_section(found.fits[0].nominal, found.recording, "drift"))
     title = f"truepose: drift of {found.machine}"
     opening = _opening(found)
     return render.html(Document(title, headline(found), tone, facts, sections, cautions, opening))
@@ -87,7 +87,7 @@ def _opening(found: Drift) -> Opening:
     if not found.fits or found.recording is None:
         return Opening(gains, lists)
     fit = found.fits[0]
-    machine, files = file_name(fit.machine), recording_names(found.recording.files)
+    machine, files = file_name(fit.nominal), recording_names(found.recording.files)
     steps = [
         Command(f"truepose calibrate {machine} {files.split()[-1]} -o fit", "Calibrate on the last session:")
     ]

@@ -16,12 +16,11 @@ from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.tool_pose import calibrated_pose
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.report import pages
-from truepose.identification.report.applied_words import expected_pose
 from truepose.identification.report.check_words import caution, checked
 from truepose.identification.report.drift_page import drift_html
 from truepose.identification.report.drift_words import drift_json
+from truepose.identification.report.fitted import file_of
 from truepose.identification.report.json_text import json_text
-from truepose.identification.report.judgement_words import diagnosis_judgement
 from truepose.identification.report.results import calibration_json, diagnosis_json
 from truepose.identification.report.row_words import far_row_words
 from truepose.models.machine_file import ExpectedPose
@@ -142,8 +141,7 @@ def _calibration_files(
 def _diagnosis_files(result: Diagnosis, partial: Path, check: Check | None) -> None:
     found = {} if check is None else checked(check)
     atomic_write_text(partial / "diagnosis.json", json_text({**diagnosis_json(result), **found}))
-    pose, judgement = expected_pose(result.applied), diagnosis_judgement(result)
-    write_calibrated(partial / "improved.yaml", result.after, result.recording, pose, judgement)
+    write_calibrated(partial / "improved.yaml", **file_of(result))
 
 
 def write_drift(result: Drift, output: Path, check: Check | None = None) -> list[str]:

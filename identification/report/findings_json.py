@@ -88,7 +88,7 @@ def _row_finding(diagnosis: Diagnosis, slug: str, rows: Sequence[int], more: str
         "flip_lambda": None,
         "family": None,
         "replication": None,
-        "explanation": effect.explain(diagnosis.machine, place) + more,
+        "explanation": effect.explain(diagnosis.nominal, place) + more,
         "separating_experiment": effect.experiment,
     }
 

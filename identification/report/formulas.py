@@ -63,12 +63,12 @@ def formula(machine: Machine, terms: Sequence[PlacedEffect]) -> Formula | None:
 
 def coupling_matrix(diagnosis: Diagnosis, finding: Finding) -> tuple[list[str], Array] | None:
     """Ports, and (ports, readings) shift a unit of reading at mid-range; None with fewer than two ports of each."""
-    found = formula(diagnosis.machine, terms_of(diagnosis, finding))
+    found = formula(diagnosis.nominal, terms_of(diagnosis, finding))
     if found is None or len(found.shifts) < 2 or not found.plain:
         return None
     readings = ca.vertcat(*found.q.values())
     slope = ca.jacobian(ca.vertcat(*found.shifts.values()), readings)
-    middle = np.array([np.mean(a.range) if a.range else 0.0 for a in diagnosis.machine.mechanism.actuators])
+    middle = np.array([np.mean(a.range) if a.range else 0.0 for a in diagnosis.nominal.mechanism.actuators])
     value = np.array(
         ca.Function("slope", [readings, found.coefficients], [slope])(middle, found.amplitudes).full()
     )

@@ -67,9 +67,9 @@ def frame(result: object) -> pd.DataFrame:
 
 @frame.register
 def _(found: Estimate) -> pd.DataFrame:
-    drawing = {p.name: drawing_of(found.machine).get(p.name, p.nominal) for p in found.machine.parameters}
-    tolerance = {p.name: p.tolerance for p in found.machine.parameters}
-    units, seen = found.machine.with_effects(found.effects).parameter_units, identifiable(found)
+    drawing = {p.name: drawing_of(found.nominal).get(p.name, p.nominal) for p in found.nominal.parameters}
+    tolerance = {p.name: p.tolerance for p in found.nominal.parameters}
+    units, seen = found.nominal.with_effects(found.effects).parameter_units, identifiable(found)
     away, std, open_ended = found.in_tolerances, found.std, unbounded(found)
     rows = [
         (

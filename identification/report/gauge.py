@@ -113,7 +113,7 @@ def _axes(rows: Array, names: Sequence[str], frame: str) -> str:
 def weak_words(fit: Estimate) -> list[str]:
     """Parameters about which the readings say little more than the drawing did."""
     sigma, std = fit.prior.sigma, fit.std
-    free = [int(k) for k in fit.prior.free if np.isfinite(sigma[k]) and k < len(fit.machine.parameters)]
+    free = [int(k) for k in fit.prior.free if np.isfinite(sigma[k]) and k < len(fit.nominal.parameters)]
     weak = [fit.prior.names[k] for k in free if std[k] > UNTOUCHED * sigma[k]]
     if not weak:
         return ["Every parameter is known better than its drawing said."]

@@ -11,7 +11,7 @@ def terms_of_fit(fit: Estimate) -> tuple[Said, ...]:
     """TPOINT's terms of a fit; none where the machine is no mount."""
     values = dict(zip(fit.prior.names, fit.p.tolist(), strict=True))
     std = dict(zip(fit.prior.names, fit.std.tolist(), strict=True))
-    return said_terms(fit.machine, fit.effects, values, std)
+    return said_terms(fit.nominal, fit.effects, values, std)
 
 
 def mount_words(fit: Estimate) -> list[str]:

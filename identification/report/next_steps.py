@@ -16,7 +16,7 @@ NEXT = "next: "
 
 def after_diagnosis(diagnosis: Diagnosis, output: Path, *, calibrated: bool) -> list[str]:
     """At most three lines: what decides between explanations, what uses the result, or what to look at first."""
-    machine = diagnosis.machine
+    machine = diagnosis.nominal
     if not calibrated:
         return [_check(machine)]
     out: list[str] = []

@@ -64,8 +64,8 @@ def held_out_notes(fit: Estimate, recording: Recording) -> list[str]:
     others = recording.validation & ~wild & np.isfinite(fit.residual).all(axis=1)
     if not wild.any():
         return []
-    left = rms_by_kind(fit.residual[others], fit.machine.channels, fit.lost_among(others))
-    units = fit.machine.residual_units
+    left = rms_by_kind(fit.residual[others], fit.nominal.channels, fit.lost_among(others))
+    units = fit.nominal.residual_units
     said = joined(f"{measure(value, units[kind])} ({kind})" for kind, value in left.items())
     return [
         f"as far off as rows that a fit leaves out: {int(wild.sum())} of the {int(recording.validation.sum())} rows held out;"
@@ -78,7 +78,7 @@ def repeat_notes(fit: Estimate, recording: Recording) -> list[str]:
     seen = revisits(fit, recording)
     if seen is None:
         return []
-    units = fit.machine.residual_units
+    units = fit.nominal.residual_units
 
     def told(values: Mapping[str, float]) -> str:
         return joined(f"{measure(value, units[kind])} ({kind})" for kind, value in values.items())
@@ -93,7 +93,7 @@ def repeat_notes(fit: Estimate, recording: Recording) -> list[str]:
 
 def driver_notes(found: Diagnosis) -> list[str]:
     """Which columns were tried as drivers, and which could be."""
-    names, untried = tried(found.machine), found.recording.untried
+    names, untried = tried(found.nominal), found.recording.untried
     said = []
     if names:
         price = f": each has 1/{len(names)} of the prior of a driver" if len(names) > 1 else ""

@@ -40,7 +40,7 @@ def diagnosis_opening(diagnosis: Diagnosis) -> Opening:
     ratio = diagnosis.proof.ratio if diagnosis.proof is not None else math.nan
     gains = [
         *_applied_gain(diagnosis.applied),
-        *gains_of(diagnosis.machine, before if two else None, after, diagnosis.noise, ratio),
+        *gains_of(diagnosis.nominal, before if two else None, after, diagnosis.noise, ratio),
     ]
     fit = diagnosis.after if two else None
     scene = scene_of(
@@ -187,7 +187,7 @@ def _few(texts: Sequence[str], where: str, most: int = MOST) -> list[str]:
 
 def _steps(diagnosis: Diagnosis) -> list[Command | Text]:
     """What decides between explanations, what uses the result, or what to look at first."""
-    machine = file_name(diagnosis.machine)
+    machine = file_name(diagnosis.nominal)
     files = recording_names(diagnosis.recording.files)
     if not diagnosis_judgement(diagnosis).calibrated:
         return [
@@ -227,7 +227,7 @@ def calibration_opening(
 ) -> Opening:
     """Of a calibration; the scene is added by the page."""
     fit = calibration.fit
-    machine, files = file_name(fit.machine), recording_names(calibration.recording.files)
+    machine, files = file_name(fit.nominal), recording_names(calibration.recording.files)
     check = Command(f"truepose check {machine} {files}", "Look for wrong units, signs, orders and frames:")
     apply = Command("truepose codegen calibrated.yaml -o controller", "Apply calibrated.yaml, as C:")
     find = Command(f"truepose diagnose {machine} {files} -o diagnosis", "Find what the model leaves out:")
@@ -244,7 +244,7 @@ def calibration_opening(
     if warnings:
         lists.append(Items(list(warnings[:MOST]), title="Rows that do not fit", tone="warn"))
     worth = [] if pose is None else [_worth(pose)]
-    return Opening([*worth, *gains_of(fit.machine, None, summary)], lists, steps)
+    return Opening([*worth, *gains_of(fit.nominal, None, summary)], lists, steps)
 
 
 def _applied_gain(applied: Applied | None) -> list[Gain]:

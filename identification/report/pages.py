@@ -73,7 +73,7 @@ def calibration_html(
 
 
 def _diagnosis_document(diagnosis: Diagnosis, truth: Mapping[str, Any] | None) -> Document:
-    machine, recording = diagnosis.machine, diagnosis.recording
+    machine, recording = diagnosis.nominal, diagnosis.recording
     rows = picked(len(recording), series_of(machine, recording, len(diagnosis_fits(diagnosis))))
     parts = [
         findings_section(diagnosis, rows),
@@ -111,7 +111,7 @@ def _calibration_document(
     calibration: Calibration, warnings: Sequence[str], pose: ExpectedPose | None
 ) -> Document:
     estimate, free, recording = calibration.fit, calibration.free, calibration.recording
-    machine = estimate.machine
+    machine = estimate.nominal
     fits = {"calibrated": estimate} if free is None else {"free": free, "calibrated": estimate}
     summaries = {key: summarise(fit, recording.validation) for key, fit in fits.items()}
     own = summaries["calibrated"]

@@ -52,7 +52,7 @@ def all_port_shifts(
     """
     if not wanted:
         return []
-    predictor = Predictor(fit.machine, recording, fit.effects, ports=True)
+    predictor = Predictor(fit.nominal, recording, fit.effects, ports=True)
     p = np.concatenate([fit.p, np.zeros(len(predictor.model.names) - len(fit.p))])
     groups = [_Group.of(predictor, fit, terms, ports) for terms, ports in wanted]
     for own, residual, jacobian in _blocks(predictor, fit, p, rows):
@@ -88,7 +88,7 @@ class _Group:
     def take(self, rows: Rows, residual: Array, jacobian: Array, p: Array) -> None:
         """What some rows say."""
         fit, q, z, own = self.fit, self.predictor.q[rows], self.predictor.z[rows], self.own
-        count = len(fit.machine.parameters)
+        count = len(fit.nominal.parameters)
         lengths = [*range(count), *range(len(fit.p), len(p))]  # all but coefficients
         shares = self.slopes(fit.x[rows], q, z, p)[0]  # (n, ports, own)
         largest = float(np.max(np.sum(jacobian[:, :, lengths] ** 2, axis=1), initial=0.0))
@@ -130,11 +130,11 @@ def _blocks(
     good = np.flatnonzero(np.isfinite(fit.residual).all(axis=1))
     if wanted is not None:
         good = np.intersect1d(good, wanted)
-    if any(sensor.compares for sensor in fit.machine.sensors):
+    if any(sensor.compares for sensor in fit.nominal.sensors):
         for block in predictor.blocks(p, fit.x):
             rows = np.arange(len(fit.residual))[block.rows]
             kept = np.isin(rows, good)
-            yield rows[kept], block.residual[kept], _by_own_row(fit.machine, block)[kept]
+            yield rows[kept], block.residual[kept], _by_own_row(fit.nominal, block)[kept]
         return
     for block in predictor.of_rows(good).blocks(p, fit.x[good]):
         yield good[block.rows], block.residual, block.jacobian

@@ -37,11 +37,11 @@ _FINE = {"mm": ("um", 1e3), "rad": ("urad", 1e6)}
 
 def diagnosis_json(diagnosis: Diagnosis) -> Json:
     """The content of ``diagnosis.json`` (interface, section 4)."""
-    left, proof, units = diagnosis.remainder, diagnosis.proof, diagnosis.machine.residual_units
+    left, proof, units = diagnosis.remainder, diagnosis.proof, diagnosis.nominal.residual_units
     out = {
         "schema": DIAGNOSIS_SCHEMA,
         "judgement": judgement_json(diagnosis_judgement(diagnosis)),
-        "machine": diagnosis.machine.name,
+        "machine": diagnosis.nominal.name,
         "files": list(diagnosis.recording.files),
         "verdict": diagnosis.verdict,
         "concealed": diagnosis.concealed,
@@ -103,7 +103,7 @@ def fit_json(
     out = {
         "schema": FIT_SCHEMA,
         "judgement": judgement_json(judged(fit)),
-        "machine": fit.machine.name,
+        "machine": fit.nominal.name,
         "method": dict(method or {}),
         "files": list(recording.files),
         **_figures(fit, recording),
@@ -124,7 +124,7 @@ def calibration_json(found: Calibration, far: Sequence[FarRow] = ()) -> Json:
 
 def parameters_json(fit: Estimate) -> Json:
     """Every free parameter of the machine: value, std, nominal (mm, rad), unit, tolerance, identifiable."""
-    seen, std, drawing = identifiable(fit), fit.std, drawing_of(fit.machine)
+    seen, std, drawing = identifiable(fit), fit.std, drawing_of(fit.nominal)
     open_ended = unbounded(fit)
     return {
         p.name: {
@@ -135,7 +135,7 @@ def parameters_json(fit: Estimate) -> Json:
             "tolerance": p.tolerance,
             "identifiable": seen[p.name],
         }
-        for k, p in enumerate(fit.machine.parameters)
+        for k, p in enumerate(fit.nominal.parameters)
         if fit.prior.sigma[k] > 0
     }
 
@@ -152,7 +152,7 @@ def unbounded(fit: Estimate) -> set[str]:
 
 
 def _figures(fit: Estimate, recording: Recording) -> Json:
-    told, units = summarise(fit, recording.validation), fit.machine.residual_units
+    told, units = summarise(fit, recording.validation), fit.nominal.residual_units
     return {
         "status": fit.solution.status.name.lower(),
         "message": fit.solution.status.value,

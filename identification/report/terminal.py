@@ -89,7 +89,7 @@ def diagnosis_lines(result: Diagnosis, output: Path, most: int = LINES) -> list[
 
 def _verdict(result: Diagnosis, refused: str) -> list[str]:
     hidden = ", though the ordinary fit looked good" if result.concealed else ""
-    said = f"{result.machine.name}: {_VERDICTS[result.verdict]}{hidden}{misfit_clause(result)}"
+    said = f"{result.nominal.name}: {_VERDICTS[result.verdict]}{hidden}{misfit_clause(result)}"
     return wrapped(f"{refused} ({said})" if refused else said, indent=0, most=3 if refused else 2)
 
 
@@ -162,7 +162,7 @@ def calibration_lines(
     held = "the others stay at the drawing" if flat else "tolerances decide the others"
     decided = f"; {held}" if fit.rank < len(fit.prior.free) else ""
     worst = f"{figures['worst_parameter']}, {fit.worst_parameter_sigma:.3g} tolerances"
-    said = f"{fit.machine.name}: converged in {fit.solution.iterations} iterations"
+    said = f"{fit.nominal.name}: converged in {fit.solution.iterations} iterations"
     lines = [
         *wrapped(f"{refused} ({said})" if refused else said, indent=0, most=3),
         *(line for text in far_row_words(figures["rows_that_do_not_fit"]) for line in wrapped(text)),
@@ -176,7 +176,7 @@ def calibration_lines(
     ]
     worst_allowed = figures["worst_parameter_allowed"] or float("inf")
     doubtful = fit.chi2_per_dof > SUSPICIOUS or fit.worst_parameter_sigma > worst_allowed
-    steps = after_calibration(fit.machine, output, calibrated=not refused, doubtful=doubtful)
+    steps = after_calibration(fit.nominal, output, calibrated=not refused, doubtful=doubtful)
     return [*lines, *steps, f"calibrated machine: {output / 'calibrated.yaml'}"]
 
 

@@ -56,17 +56,17 @@ def view(result: object) -> View:
 @view.register
 def _(found: Estimate) -> View:
     told = summarise(found, ~found.used & False)
-    rms = _rms(found.machine, told.rms)
-    title = f"Estimate of {found.machine.name}: misfit chi2/dof {significant(found.chi2_per_dof)}, rms {rms}"
+    rms = _rms(found.nominal, told.rms)
+    title = f"Estimate of {found.nominal.name}: misfit chi2/dof {significant(found.chi2_per_dof)}, rms {rms}"
     return View(title, _fit_facts(found), *_constants(found), picture=partial(pictures.tolerances, found))
 
 
 @view.register
 def _(found: Calibration) -> View:
     told = summarise(found.fit, found.recording.validation)
-    title, _ = calibrated_words(found.fit.machine.name, told)
+    title, _ = calibrated_words(found.fit.nominal.name, told)
     facts = (
-        f"rms: {_rms(found.fit.machine, told.rms)}{_held_out(found.fit.machine, told)}",
+        f"rms: {_rms(found.fit.nominal, told.rms)}{_held_out(found.fit.nominal, told)}",
         *_fit_facts(found.fit),
         f"method: {', '.join(f'{key} {value}' for key, value in found.method.items())}",
         *(f"note: {note}" for note in found.notes),
@@ -118,7 +118,7 @@ def _constants(found: Estimate) -> tuple[tuple[str, ...], tuple[tuple[str, ...],
 @view.register
 def _(found: Diagnosis) -> View:
     said, _ = diagnosis_words.headline(found)
-    before, after, machine = found.fits["before"], found.fits["after"], found.machine
+    before, after, machine = found.fits["before"], found.fits["after"], found.nominal
     gain = f"rms {_rms(machine, before.rms)}{_held_out(machine, before)}"
     if found.terms:
         gain = f"before: {gain}; after: {_rms(machine, after.rms)}{_held_out(machine, after)}"

@@ -21,6 +21,7 @@ from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.series import over_arc
 from truepose.models.effects.transmission_error import HIGHEST_ORDER, SERIES, TransmissionError
+from truepose.models.setting_range import HARMONIC
 
 Array = NDArray[np.float64]
 FINEST = 4096
@@ -33,9 +34,8 @@ PEAKS = 4
 """Lines of a joint that are proposed at one fit: what stands out beside them is seen when these are fitted."""
 SURE = 3.0
 """Standard deviations by which all orders of a series must explain more than chance does, to be proposed."""
-ROWS, LONGEST = 5, 180
-"""Rows for each order of a series: with fewer its orders are no more than a description of the rows; and the highest order of
-any: each further one is two coefficients a joint, and time and memory grow as their square."""
+ROWS = 5
+"""Rows for each order of a series: with fewer its orders are no more than a description of the rows."""
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ def _series(found: Spectrum, held: set[int], rows: int) -> Iterator[Mapping[str,
     """Series of as many orders as the catalogue's, above it, that hold more than chance together."""
     step = round(SERIES)
     first, last = step + 1, 2 * step
-    while last <= min(found.finest, rows // ROWS, LONGEST):
+    while last <= min(found.finest, rows // ROWS, HARMONIC.high):
         own = found.gain[first : last + 1] - 1.0
         if first not in held and float(np.sum(own)) > SURE * np.sqrt(len(own)):
             yield {"first": float(first), "orders": float(last)}

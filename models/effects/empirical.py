@@ -41,7 +41,7 @@ from truepose.models.effects.empirical_sources import (
 from truepose.models.effects.sights import XYZ, moved_point, point_names, seen_point
 from truepose.models.machine import FRAMES, Machine
 from truepose.models.mechanism import AXES, AXIS_UNITS
-from truepose.models.setting_range import ANY, COUNT, POSITIVE, ranges
+from truepose.models.setting_range import COLUMN, COUNT, POSITIVE, ranges
 from truepose.wording import joined
 
 Array = NDArray[np.float64]
@@ -72,7 +72,7 @@ class Empirical(Effect):
     """
 
     slug = "empirical"
-    setting_ranges = ranges({"degree": COUNT, "reach": POSITIVE, "from.": ANY, "to.": ANY})
+    setting_ranges = ranges({"degree": COUNT, "reach": POSITIVE, "from.": COLUMN, "to.": COLUMN})
     title = "A smooth error without a name"
     formula = (
         "c1 T1(t) + c2 T2(t) + ..., t the source from -1 to 1; c t u of two; points: x.xy x y / reach^2 ..."

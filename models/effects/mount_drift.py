@@ -12,7 +12,7 @@ from truepose.models.effects.base import Coefficient, Effect, Observed, Place, S
 from truepose.models.effects.common import SECONDS_PER_HOUR, clock, singly, twist_coefficients
 from truepose.models.machine import Machine
 from truepose.models.mechanism import AXES
-from truepose.models.setting_range import ANY, NOT_NEGATIVE, ranges
+from truepose.models.setting_range import COLUMN, DURATION, ranges
 
 ROWS = "rows"
 """Setting of a drift in the order of rows: how many follow the first of the longest session."""
@@ -30,7 +30,7 @@ class MountDrift(Effect):
     """
 
     slug = "mount-drift"
-    setting_ranges = ranges({"rows": NOT_NEGATIVE, "tau": NOT_NEGATIVE, "start": ANY})
+    setting_ranges = ranges({"rows": DURATION, "tau": DURATION, "start": COLUMN})
     title = "Drifting mount"
     counted = True
     formula = "twist (t - start) / 1 h, or twist (1 - exp(-(t - start) / tau)), t in rows where no clock was recorded"

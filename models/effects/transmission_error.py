@@ -9,7 +9,7 @@ from truepose.models.effects.base import Coefficient, Effect, Observed, Place, S
 from truepose.models.effects.common import ARCSEC, actuator_at, sine_coefficients, sine_pair, singly
 from truepose.models.effects.series import SEEN, over_arc, series, series_coefficients
 from truepose.models.machine import Machine
-from truepose.models.setting_range import ANY, COUNT, ORDER, ranges
+from truepose.models.setting_range import ANY, HARMONIC, ORDER, ranges
 
 HIGHEST_ORDER = 30
 SERIES = 60.0
@@ -28,7 +28,7 @@ class TransmissionError(Effect):
     """
 
     slug = "transmission-error"
-    setting_ranges = ranges({"order": ORDER, "first": COUNT, "orders": COUNT, "from": ANY, "to": ANY})
+    setting_ranges = ranges({"order": ORDER, "first": HARMONIC, "orders": HARMONIC, "from": ANY, "to": ANY})
     driven_by = "position-periodic"
     title = "Transmission error of a geared joint"
     counted = True

@@ -8,17 +8,19 @@ from pathlib import Path
 from typing import Literal
 
 from truepose.errors import InputError
-from truepose.files import atomic_write_text
+from truepose.files import atomic_file
 from truepose.models.export.held import SAMPLES, Held, Loss, closed_loss, held, loss
 from truepose.models.export.iso230 import isg_text, iso230_text
 from truepose.models.export.mjcf import mjcf_text
 from truepose.models.export.mjcf_loops import mjcf_loops_text
+from truepose.models.export.read_back import check_urdf
 from truepose.models.export.standing import standing
 from truepose.models.export.tree import tree_of
 from truepose.models.export.ur_kinematics import ur_kinematics_text
 from truepose.models.export.urdf import urdf_text
 from truepose.models.export.volumetric import CHECKED, Table, table_of
 from truepose.models.export.xacro import xacro_text
+from truepose.models.given import MachineLike, as_machine
 from truepose.models.kinematics import driver_default
 from truepose.models.machine import Machine
 
@@ -65,7 +67,7 @@ class Exported:
     notes: tuple[str, ...] = ()
 
 
-def export(machine: Machine, path: Path | str, format: str | None = None) -> Exported:
+def export(machine: MachineLike, path: Path | str, format: str | None = None) -> Exported:
     """Write ``machine`` to ``path`` in one of ``FORMATS``, by the path's suffix where ``format`` is None.
 
     In descriptions of links (``urdf``, ``xacro``, ``mjcf``, ``ur-kinematics``) constants, and effects that are constants, are
@@ -75,11 +77,15 @@ def export(machine: Machine, path: Path | str, format: str | None = None) -> Exp
     Raises InputError for an unknown format, the machine's own file, a machine with loops or passive joints, for
     ``ur-kinematics`` where the machine is no chain of six revolute joints, and for a table where it has no linear axis.
     """
+    machine = as_machine(machine)
     chosen = format_of(path, format)
     if machine.file is not None and Path(path).resolve() == machine.file.path.resolve():
         raise InputError(f"{path}: found the machine file itself, expected another file to write")
     done = render(machine, chosen)
-    atomic_write_text(path, done.text)
+    with atomic_file(path) as unfinished:
+        unfinished.write_text(done.text, encoding="utf-8", newline="")
+        if chosen == "urdf":
+            check_urdf(unfinished, machine, str(path))
     return done
 
 

@@ -25,5 +25,9 @@ class InputError(TrueposeError):
     """A file, a field or an argument is not what was expected (exit code 2)."""
 
 
+class ReadBackError(RuntimeError):
+    """A fault of truepose: what it made for a file does not read as what it was made from, and was not written."""
+
+
 class ConvergenceError(TrueposeError):
     """A fit did not converge; the message names the parameters responsible (exit code 3)."""

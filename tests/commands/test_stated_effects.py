@@ -18,8 +18,8 @@ from truepose.cli import app
         ("backlash@q3:b=-1[mrad]", "b = -1 mrad, expected a value >= 0"),
         ("transmission-error@q2:orders=9", "a1 (rad), b1 (rad), a2 (rad), b2 (rad), a3 (rad), b3 (rad), such as"),
         ("transmission-error@q2:order=0,a=1[mrad]", "order: 0, expected a number from -10000 to 10000 that is not 0"),
-        ("transmission-error@q2:orders=61,a1=1[mrad]", "orders: 61, expected a whole number from 1 to 60"),
-        ("transmission-error@q2:orders=1.5,a1=1[mrad]", "orders: 1.5, expected a whole number from 1 to 60"),
+        ("transmission-error@q2:orders=181,a1=1[mrad]", "orders: 181, expected a whole number from 1 to 180"),
+        ("transmission-error@q2:orders=1.5,a1=1[mrad]", "orders: 1.5, expected a whole number from 1 to 180"),
         ("transmission-error@q2:ordres=2,a1=1[mrad]", "unknown name 'ordres'; did you mean 'orders'?"),
     ],
 )  # fmt: skip

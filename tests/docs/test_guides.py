@@ -19,7 +19,7 @@ PAGES = [DOCS / "tutorial.md", *HOWTOS]
 LANGUAGES = {"sh", "text", "csv", "txt", "yaml", "python", "c"}
 NAMES = {
     *("apply-c", "apply-plc", "apply-ur", "backlash-or-friction", "drift", "fleet"),
-    *("hexapod", "probe-clock", "robot-programs", "ros-bag", "thermal", "urdf"),
+    *("hexapod", "probe-clock", "python", "robot-programs", "ros-bag", "thermal", "urdf"),
 }
 
 

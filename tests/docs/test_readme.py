@@ -24,7 +24,7 @@ def test_the_lines_do_the_whole_job(
     exec(compile(SNIPPET, str(README), "exec"), {"__name__": "snippet"})
     said = capsys.readouterr().out
     assert said.startswith("missing-physics") and "platform-deformation" in said
-    assert (tmp_path / "improved.yaml").is_file()
+    assert (tmp_path / "result" / "improved.yaml").is_file()
     assert (tmp_path / "controller" / "telescope_kin.c").is_file()
 
 

@@ -48,6 +48,7 @@ ELSEWHERE = {
     ),
     "numbers of a program": f"of a robot program | {program.LARGEST:.0e}".replace("+0", ""),
     "terms": f"(`degree`, `orders`, `waves`) | {setting_range.COUNT.high:g} |",
+    "orders": f"(`first`, `orders`) | {setting_range.HARMONIC.high:g} |",
 }
 
 

@@ -94,7 +94,7 @@ def test_the_same_row_is_gross(bent: Mapping[str, tuple[Estimate, Recording]], b
         residual = np.random.default_rng(1).standard_normal(len(recording))
         residual[40] = 30.0
         channels = np.zeros_like(fit.residual)
-        channels[:, [c.kind for c in fit.machine.channels].index("distance")] = residual
+        channels[:, [c.kind for c in fit.nominal.channels].index("distance")] = residual
         every = np.ones(len(recording), dtype=bool)
         found.append(outlying_rows(replace(fit, residual=channels), recording, every))
     assert np.flatnonzero(found[0]).tolist() == [40]
@@ -105,10 +105,10 @@ def test_sums_over_rows_are_the_same(bent: Mapping[str, tuple[Estimate, Recordin
     grams = []
     for name in ("alone", "last"):
         fit, recording = bent[name]
-        signatures = Signatures(fit.machine, recording, fit.effects)
+        signatures = Signatures(fit.nominal, recording, fit.effects)
         assert not signatures.by_row
         lin = signatures.linearise(fit)
-        kinds = list(dict.fromkeys(channel.kind for channel in fit.machine.channels))
+        kinds = list(dict.fromkeys(channel.kind for channel in fit.nominal.channels))
         grams.append(lin.grams[kinds.index("distance")])
     size = np.sqrt(np.diag(grams[0]))
     np.testing.assert_allclose(grams[1], grams[0], atol=1e-9 * float(np.max(np.outer(size, size))))

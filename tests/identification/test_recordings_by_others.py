@@ -15,6 +15,7 @@ from real_recordings.panda import SENSORS, panda_files, panda_scatter
 
 from support.examples import NIGHT, one_in
 from support.leg_errors import leg_errors
+from support.round_trips import check_round_trip
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import estimate
@@ -43,9 +44,10 @@ def test_the_wrong_leg_constant_is_named_from_one_session(shared: Path, session:
     assert error < limit
 
 
-def test_what_moved_between_two_sessions_is_named(shared: Path) -> None:
+def test_what_moved_between_two_sessions_is_named(shared: Path, tmp_path: Path) -> None:
     """Beside the wrong constant and a remainder the base is what moved: no session alone can say so."""
     found, _ = stewart(shared, 108, 60)
+    check_round_trip(found, tmp_path)
     assert ("wrong-constant", ("leg1.gain",)) in {(f.effect, f.place) for f in found.findings}
     shift = next(f for f in found.findings if f.effect in ("frame-shift", "zero-shift"))
     members = {(shift.effect, shift.place), *((e.effect, e.place) for e in shift.equivalents)}
@@ -65,6 +67,7 @@ def test_the_arms_periodic_errors_are_named(shared: Path, tmp_path: Path) -> Non
     table.to_csv(tmp_path / "configurations.csv", index=False)
     machine = load_machine(folder / "machine.yaml")
     found = diagnose(machine, load_recording(machine, [tmp_path / "configurations.csv"]))
+    check_round_trip(found, tmp_path)
     periodic = {
         f.place[0]: f for f in found.findings if f.effect in ("transmission-error", "encoder-eccentricity")
     }
@@ -88,6 +91,7 @@ def test_an_arm_is_calibrated_by_a_ball_in_sockets(
     machine = load_machine(panda_files(shared / "data", tmp_path, sets)[0])
     recording = load_recording(machine, [tmp_path / "panda.csv"])
     fit = estimate(machine, recording)
+    check_round_trip(fit, tmp_path)
     scatter = panda_scatter(recording, fit)
     own, seat = (np.concatenate([part[k] for part in scatter.values()]) for k in (0, 1))
     limit = {2: 0.5, 1: 0.6 if sets == ("panda_1",) else 0.25}[len(sets)]

@@ -34,7 +34,10 @@ from truepose.models.formula_checks import no_formula, no_readings, no_shifts
 from truepose.models.limits import LARGEST, LATEST, SMALLEST, positive, within
 from truepose.models.setting_range import (
     ANY,
+    COLUMN,
     COUNT,
+    DURATION,
+    HARMONIC,
     NOT_NEGATIVE,
     ORDER,
     POSITIVE,
@@ -175,6 +178,9 @@ SETTINGS: list[tuple[Allowed, list[float], list[float], str]] = [
     (POSITIVE, [1e-12, LARGEST], [0.0, 9e-13, -1.0], "a number from 1e-12 to 1e+12"),
     (ORDER, [-1e4, 0.5, 1e4], [0.0, 1.1e4], "a number from -10000 to 10000 that is not 0"),
     (COUNT, [1.0, 60.0], [0.0, 61.0, 1.5], "a whole number from 1 to 60"),
+    (HARMONIC, [1.0, 180.0], [0.0, 181.0, 1.5], "a whole number from 1 to 180"),
+    (COLUMN, [LATEST, -LATEST], [2e20, -2e20], "a number from -1e+20 to 1e+20"),
+    (DURATION, [0.0, LATEST], [-1e-9, 2e20], "a number from 0 to 1e+20"),
 ]
 
 

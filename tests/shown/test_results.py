@@ -136,7 +136,7 @@ def test_hostile_names_are_escaped(tmp_path: Path) -> None:
     )
     for result in (
         made_up,
-        made_up.machine,
+        made_up.nominal,
         made_up.free,
         read,
         replace(made_up.findings[0], explanation=HOSTILE),

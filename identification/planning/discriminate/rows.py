@@ -170,7 +170,8 @@ def _at_drawing(machine: Machine, recording: Recording) -> tuple[Estimate, Recor
     exact = {name: frozen(values[:, k].copy()) for k, name in enumerate(names)}
     nothing = np.zeros(len(prior.free))
     return Estimate(
-        machine=machine,
+        nominal=machine,
+        recording=recording,
         effects=machine.effects,
         prior=prior,
         p=p,

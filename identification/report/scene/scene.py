@@ -48,7 +48,7 @@ def scene_of(
 
     Rows without a finite residual are left out; of many rows some are drawn, evenly spread over the recording.
     """
-    machine = before.machine
+    machine = before.nominal
     try:
         lines = skeleton(machine)
     except TrueposeError:

@@ -37,7 +37,7 @@ class Sights:
 
 def sights(fit: Estimate, recording: Recording) -> Sights:
     """Of a fit in all rows of its recording."""
-    machine = fit.machine
+    machine = fit.nominal
     base = base_pose(fit)
     tool = Predictor(machine, recording, fit.effects).poses(fit.p, fit.x)[0]
     points, arrows, first = [], [], 0

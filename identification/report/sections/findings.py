@@ -121,7 +121,7 @@ def fringe_words(rows: Mapping[int, int]) -> str:
 def _remainder(diagnosis: Diagnosis) -> Text:
     left = diagnosis.remainder
     assert left is not None
-    units = diagnosis.machine.residual_units
+    units = diagnosis.nominal.residual_units
     worth = [f"{measure(gain, units[kind])} ({kind})" for kind, gain in left.gain.items()]
     gained = f" Modelling it lowers the rms of held-out rows by {joined(worth)} more." if worth else ""
     return Text(
@@ -175,7 +175,7 @@ def _pictures(diagnosis: Diagnosis, finding: Finding, drawn: Sequence[Curve]) ->
     if found is not None:
         ports, values = found
         axes = ("joint that travels", "what moves [10⁻³]")
-        names = diagnosis.machine.mechanism.readings
+        names = diagnosis.nominal.mechanism.readings
         chart = matrix("", 1e3 * values, list(map(vector_of, ports)), names, axes)
         said = "How far each part moves as each joint travels by one, in thousandths. Blue: along, orange: against it."
         out.append(Charts([chart], said))

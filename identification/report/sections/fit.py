@@ -15,7 +15,7 @@ from truepose.models.machine import Machine
 
 def fit_section(diagnosis: Diagnosis) -> Section:
     """Fit before and after, and the proofs."""
-    blocks = fit_blocks(diagnosis.machine, fit_columns(diagnosis))
+    blocks = fit_blocks(diagnosis.nominal, fit_columns(diagnosis))
     if diagnosis.proof is not None:
         blocks += proof_blocks(diagnosis.proof)
     else:

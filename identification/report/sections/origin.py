@@ -21,7 +21,7 @@ NOT_A_FILE = "not a file"
 
 def diagnosis_origin(diagnosis: Diagnosis) -> Section:
     """Of a diagnosis."""
-    section = origin_section(diagnosis.machine, diagnosis.recording, "diagnose")
+    section = origin_section(diagnosis.nominal, diagnosis.recording, "diagnose")
     return replace(section, blocks=[*section.blocks, words_of_diagnoses()])
 
 
@@ -31,7 +31,7 @@ def calibration_origin(calibration: Calibration) -> Section:
     options = [
         f"--{k} {calibration.method[k]}" for k, v in usual.items() if calibration.method.get(k, v) != v
     ]
-    section = origin_section(calibration.fit.machine, calibration.recording, "calibrate", options)
+    section = origin_section(calibration.fit.nominal, calibration.recording, "calibrate", options)
     return replace(section, blocks=[*section.blocks, words_of_fits()])
 
 

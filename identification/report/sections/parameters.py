@@ -42,7 +42,7 @@ def parameter_section(diagnosis: Diagnosis) -> Section:
     summary = diagnosis.fits.get(key)
     allowed = None if summary is None else summary.worst_allowed
     blocks = constants_blocks(diagnosis.after, "improved.yaml", averaged=bool(diagnosis.terms))
-    blocks += parameter_blocks(diagnosis.machine, fits, allowed)
+    blocks += parameter_blocks(diagnosis.nominal, fits, allowed)
     blocks += correlation_blocks(diagnosis.after)
     return Section("constants", "Calibrated constants", blocks)
 

@@ -23,7 +23,7 @@ def residual_section(diagnosis: Diagnosis, rows: Rows) -> Section:
     """Signed residuals against drivers before and after, their sizes, and their distribution."""
     fits = diagnosis_fits(diagnosis)
     telling = _telling(diagnosis)
-    blocks = residual_blocks(diagnosis.machine, diagnosis.recording, fits, telling, rows)
+    blocks = residual_blocks(diagnosis.nominal, diagnosis.recording, fits, telling, rows)
     return Section("residuals", "Residuals", blocks)
 
 
@@ -77,7 +77,7 @@ def series_of(machine: Machine, recording: Recording, fits: int) -> int:
 
 def _telling(diagnosis: Diagnosis) -> list[str]:
     """Drivers by how much they matter: of findings, of the remainder, of the structure test."""
-    limbs = {limb.name: limb.reading for limb in diagnosis.machine.mechanism.limbs}
+    limbs = {limb.name: limb.reading for limb in diagnosis.nominal.mechanism.limbs}
     out = [
         name
         for f in diagnosis.findings

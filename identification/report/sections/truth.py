@@ -66,7 +66,7 @@ def _verdict(diagnosis: Diagnosis, truth: Mapping[str, Any]) -> Text:
 def _parameters(diagnosis: Diagnosis, stated: object) -> list[Block]:
     if not isinstance(stated, Mapping):
         return []
-    machine = diagnosis.machine
+    machine = diagnosis.nominal
     rows = [k for k, p in enumerate(machine.parameters) if p.name in stated and 0 < p.tolerance < np.inf]
     if not rows:
         return []
@@ -145,7 +145,7 @@ def _matrix(diagnosis: Diagnosis, truth: Mapping[str, Any]) -> list[Block]:
     if isinstance(size, Mapping):
         blocks.append(_displacements(diagnosis, size, None if found is None else found[1]))
     if found is not None:
-        readings = diagnosis.machine.mechanism.readings
+        readings = diagnosis.nominal.mechanism.readings
         caption = (
             "How far each leg's end moves along the platform's normal as each actuator travels by one, in"
             " thousandths. Entries that tolerances of the legs can imitate are the least certain (amplitudes"

@@ -23,6 +23,13 @@ class Shown:
     """One screen of ``repr``, a table with a picture in notebooks. The repr of a broken object says so; it raises nothing."""
 
     shown_by: ClassVar[str] = f"{REPORT}.views"
+    internal: ClassVar[frozenset[str]] = frozenset()
+    """Public names of a class that its user does not need: completion leaves them out."""
+
+    def __dir__(self) -> list[str]:
+        """The names that completion offers: fields and methods for a user."""
+        hidden = {"shown_by", "internal", "write", *self.internal}
+        return sorted(name for name in super().__dir__() if not name.startswith("_") and name not in hidden)
 
     def __repr__(self) -> str:
         try:
@@ -39,11 +46,13 @@ class Written(Shown):
 
     def report(self, path: Path | str) -> Path:
         """Write the report, one HTML file that loads nothing, whole or not at all; its path. Raises InputError."""
-        return cast(Path, _above("files", "write_report")(self, path))
+        return cast(Path, above("files", "write_report")(self, path))
 
-    def write(self, directory: Path | str) -> list[Path]:
+    def save(self, directory: Path | str) -> list[Path]:
         """Write what the command of the same name writes, all or nothing; the paths. Raises InputError."""
-        return cast("list[Path]", _above("files", "write_files")(self, directory))
+        return cast("list[Path]", above("files", "write_files")(self, directory))
+
+    write = save  # its former name
 
 
 def frame_of(result: Shown) -> pd.DataFrame:
@@ -55,5 +64,6 @@ def _view(result: Shown) -> View:
     return cast(View, importlib.import_module(result.shown_by).view(result))
 
 
-def _above(module: str, name: str) -> Any:
+def above(module: str, name: str) -> Any:
+    """Return what a module of the report defines: it stands above the results that it is about."""
     return getattr(importlib.import_module(f"{REPORT}.{module}"), name)

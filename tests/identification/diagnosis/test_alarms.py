@@ -157,7 +157,7 @@ def test_an_ordinary_fit_without_a_bottom_is_sought_with_ever_narrower_tolerance
 
     monkeypatch.setattr(null_fits, "estimate", fails)
     start, far = np.zeros(3), np.zeros(len(recording), dtype=bool)
-    found: object = null_fits.free_fit(before.machine, recording, before, far, start)
+    found: object = null_fits.free_fit(before.nominal, recording, before, far, start)
     widths = [FREE_WIDENING * share for share in (1.0, 1.0 / 3.0, 0.1)]
     count = next((k for k, w in enumerate(widths, start=1) if w <= most), 3)
     assert tried == pytest.approx(widths[:count])

@@ -194,7 +194,7 @@ def test_what_may_be_there_is_carried_with_its_largest_size() -> None:
     assert [e.label for e in after.effects[: len(found.fit.effects)]] == [e.label for e in found.fit.effects]
     only = replace(found.fit, effects=found.fit.effects[:1])
     gone = found.fit.effects[1].label
-    less = averaged(holding(found, *shares), estimate(only.machine, case.signatures.recording, only.effects))
+    less = averaged(holding(found, *shares), estimate(only.nominal, case.signatures.recording, only.effects))
     assert gone not in {e.label for e in less.effects}
 
 

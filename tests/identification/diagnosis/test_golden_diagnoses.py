@@ -21,6 +21,7 @@ import truepose
 from challenge.simulator.registry import NAMES
 from support import TESTS
 from support.golden_diagnoses import changes, summary, text
+from support.round_trips import check_round_trip
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.report.lines import COLUMNS, LINES
 from truepose.identification.report.terminal import diagnosis_lines
@@ -31,7 +32,8 @@ VERDICTS = {"adequate", "missing-physics", "unknown"}
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_diagnosis_is_as_committed(case: str, request: pytest.FixtureRequest) -> None:
+def test_diagnosis_is_as_committed(case: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
+    """What it says is what is committed, and the machine that it writes is read and generated as the same machine."""
     folder = GOLDEN / case
     machine = truepose.load_machine(folder / "machine.yaml")
     recording = truepose.load_recording(machine, sorted(folder.glob("*.csv")))
@@ -41,6 +43,7 @@ def test_diagnosis_is_as_committed(case: str, request: pytest.FixtureRequest) ->
         len(lines) <= LINES and max(map(len, lines)) <= COLUMNS and lines[0].startswith(f"{machine.name}: ")
     )
     check_sizes(found_here)
+    check_round_trip(found_here, tmp_path)
     document = truepose.diagnosis_json(found_here)
     assert document["judgement"] == {"calibrated": True, "why": []}
     new = summary(document)

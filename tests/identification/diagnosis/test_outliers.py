@@ -112,7 +112,7 @@ def test_a_row_that_the_fit_follows_is_judged_as_if_it_had_not_been_fitted(
 ) -> None:
     """r' (1 - H)^-1 r by the whole hat matrix, H the share that the row has in its own prediction."""
     fit, recording = arm
-    signatures = Signatures(fit.machine, recording, ())
+    signatures = Signatures(fit.nominal, recording, ())
     rows = np.vstack(list(signatures.blocks(fit)))
     lin = signatures.linearise(fit)
     j = rows[:, : lin.free]

@@ -248,7 +248,7 @@ def test_tolerances_that_look_too_small_are_named_or_all_at_once() -> None:
 def test_what_has_no_name_is_told_by_its_sources(case: Case) -> None:
     fit, recording = case
     told = []
-    for form in empirical_forms(fit.machine, recording):
+    for form in empirical_forms(fit.nominal, recording):
         assert isinstance(form.effect, Empirical)
         told.append((form.place, form.effect.describe(form.settings_map)))
     first, second = recording.joints[:2]

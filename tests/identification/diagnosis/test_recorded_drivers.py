@@ -56,7 +56,7 @@ def test_a_measured_torque_finds_a_compliance_although_nobody_weighed_anything(f
     against = "what the drive holds against the load"
     assert f"torque.{joint}" in finding.explanation and (against in finding.explanation) is (sign < 0)
     # what could be tested is no reason to weigh the arm
-    assert all("joint-compliance" not in m.effects for m in missing_inputs(found.machine, found.recording))
+    assert all("joint-compliance" not in m.effects for m in missing_inputs(found.nominal, found.recording))
 
 
 def test_the_other_sign_of_the_column_is_the_same_compliance(folder: Path, found: Diagnosis) -> None:

@@ -228,7 +228,7 @@ def test_improved_predicts_the_tool_no_worse_than_plain_calibration(tmp_path: Pa
 
 def tool_error(fit: Estimate, recording: Recording) -> float:
     """Rms error of the tool's origin on validation rows, as poses have it, moved rigidly onto the fitted rows (mm)."""
-    predictor = Predictor(fit.machine, recording, fit.effects)
+    predictor = Predictor(fit.nominal, recording, fit.effects)
     poses, _ = predictor.poses(fit.p, fit.x)
     at, read = poses[:, :3, 3], np.column_stack([recording.observations[axis] for axis in "xyz"])
     own, onto = at[fit.used], read[fit.used]
@@ -319,7 +319,7 @@ def test_constants_that_share_what_no_reading_tells_apart_do_not_stray(choice: C
     """A joint's length and the tool's along the same axis: one longer and one shorter by ten thousand tolerances."""
     seen = _determined_directions(choice.baseline)
     _, _, unseen = np.linalg.svd(seen)
-    free = np.array([0.0 < p.tolerance < np.inf for p in choice.baseline.machine.parameters])
+    free = np.array([0.0 < p.tolerance < np.inf for p in choice.baseline.nominal.parameters])
     direction = next(v for v in unseen[len(seen) :] if np.sum(v[free] ** 2) > 0.999)
     far = shifted(choice.baseline, direction, 1e4)
     assert far.worst_parameter_sigma > worst_allowed(far)
@@ -328,8 +328,8 @@ def test_constants_that_share_what_no_reading_tells_apart_do_not_stray(choice: C
 
 def shifted(fit: Estimate, direction: Array, share: float) -> Estimate:
     """Return a fit whose constants are moved along a direction, so far as ``share`` of what a true model allows."""
-    tolerance = np.array([p.tolerance if np.isfinite(p.tolerance) else 0.0 for p in fit.machine.parameters])
-    nominal = np.array([p.nominal for p in fit.machine.parameters])
+    tolerance = np.array([p.tolerance if np.isfinite(p.tolerance) else 0.0 for p in fit.nominal.parameters])
+    nominal = np.array([p.nominal for p in fit.nominal.parameters])
     p = fit.p.copy()
     p[: len(nominal)] = np.where(tolerance > 0.0, nominal, p[: len(nominal)])
     p[: len(nominal)] += share * worst_allowed(fit) * direction * tolerance

@@ -192,7 +192,7 @@ def test_amplitudes_of_any_size_are_stepped_in_their_own_spread(both: tuple[Case
     first, *rest = found.accepted
     fit = fitted(found, {first: 1.0, **dict.fromkeys(rest, 1e-7)}, (), case.exclude)
     assert fit is not None and rest
-    amplitudes = fit.prior.free >= len(fit.machine.parameters)
+    amplitudes = fit.prior.free >= len(fit.nominal.parameters)
     np.testing.assert_allclose(fit.prior_weight[amplitudes], fit.noise, rtol=1e-12)
     assert len(fit.known.unknown) == 0
 
@@ -207,7 +207,7 @@ def test_a_fit_begins_with_what_another_one_knows() -> None:
     other = next(c for c in case.cat.candidates if c.label not in known and len(c.coefficients) > 1)
     terms = [other, *found.fit.effects[::-1]]
     start = start_from(found.fit, terms)
-    count = len(found.fit.machine.parameters)
+    count = len(found.fit.nominal.parameters)
     np.testing.assert_array_equal(start[:count], found.fit.p[:count])
     expected = [*[0.0] * len(other.coefficients), *(float(v) for t in terms[1:] for v in known[t.label])]
     np.testing.assert_array_equal(start[count:], expected)

@@ -174,7 +174,7 @@ def test_a_misfit_is_absurd_only_beyond_sigma_and_beyond_what_tolerances_make(
     """Residuals scaled: both limits must be passed; where tolerances are a hundred times wider, later."""
     _, _, fit = fitted
     large = replace(fit, residual=fit.residual * 10.0**decades / np.sqrt(fit.chi2_per_dof))
-    wide = replace(large, machine=replace(fit.machine, mechanism=_wider(fit.machine)))
+    wide = replace(large, nominal=replace(fit.nominal, mechanism=_wider(fit.nominal)))
     strict, lenient = judged(large).misfit, judged(wide).misfit
     assert strict is None or large.chi2_per_dof > GROSS**2
     assert lenient is None or strict is not None

@@ -17,6 +17,7 @@ from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.leastsquares import WIDE_PROBLEM, Status
 from truepose.identification.fit.problem import Prior, Problem
 from truepose.identification.fit.relinearised import Scaling, Shrunk, relinearised
+from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
@@ -205,7 +206,18 @@ def test_what_nothing_determines_has_a_variance_of_1e30_steps() -> None:
     flat, nothing = prior(np.full(5, np.inf)), np.zeros(5)
     solution, _ = relinearised(cast(Problem, problem()), nothing, prior(TOLERANCE), "ols")
     fit = Estimate(
-        cast(Machine, None), (), flat, DRAWN, nothing, nothing, nothing > 0.0, nothing, factor, solution, ()
+        cast(Machine, None),
+        cast(Recording, None),
+        (),
+        flat,
+        DRAWN,
+        nothing,
+        nothing,
+        nothing > 0.0,
+        nothing,
+        factor,
+        solution,
+        (),
     )
     blind, sighted = np.array([0.0, 0.0, 2.0, -1.0, 0.0]) / np.sqrt(5.0), np.eye(5)[0]
     covariance = fit.covariance / np.outer(STEP, STEP)

@@ -43,7 +43,7 @@ def test_visits_tell_the_noise_of_a_row(visited: tuple[Estimate, Recording]) -> 
     fit, recording = visited
     seen = revisits(fit, recording)
     assert seen is not None and FEWEST <= seen.pairs <= PLACES
-    sigma = np.sqrt(sum(c.sigma**2 for c in fit.machine.channels if c.kind == "position"))
+    sigma = np.sqrt(sum(c.sigma**2 for c in fit.nominal.channels if c.kind == "position"))
     assert seen.scatter["position"] == pytest.approx(sigma, rel=0.15)
     assert seen.left["position"] == pytest.approx(np.sqrt(10.0) * sigma, rel=0.2)
     assert 0.0 < seen.apart["turn"] <= 2e-5
@@ -89,5 +89,5 @@ def test_rows_held_out_that_no_model_explains_are_told_apart(visited: tuple[Esti
     wild[[PLACES + 7, PLACES + 40, PLACES + 95], 0] += 100.0
     (note,) = held_out_notes(replace(used, residual=wild), apart)
     without = np.delete(np.arange(PLACES, 2 * PLACES), [7, 40, 95])
-    rms = rms_by_kind(fit.residual[without], fit.machine.channels)
+    rms = rms_by_kind(fit.residual[without], fit.nominal.channels)
     assert f"3 of the {PLACES} rows" in note and measure(rms["position"], "mm") in note

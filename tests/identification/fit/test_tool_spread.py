@@ -82,7 +82,7 @@ def slopes(fit: Estimate, recording: Recording, rows: NDArray[np.intp]) -> Array
     out = []
     for entry in fit.prior.free:
         step = 1e-3 * fit.prior.scale[entry] * np.eye(len(fit.p))[entry]
-        predictor = Predictor(fit.machine, recording.subset(rows), fit.effects)
+        predictor = Predictor(fit.nominal, recording.subset(rows), fit.effects)
         ends = [predictor.poses(fit.p + s)[0][:, :3, 3] for s in (step, -step)]
         out.append((ends[0] - ends[1]) / (2e-3 * fit.prior.scale[entry]))
     return np.stack(out, axis=2)

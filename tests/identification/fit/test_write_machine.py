@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import copy
+import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,7 @@ from support.exact_fits import fit_at
 from support.exact_fits import read as read_exactly
 from support.graph_machines import machine_of, spread
 from support.moving_machines import record
+from truepose.errors import ReadBackError
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.write_machine import calibrated_document, write_calibrated
 from truepose.identification.prediction.covariance import Covariance
@@ -26,7 +29,7 @@ from truepose.models.effect_text import parse_effect
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
-from truepose.models.machine_file import write_machine
+from truepose.models.machine_file import machine_text, write_machine
 from truepose.models.yaml_document import read_document
 
 KINDS = ("serial", "pus", "ups", "distance")
@@ -180,3 +183,50 @@ def test_a_tool_that_a_shorthand_implies_is_written_out(tmp_path: Path) -> None:
     np.testing.assert_allclose([p.nominal for p in again.parameters], fit.p[:size], rtol=1e-9, atol=1e-12)
     tolerances = [p.tolerance for p in machine.parameters]
     np.testing.assert_allclose([p.tolerance for p in again.parameters], tolerances, rtol=1e-9, atol=1e-15)
+
+
+def _series(document: dict[str, Any]) -> None:
+    document["effects"][1] |= {"order": 20000}  # out of range
+
+
+def _changed(*where: str | int, by: float = 1e-6) -> Callable[[dict[str, Any]], None]:
+    """Return a change of one number of a document."""
+
+    def change(document: dict[str, Any]) -> None:
+        here: Any = document
+        for key in where[:-1]:
+            here = here[key]
+        here[where[-1]] += by
+
+    return change
+
+
+FAULTS: dict[str, Callable[[dict[str, Any]], None]] = {
+    "expected": _series,
+    "q2.d": _changed("mechanism", "joints", 1, "d"),
+    "joint-compliance@q2": _changed("effects", 0, "parameters", "c", "value", by=1e-12),
+    "effects": lambda document: document["effects"].pop(),
+    "+-": _changed("tolerances", "length"),
+    "covariance": lambda document: document["covariance"]["names"].reverse(),
+    "predictions": _changed("masses", "link2", "kg", by=1.0),
+    "cannot be read": lambda document: document["mechanism"]["joints"].pop(),
+}
+
+
+@pytest.mark.parametrize("told", FAULTS)
+def test_a_text_that_holds_another_machine_is_not_published(
+    told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing is written, and what stood there stays, when the text cannot be read or reads as something else."""
+    _, recording, fit = fitted("serial", tmp_path)
+
+    def faulty(document: dict[str, Any], comment: str = "") -> str:
+        FAULTS[told](document)
+        return machine_text(document, comment)
+
+    (tmp_path / "calibrated.yaml").write_text("as it was")
+    monkeypatch.setattr("truepose.identification.fit.write_machine.machine_text", faulty)
+    with pytest.raises(ReadBackError, match=f"^calibrated.yaml: what was to be written .*{re.escape(told)}"):
+        write_calibrated(tmp_path / "calibrated.yaml", fit, recording)
+    assert (tmp_path / "calibrated.yaml").read_text() == "as it was"
+    assert [path.name for path in tmp_path.iterdir() if path.suffix != ".csv"] == ["calibrated.yaml"]

@@ -23,7 +23,7 @@ def fit(**more: Any) -> SimpleNamespace:
     """Of seven free constants, all of which the readings see."""
     own = cast(SimpleNamespace, still())
     own.prior.free = range(7)
-    own.machine.name = "arm"
+    own.nominal.name = "arm"
     told = {"rank": 7, "worst_parameter_sigma": 2.5, "chi2_per_dof": 1.01}
     solution = SimpleNamespace(iterations=4)
     return SimpleNamespace(**{**vars(own), **told, "solution": solution, **more})

@@ -113,7 +113,7 @@ def test_two_waves_have_the_period_that_both_share(machine: Machine) -> None:
 
 def test_a_screw_is_folded_over_its_pitch(tmp_path: Path) -> None:
     machine = written(tmp_path, STAGE)
-    term = with_effect(machine, "screw-periodic", ("s1",), {"order": 1.0}, a=2e-3, b=1e-3)
+    term = with_effect(machine, "screw-periodic", ("s1",), {"harmonic": 1.0}, a=2e-3, b=1e-3)
     q = turning(3)
     q[:, 0] = np.linspace(-40.0, 40.0, ROWS)
     q[:, 1:] *= 0.01
@@ -366,7 +366,7 @@ def test_what_lags_behind_its_driver_is_no_function_of_it(tmp_path: Path) -> Non
 def test_a_joint_read_in_turns_has_a_period_of_one(tmp_path: Path) -> None:
     machine = written(tmp_path, GOUGH)
     motor = machine.mechanism.readings[0]
-    term = with_effect(machine, "screw-periodic", (motor,), {"order": 1.0}, a=2e-3, b=1e-3)
+    term = with_effect(machine, "screw-periodic", (motor,), {"harmonic": 1.0}, a=2e-3, b=1e-3)
     rng = np.random.default_rng(5)
     q = rng.uniform(-0.1, 0.1, (ROWS, 6))
     q[:, 0] = np.linspace(-3.0, 3.0, ROWS)

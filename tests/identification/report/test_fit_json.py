@@ -80,9 +80,9 @@ def test_the_fit_s_document_says_what_was_done_and_to_what(
 
 def test_every_free_constant_stands_with_its_drawing_and_its_uncertainty(fit: Estimate) -> None:
     told = parameters_json(fit)
-    free = [p for k, p in enumerate(fit.machine.parameters) if fit.prior.sigma[k] > 0]
-    assert list(told) == [p.name for p in free] and len(free) < len(fit.machine.parameters)
-    for k, p in enumerate(fit.machine.parameters):
+    free = [p for k, p in enumerate(fit.nominal.parameters) if fit.prior.sigma[k] > 0]
+    assert list(told) == [p.name for p in free] and len(free) < len(fit.nominal.parameters)
+    for k, p in enumerate(fit.nominal.parameters):
         if p.name in told:
             own = told[p.name]
             assert (own["value"], own["nominal"], own["unit"]) == (fit.p[k], p.nominal, p.unit)

@@ -92,7 +92,7 @@ def test_plain_is_what_reads_nothing_but_joints(
 
 
 def told(machine: Machine, *terms: PlacedEffect) -> Diagnosis:
-    return cast(Diagnosis, SimpleNamespace(machine=machine, terms=terms))
+    return cast(Diagnosis, SimpleNamespace(nominal=machine, terms=terms))
 
 
 def test_a_finding_gathers_the_terms_of_its_effect_at_its_place(machines: Mapping[str, Machine]) -> None:

@@ -150,7 +150,7 @@ def test_constants_known_no_better_than_to_nine_tenths_of_their_tolerance(
         names=("a", "b", "endless", "effect.c"), free=np.arange(4), sigma=np.array([1.0, 2.0, np.inf, 1.0])
     )
     machine = SimpleNamespace(parameters=("a", "b", "endless"))
-    fit = cast(Estimate, SimpleNamespace(prior=prior, std=np.array(std), machine=machine))
+    fit = cast(Estimate, SimpleNamespace(prior=prior, std=np.array(std), nominal=machine))
     (text,) = weak_words(fit)
     if said is None:
         assert text == "Every parameter is known better than its drawing said."

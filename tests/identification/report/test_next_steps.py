@@ -58,7 +58,7 @@ def open_one(effect: str = "backlash", probability: float = 0.6, **more: Any) ->
 
 def test_what_is_no_calibration_is_looked_at_first() -> None:
     assert steps(diagnosis("missing-physics", open_one(), applied=WHOLE), calibrated=False) == [CHECK]
-    machine = diagnosis("adequate").machine
+    machine = diagnosis("adequate").nominal
     assert after_calibration(machine, OUT, calibrated=False, doubtful=False) == [CHECK]
     use = "truepose codegen out/calibrated.yaml -o controller"
     assert after_calibration(machine, OUT, calibrated=True, doubtful=False) == [f"next: {use}"]
@@ -112,7 +112,7 @@ def test_a_long_command_keeps_to_the_width_with_less_of_it() -> None:
             name="arm", file=SimpleNamespace(path=Path(path)), residual_units={"position": "mm"}
         )
         (line,) = after_diagnosis(
-            diagnosis("missing-physics", open_one(), machine=machine), OUT, calibrated=True
+            diagnosis("missing-physics", open_one(), nominal=machine), OUT, calibrated=True
         )
         assert line.startswith(starts.format(path)) and len(line) <= 110
 
@@ -123,7 +123,7 @@ def test_a_command_that_no_line_holds_has_nothing_but_what_it_needs() -> None:
     )
     far = Path("o" * 120)
     sure = replace(finding(0.9999, 1), place=("q7",))
-    found = diagnosis("missing-physics", sure, open_one(), machine=machine)
+    found = diagnosis("missing-physics", sure, open_one(), nominal=machine)
     (line,) = after_diagnosis(found, far, calibrated=True)
     assert line == f"next: truepose plan MACHINE -n 40 -o poses.csv --diagnosis {far / 'diagnosis.json'}"
 

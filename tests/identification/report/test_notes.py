@@ -68,6 +68,6 @@ def test_columns_that_are_tried_share_the_prior_of_a_driver(
     declared = [SimpleNamespace(name="pump", tried=False)]  # a driver of the machine file
     declared += [SimpleNamespace(name=name, tried=True) for name in names]
     found = SimpleNamespace(
-        machine=SimpleNamespace(declared_drivers=declared), recording=SimpleNamespace(untried=untried)
+        nominal=SimpleNamespace(declared_drivers=declared), recording=SimpleNamespace(untried=untried)
     )
     assert driver_notes(cast(Diagnosis, found)) == said

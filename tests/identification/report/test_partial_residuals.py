@@ -39,7 +39,7 @@ EFFECTS: list[Told] = [
     ("arm", "joint-compliance", ("q2",), {}, {"c": 2e-6}),
     ("arm", "sensor-scale", ("sensor",), {}, {"s": 5e-5}),
     ("telescope", "thermal-expansion", ("leg2",), {"lag": 0.0}, {"alpha": 2e-5}),
-    ("telescope", "screw-periodic", ("rho4",), {"order": 1.0}, {"a": 2e-3, "b": 1e-3}),
+    ("telescope", "screw-periodic", ("rho4",), {"harmonic": 1.0}, {"a": 2e-3, "b": 1e-3}),
     ("telescope", "leg-compliance", ("leg1",), {}, {"c": 1e-4}),
     ("gough", "leg-compliance", ("leg1", "leg2", "leg3", "leg4", "leg5", "leg6"), {}, {"c": 1e-4}),
     ("graph", "joint-compliance", ("shoulder",), {}, {"c": 2e-6}),

@@ -214,7 +214,7 @@ def test_truth_page_only_with_truth(diagnosis: Diagnosis) -> None:
         "effect": {"effect": "transmission-error", "place": ["q1"]},
         "parameters": {
             p.name: {"value": p.nominal, "nominal": p.nominal, "unit": p.unit}
-            for p in diagnosis.machine.parameters
+            for p in diagnosis.nominal.parameters
         },
         "leg_end_displacement_max": {"unit": "um", "norm": 60.0, "xyz": [5.0, 4.0, 60.0]},
     }

@@ -70,7 +70,7 @@ def missing(machine: Machine, size: float = 0.2) -> tuple[Estimate, Recording]:
 
 
 def predicted(fit: Estimate, recording: Recording) -> dict[str, Array]:
-    names, values, _, _ = Predictor(fit.machine, recording, fit.effects).columns(fit.p, fit.x)
+    names, values, _, _ = Predictor(fit.nominal, recording, fit.effects).columns(fit.p, fit.x)
     return dict(zip(names, values.T, strict=True))
 
 
@@ -107,7 +107,7 @@ def test_of_a_length_the_arrow_is_the_shortest_that_explains_it(machines: Mappin
     fit, recording = missing(machines["ballbar"])
     seen, model = sights(fit, recording), predicted(fit, recording)
     assert seen.points.shape == (len(recording), 1, 3)
-    tool = Predictor(fit.machine, recording).poses(fit.p)[0][:, :3, 3]
+    tool = Predictor(fit.nominal, recording).poses(fit.p)[0][:, :3, 3]
     np.testing.assert_allclose(seen.points[:, 0], from_sensor(fit, tool), atol=1e-8)
     off = recording.observations["length"] - model["length"]
     np.testing.assert_allclose(np.linalg.norm(seen.arrows[:, 0], axis=1), np.abs(off), rtol=1e-6)
@@ -124,8 +124,8 @@ def test_what_was_not_read_has_no_arrow(machines: Mapping[str, Machine], name: s
     seen = {k: v.copy() for k, v in recording.observations.items()}
     seen[column][4] = np.nan
     part = replace(recording, observations=seen)
-    away = fit.p - np.array([p.nominal for p in fit.machine.parameters])
-    arrows = sights(fit_at(fit.machine, part, [], away), part).arrows
+    away = fit.p - np.array([p.nominal for p in fit.nominal.parameters])
+    arrows = sights(fit_at(fit.nominal, part, [], away), part).arrows
     gone = np.asarray(np.isnan(arrows).all(axis=2))
     assert gone.sum() == 1 and gone[4].any()
     assert not np.isnan(arrows[~gone]).any()
@@ -190,7 +190,7 @@ def test_data_is_plain_and_without_a_number_that_is_none(
     assert scene is not None
     assert plain(scene.data)
     assert json.loads(json.dumps(scene.data, allow_nan=False)) == scene.data
-    data, size = scene.data, len(skeleton(fit.machine).around(np.zeros((999, 3))).pieces)
+    data, size = scene.data, len(skeleton(fit.nominal).around(np.zeros((999, 3))).pieces)
     assert len(data["pieces"]) == size and len(data["guilty"]) == 1
     assert 5 not in data["poseRows"] and 5 not in data["pointRows"]
     assert len(data["poses"]) == len(data["poseRows"]) == len(data["q"]) == len(data["errors"])
@@ -213,7 +213,7 @@ def test_whole_numbers_keep_distances_and_what_is_up(machines: Mapping[str, Mach
         far, np.linalg.norm(flat[:, None] - flat[None], axis=2), atol=2 * scene.data["size"] / STEPS
     )
     np.testing.assert_allclose(np.diff(drawn[:, 2]), np.diff(flat[:, 2]), atol=2 * scene.data["size"] / STEPS)
-    assert scene.data["up"] == ("gravity" if fit.machine.gravity else "base")
+    assert scene.data["up"] == ("gravity" if fit.nominal.gravity else "base")
     arrows = np.array(scene.data["arrows"][0]).reshape(-1, 3) * 1e-6
     np.testing.assert_allclose(
         np.linalg.norm(arrows, axis=1), np.linalg.norm(seen.arrows.reshape(-1, 3), axis=1), atol=2e-6
@@ -260,15 +260,15 @@ def test_a_rows_error_is_that_of_the_points_that_were_read(machines: Mapping[str
         for target in ("A1", "A2", "A3"):
             gone[f"{target}.{axis}"][5] = np.nan
     part = replace(recording, observations=gone)
-    away = fit.p - np.array([p.nominal for p in fit.machine.parameters])
-    fit = fit_at(fit.machine, part, [], away)
+    away = fit.p - np.array([p.nominal for p in fit.nominal.parameters])
+    fit = fit_at(fit.nominal, part, [], away)
     arrows = sights(fit, part).arrows
     for row in (3, 4):
         size = float(np.sqrt(np.nanmean(np.sum(arrows[row] ** 2, axis=1))))
-        kind, value, unit = error_words(fit.machine, fit, row).split()
+        kind, value, unit = error_words(fit.nominal, fit, row).split()
         assert kind == "position"
         assert float(value) * {"mm": 1.0, "µm": 1e-3}[unit] == pytest.approx(size, rel=6e-3)
-    assert error_words(fit.machine, fit, 5) == "position not read"
+    assert error_words(fit.nominal, fit, 5) == "position not read"
 
 
 def test_of_a_long_recording_a_hundred_and_fifty_poses_and_fifteen_hundred_points_are_drawn(

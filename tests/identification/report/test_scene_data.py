@@ -75,7 +75,7 @@ def test_the_drawing_does_not_hang_on_where_the_sensor_stands(machines: Mapping[
     assert first["size"] > 100.0  # mm: half of an arm's reach and more
     span = np.linalg.norm(np.ptp(np.array(first["points"]).reshape(-1, 3), axis=0)) * first["size"] / STEPS
     seen = sights(fit, recording).points.reshape(-1, 3)
-    turn = upright(fit.machine)
+    turn = upright(fit.nominal)
     assert span == pytest.approx(np.linalg.norm(np.ptp(seen @ turn.T, axis=0)), rel=2e-3)
 
 
@@ -115,11 +115,11 @@ def test_errors_are_told_by_kind_of_reading(machines: Mapping[str, Machine]) -> 
 def test_the_base_is_up_where_no_gravity_is_known(machines: Mapping[str, Machine]) -> None:
     fit, recording = missing(machines["arm"])
     for gravity, up in ((None, "base"), ((0.0, 0.0, 0.0), "base"), ((0.0, 0.0, -9.81), "gravity")):
-        own = replace(fit.machine, gravity=gravity)
+        own = replace(fit.nominal, gravity=gravity)
         np.testing.assert_array_equal(upright(own), np.eye(3))
-        assert data_of(replace(fit, machine=own), recording)["up"] == up
+        assert data_of(replace(fit, nominal=own), recording)["up"] == up
     np.testing.assert_array_equal(
-        upright(replace(fit.machine, gravity=(0.0, 0.0, 9.81))), np.diag([1.0, -1.0, -1.0])
+        upright(replace(fit.nominal, gravity=(0.0, 0.0, 9.81))), np.diag([1.0, -1.0, -1.0])
     )
 
 
@@ -133,7 +133,7 @@ def test_beside_a_sensor_of_points_one_of_joints_is_not_drawn(machines: Mapping[
     width = len(point.channels)
     swapped = replace(two, sensors=(other, point))
     order = [*range(width, fit.residual.shape[1]), *range(width)]
-    turned = replace(fit, machine=swapped, residual=fit.residual[:, order])
+    turned = replace(fit, nominal=swapped, residual=fit.residual[:, order])
     again = sights(turned, recording)
     np.testing.assert_allclose(again.points, seen.points)
     np.testing.assert_allclose(again.arrows, seen.arrows)

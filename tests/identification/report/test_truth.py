@@ -24,7 +24,7 @@ PLAY = ("backlash", ("q1",))
 def told(*found: tuple[str, tuple[str, ...]], **more: Any) -> Diagnosis:
     findings = [SimpleNamespace(effect=slug, place=place) for slug, place in found]
     return cast(
-        Diagnosis, SimpleNamespace(**{"findings": findings, "machine": bundled(), "terms": (), **more})
+        Diagnosis, SimpleNamespace(**{"findings": findings, "nominal": bundled(), "terms": (), **more})
     )
 
 

@@ -91,7 +91,8 @@ def fitted(
     factor = np.triu(rng.normal(size=(free + 1, free + 1)) + 5 * np.eye(free + 1))
     factor[:, 1] = 0.0  # one direction is blind
     return Estimate(
-        machine=machine,
+        nominal=machine,
+        recording=recording,
         effects=terms,
         prior=prior,
         p=p,
@@ -153,7 +154,7 @@ def synthetic(machine: Machine, **changes: Any) -> Diagnosis:
     before = fitted(machine, recording, away=4.0)
     structure = Alarm(0.4, 0.5, "q2", share=0.1)
     found = Diagnosis(
-        machine=machine,
+        nominal=machine,
         recording=recording,
         verdict="missing-physics",
         concealed=True,

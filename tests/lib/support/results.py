@@ -79,7 +79,7 @@ def _poses() -> np.ndarray[Any, Any]:
 RESULTS: Mapping[str, Callable[[], Shown]] = {
     **{f"machine {name}": partial(machine, name) for name in BUNDLED},
     **{f"recording {name}": partial(recording, name) for name in BUNDLED},
-    "machine with effects": lambda: diagnosis().after.machine.with_effects(
+    "machine with effects": lambda: diagnosis().after.nominal.with_effects(
         diagnosis().after.fitted_effects()
     ),
     "some rows": lambda: recording().subset([5, 3, 3]),

@@ -54,7 +54,7 @@ def diagnosis(verdict: str, *findings: Finding, **others: object) -> Diagnosis:
         "before": still(),
         "after": still(),
         "fits": fits(1.01),
-        "machine": SimpleNamespace(name="arm", file=None, residual_units={"position": "mm"}),
+        "nominal": SimpleNamespace(name="arm", file=None, residual_units={"position": "mm"}),
         "verdict": verdict,
         "findings": findings,
     }
@@ -74,7 +74,7 @@ def still() -> object:
         "n_observations": 10,
         "chi2_per_dof": 1.0,
     }
-    return SimpleNamespace(prior=prior, machine=machine, fitted_effects=lambda: (), **figures)
+    return SimpleNamespace(prior=prior, nominal=machine, fitted_effects=lambda: (), **figures)
 
 
 def fits(after: float) -> dict[str, object]:

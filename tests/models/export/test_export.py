@@ -19,7 +19,10 @@ from typer.testing import CliRunner
 import truepose
 from support.generated_machines import BODIES, HEAD, machine_of
 from truepose.cli import app
-from truepose.errors import InputError
+from truepose.errors import InputError, ReadBackError
+from truepose.models.export.held import held
+from truepose.models.export.tree import tree_of
+from truepose.models.export.urdf import urdf_text
 from truepose.models.export.write import render
 from truepose.models.kinematics import symbolic_model
 from truepose.models.load import load_machine
@@ -397,3 +400,26 @@ def test_the_command_writes_says_and_refuses(tmp_path: Path) -> None:
     wrong = CliRunner().invoke(app, ["export", source, "-o", str(tmp_path / "k.mdh")])
     assert wrong.exit_code == 2
     assert wrong.stderr.startswith("error: ") and len(wrong.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("was", "becomes"),
+    [
+        ('xyz="0.001 0.002 0.3"', 'xyz="0.001 0.002 0.30001"'),
+        ('lower="-2.9', 'lower="-2.8'),
+        ('type="prismatic"', 'type="revolute"'),
+        ('name="pan"', 'name="pen"'),
+        ('<parent link="base" />', '<parent link="case" />'),
+    ],
+)
+def test_a_urdf_that_reads_as_another_machine_is_not_published(
+    was: str, becomes: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    machine = written(tmp_path, "branched")
+    faulty = urdf_text(machine, tree_of(machine, held(machine).values, "URDF"), ())
+    assert was in faulty
+    monkeypatch.setattr("truepose.models.export.write.urdf_text", lambda *_: faulty.replace(was, becomes, 1))
+    before = sorted(tmp_path.iterdir())
+    with pytest.raises(ReadBackError, match=r"arm.urdf: what was to be written (cannot be|reads as)"):
+        truepose.export(machine, tmp_path / "arm.urdf")
+    assert sorted(tmp_path.iterdir()) == before
