@@ -19,7 +19,7 @@ from truepose.codegen.elimination import Factors, Pivots, factors_of
 from truepose.codegen.layout import Layout
 from truepose.codegen.reference import Reference
 from truepose.models.kinematics import SymbolicModel
-from truepose.models.velocities import gap_derivative
+from truepose.models.velocities import gap_derivative, twists
 
 Array = NDArray[np.float64]
 _SAMPLES = 24
@@ -114,17 +114,6 @@ def _derivative(model: SymbolicModel) -> ca.SX:
     return ca.vertcat(twists(model.pose, y), ca.jacobian(model.closure, y))
 
 
-def twists(pose: ca.SX, y: ca.SX) -> ca.SX:
-    """Derivative (6, ny) of a pose as twists [v; w] at its origin, in the frame the pose is told in."""
-    rotation = pose[:3, :3]
-    by_y = ca.jacobian(ca.vec(rotation), y)
-    turns = []
-    for k in range(y.numel()):
-        rate = ca.reshape(by_y[:, k], 3, 3)  # rate @ rotation.T is skew: three of its entries tell all
-        turns.append(ca.vertcat(*(rate[i, :] @ rotation[j, :].T for i, j in ((2, 1), (0, 2), (1, 0)))))
-    return ca.vertcat(ca.jacobian(pose[:3, 3], y), ca.horzcat(*turns))
-
-
 def _without_zeros(matrix: ca.SX) -> ca.SX:
     return ca.sparsify(ca.simplify(matrix))
 
@@ -181,4 +170,4 @@ def _samples(model: SymbolicModel, derivative: ca.SX, layout: Layout) -> Array:
     return np.array(out).reshape(-1, *derivative.shape)
 
 
-__all__ = ["Equations", "LoopExpressions", "twists"]
+__all__ = ["Equations", "LoopExpressions"]

@@ -6,21 +6,24 @@ Use ``compensation.compensate``; this is the half of it that needs no compiler.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
+from truepose.identification.compensation.compiled import base_frame
 from truepose.identification.compensation.inverse import MET, loop_scales, pose_gap
 from truepose.identification.prediction.predict import predictor_for
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
+from truepose.models.controllability import task_of
 from truepose.models.driver import STEP, Driver
 from truepose.models.home import coordinate_scale
 from truepose.models.kinematics import SymbolicModel
 from truepose.models.machine import Machine
+from truepose.models.task import WHOLE, Task
 from truepose.shown.result import Shown, frame_of
 
 if TYPE_CHECKING:
@@ -33,6 +36,8 @@ Method = Literal["exact", "first-order"]
 _BLOCK = 8192
 _NEWTON = 30
 _SETTLED = 1e-13
+_INDEPENDENT = 1e-12
+"""Singular value, in parts of the largest, below which equations say nothing: those of what no task asks for."""
 _LONGEST = 0.1
 """Longest step of an unknown: part of the machine's size, or rad."""
 
@@ -42,7 +47,8 @@ class Compensation(Shown):
     """Readings ``command`` (n, nq) for the path's ``nominal`` ones, in mm and rad (or the column's own unit).
 
     target (n, 4, 4): the sensor-frame poses that are meant. before, after (n, 6): twists [mm, rad] from the target to
-    where the calibrated machine stands with nominal commands, and with the corrected ones. ``solved_by`` says how.
+    where the calibrated machine stands with nominal commands, and with the corrected ones; of them what ``task`` asks for.
+    not_asked (n, 6): the rest of the twist with the corrected commands. ``solved_by`` says how.
     """
 
     readings: tuple[str, ...]
@@ -52,6 +58,8 @@ class Compensation(Shown):
     before: Array
     after: Array
     solved_by: str = "numpy"
+    task: Task = WHOLE
+    not_asked: Array = field(default_factory=lambda: np.zeros((0, 6)))
 
     def to_frame(self) -> pd.DataFrame:
         """Commands, one row for each of the path: the joints, ``<joint>.nominal``, then ``before.position``,
@@ -97,7 +105,9 @@ class Follower:
         share, unknown = loop_scales(machine, model, self.size)
         self._unit = np.array([self.size if unit == "mm" else 1.0 for unit in units] + [*unknown])
         self._closed = max(scale.gap if np.isfinite(scale.gap) else 0.0, MET * self.size)
-        self._gap = pose_gap(model, self.size, share)
+        self.task = task_of(model)
+        self._base = base_frame(machine)[:3, :3]
+        self._gap = pose_gap(model, self.task, self.size, share)
 
     @property
     def reach(self) -> Array:
@@ -150,9 +160,11 @@ class Follower:
             aim = _displaced(target, twist @ (self.ideal - self.real))
             command = self._readings(rows, aim, self.ideal, x)
         self._check_ranges(command, rows)
-        before = self._errors(target, rows)
+        before, _ = self._errors(target, rows)
         predictor.q = command
-        return Compensation(self.readings, q, command, target, before, self._errors(target, rows))
+        after, not_asked = self._errors(target, rows)
+        twists = {"before": before, "after": after, "not_asked": not_asked}
+        return Compensation(self.readings, q, command, target, task=self.task, **twists)
 
     def _readings(self, block: Rows, target: Array, p: Array, x: Array) -> Array:
         """(n, nq) readings that put the tool of constants ``p`` at ``target`` (n, 4, 4): Newton, all rows at once."""
@@ -183,10 +195,16 @@ class Follower:
             raise InputError(f"{row}: the mechanism cannot be assembled there; mend or drop the row")
         return x
 
-    def _errors(self, target: Array, rows: Rows) -> Array:
-        """(n, 6) twists from the target to where the calibrated machine puts the tool."""
+    def split(self, target: Array, poses: Array) -> tuple[Array, Array]:
+        """Return twists (n, 6) from sensor-frame targets to poses (n, 4, 4): what the task asks for, and the rest."""
+        twists = twists_between(target, poses)
+        asked = self.task.counted(twists, target, self._base)
+        return asked, twists - asked
+
+    def _errors(self, target: Array, rows: Rows) -> tuple[Array, Array]:
+        """Return the twists from the target to where the calibrated machine puts the tool, split by the task."""
         poses, _ = self._predictor.poses(self.real, self._assembled(self.real, rows))
-        return twists_between(target, poses)
+        return self.split(target, poses)
 
     def _where(self, rows: Rows, row: int) -> str:
         return self._path.where(int(rows[row]))
@@ -222,17 +240,15 @@ def _least(slope: Array, gap: Array) -> Array:
             return np.asarray(np.linalg.solve(slope, gap[..., None]))[..., 0]
         except np.linalg.LinAlgError:
             pass
-    out: Array = (np.linalg.pinv(slope) @ gap[..., None])[..., 0]
+    out: Array = (np.linalg.pinv(slope, rcond=_INDEPENDENT) @ gap[..., None])[..., 0]
     return out
 
 
 def joined(parts: Sequence[Compensation]) -> Compensation:
     """One after the other."""
-    names = ("nominal", "command", "target", "before", "after")
-    nominal, command, target, before, after = (
-        np.concatenate([getattr(part, name) for part in parts]) for name in names
-    )
-    return Compensation(parts[0].readings, nominal, command, target, before, after)
+    names = ("nominal", "command", "target", "before", "after", "not_asked")
+    columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    return replace(parts[0], **columns)
 
 
 def twists_between(target: Array, poses: Array) -> Array:
