@@ -17,7 +17,8 @@ from scipy.stats.qmc import Halton
 from truepose.errors import InputError
 from truepose.models.closure import closed, one_row
 from truepose.models.home import coordinate_scale
-from truepose.models.kinematics import SymbolicModel
+from truepose.models.kinematics import SymbolicModel, symbolic_model
+from truepose.models.machine import Machine
 from truepose.models.mechanism import AXES
 from truepose.models.task import AXIS, WHOLE, Task
 from truepose.models.velocities import twists
@@ -39,35 +40,49 @@ _SPLITS = {
 """How many components of position and rotation are tried for so many conditions, the first choice first."""
 
 
+def machine_task(machine: Machine) -> Task:
+    """Return the task of a machine with the effects of its file, as ``task_of`` does."""
+    return WHOLE if _holds_all(machine) else task_of(symbolic_model(machine, machine.effects))
+
+
 def task_of(model: SymbolicModel) -> Task:
     """Return the task of the machine's file, or the one that its readings can hold.
 
     Raises InputError for a stated task that the joints cannot hold.
     """
+    if _holds_all(model.machine):
+        return WHOLE
     stated = model.machine.task
-    if stated is None and len(model.readings) >= len(AXES):
-        return WHOLE
-    if stated == WHOLE:
-        return WHOLE
     samples = _samples(model)
     if stated is None:
-        return _chosen(samples)
+        return _chosen(samples, _pointed(model.machine))
     if _independence(samples, stated.rows) < _STATED:
         raise InputError(
             f"{model.machine.name}: task: found {list(stated.components)}, expected components that "
-            f"{', '.join(model.readings)} move independently, as {list(_chosen(samples).components)}"
+            f"{', '.join(model.readings)} move independently, as {list(_chosen(samples, _pointed(model.machine)).components)}"
         )
     return stated
 
 
-def _chosen(samples: Array) -> Task:
+def _holds_all(machine: Machine) -> bool:
+    """Return True if the whole pose is the task, without a look at the geometry."""
+    return machine.task == WHOLE or (machine.task is None and len(machine.mechanism.readings) >= len(AXES))
+
+
+def _pointed(machine: Machine) -> str:
+    """Return the direction that a sensor reads, as a component; by default that of the tool's z axis."""
+    read = next((sensor.pointed for sensor in machine.sensors if sensor.pointed), "z")
+    return next(name for name, axis in AXIS.items() if axis == "xyz".index(read))
+
+
+def _chosen(samples: Array, pointed: str) -> Task:
     """Return the preferred task of as many components as the samples (m, 6, nq) move independently."""
     sizes = np.linalg.svd(samples, compute_uv=False)
     count = int(np.sum(np.median(sizes / sizes[:, :1], axis=0) >= _CHOSEN))
     if count == len(AXES):
         return WHOLE
     every: list[tuple[float, Task]] = []
-    for tasks in _candidates(count):
+    for tasks in _candidates(count, pointed):
         every += (found := [(_independence(samples, task.rows), task) for task in tasks])
         worth, task = max(found, key=lambda one: one[0])
         if worth >= _CHOSEN:
@@ -75,11 +90,12 @@ def _chosen(samples: Array) -> Task:
     return max(every, key=lambda one: one[0])[1]
 
 
-def _candidates(count: int) -> Iterator[list[Task]]:
+def _candidates(count: int, pointed: str) -> Iterator[list[Task]]:
     """Yield tasks of so many components, in groups: preferred groups first, those of a group are as good."""
     for along, about in _SPLITS.get(count, ((1, 0), (0, 1))):
         turns: list[Sequence[str]] = [*combinations(AXES[3:], about)]
-        for group in [[(AXIS,)], turns] if about == 2 else [turns]:
+        groups: list[list[Sequence[str]]] = [[(pointed,)], turns] if about == 2 else [turns]
+        for group in groups:
             yield [Task.of((*p, *turn)) for p in combinations(AXES[:3], along) for turn in group]
 
 
@@ -145,4 +161,4 @@ def _ranges(model: SymbolicModel) -> tuple[Array, Array]:
     return low, high
 
 
-__all__ = ["task_of"]
+__all__ = ["machine_task", "task_of"]

@@ -1,8 +1,8 @@
 """Which components of the tool's pose a machine has to meet: its task.
 
 Positions count along the axes of the base, turns about the axes of the tool, where it should be. ``axis`` is the
-direction of the tool's z axis, whatever the turn about it. The inverse in numpy and the generated C solve the same
-conditions: those of ``Task.gap`` and ``Task.turns``.
+direction of the tool's z axis, whatever the turn about it; ``axis.x`` and ``axis.y`` are those of the others. The
+inverse in numpy and the generated C solve the same conditions: those of ``Task.gap`` and ``Task.turns``.
 """
 
 from __future__ import annotations
@@ -20,9 +20,10 @@ from truepose.models.mechanism import AXES
 from truepose.wording import joined
 
 Array = NDArray[np.float64]
-AXIS: Final = "axis"
-COMPONENTS: Final = (*AXES, AXIS)
-"""What a task may ask for: x y z along the axes of the base, rx ry rz about those of the tool, the direction of its z axis."""
+AXIS: Final = {"axis": 2, "axis.x": 0, "axis.y": 1}
+"""Which of the tool's axes each direction is of."""
+COMPONENTS: Final = (*AXES, *AXIS)
+"""What a task may ask for: x y z along the axes of the base, rx ry rz about those of the tool, the direction of one of them."""
 _OPPOSITE = 1e-6
 """One plus the cosine of an angle at which directions count as opposite: no way to turn is the shorter one."""
 
@@ -42,11 +43,13 @@ class Task:
         unknown = [name for name in names if name not in COMPONENTS]
         if unknown or not names or len(set(names)) < len(names):
             raise ValueError(f"one or several of {joined(COMPONENTS)}, each once")
-        if AXIS in names and ("rx" in names or "ry" in names):
-            raise ValueError("rx and ry, or axis, which holds both")
-        chosen = {*names, *(("rx", "ry") if {AXIS, "rz"} <= set(names) else ())}
-        if "rx" in chosen:
-            chosen.discard(AXIS)
+        axes, turns = [name for name in names if name in AXIS], {name for name in names if name in AXES[3:]}
+        if axes and (len(axes) > 1 or turns - {AXES[3 + AXIS[axes[0]]]}):
+            raise ValueError(
+                "one direction of an axis, which holds both turns across it, and at most the turn about it"
+            )
+        rotation = AXES[3:] if axes and turns else names
+        chosen = {name for name in (*names, *rotation) if not (turns and name in axes)}
         return cls(tuple(name for name in COMPONENTS if name in chosen))
 
     @property
@@ -55,9 +58,9 @@ class Task:
         return self.components == AXES
 
     @property
-    def has_axis(self) -> bool:
-        """True if the direction of the tool's axis counts, and not the turn about it."""
-        return AXIS in self.components
+    def axis(self) -> int | None:
+        """The axis of the tool whose direction counts, and not the turn about it; None where there is none."""
+        return next((AXIS[name] for name in self.components if name in AXIS), None)
 
     @property
     def along(self) -> tuple[int, ...]:
@@ -67,7 +70,9 @@ class Task:
     @property
     def about(self) -> tuple[int, ...]:
         """Axes of the tool about which the rotation counts."""
-        return (0, 1) if self.has_axis else tuple(k for k in range(3) if AXES[3 + k] in self.components)
+        if self.axis is not None:
+            return tuple(sorted({0, 1, 2} - {self.axis}))
+        return tuple(k for k in range(3) if AXES[3 + k] in self.components)
 
     @property
     def rows(self) -> tuple[int, ...]:
@@ -75,17 +80,23 @@ class Task:
         return (*self.along, *(3 + k for k in self.about))
 
     @property
+    def position(self) -> Task | None:
+        """The same without turns; None where it has none, or no position, and for the whole pose."""
+        along = tuple(AXES[k] for k in self.along)
+        return Task(along) if along and self.about and not self.is_whole else None
+
+    @property
     def words(self) -> str:
         """What has to be met, for readers."""
         if self.is_whole:
             return "the whole pose"
-        position = [AXES[k] for k in self.along]
-        turns = [AXES[3 + k] for k in self.about]
-        parts = [f"{joined(position)} of the tool's position"] if position else []
-        if self.has_axis:
-            parts.append("the direction of the tool's z axis")
+        position, turns = joined(AXES[k] for k in self.along), joined("xyz"[k] for k in self.about)
+        within = "" if len(self.along) == len("xyz") else " along axes of the base"
+        parts = [f"{position} of the tool's position{within}"] if position else []
+        if self.axis is not None:
+            parts.append(f"the direction of the tool's {'xyz'[self.axis]} axis")
         elif turns:
-            parts.append(f"{joined(turns)}, turns about axes of the tool")
+            parts.append(f"the turn about the tool's {turns} ax{'is' if len(self.about) == 1 else 'es'}")
         return " and ".join(parts)
 
     def turns(self, goal: ca.SX, rotation: ca.SX) -> ca.SX:
@@ -94,9 +105,10 @@ class Task:
         To first order rad; twice the tangent of half the angle. Zero where, and only where, the goal is met.
         """
         from_goal = goal.T @ rotation
-        if self.has_axis:
-            sines = ca.vertcat(-from_goal[1, 2], from_goal[0, 2])
-            return _half_tangents(sines, 1 + from_goal[2, 2])
+        if self.axis is not None:
+            seen = from_goal[:, self.axis]
+            across = ca.cross(ca.DM.eye(3)[:, self.axis], seen)
+            return _half_tangents(across[list(self.about)], 1 + seen[self.axis])
         sines = lie.vee(from_goal)[list(self.about)]
         return _half_tangents(sines, 0.5 * (1 + ca.trace(from_goal)))
 
@@ -124,8 +136,8 @@ class Task:
         tool, out = goals[:, :3, :3], np.zeros_like(twists)
         along = base[:, list(self.along)]
         out[:, :3] = twists[:, :3] @ along @ along.T
-        if self.has_axis:
-            axis = tool[:, :, 2]
+        if self.axis is not None:
+            axis = tool[:, :, self.axis]
             moved = (lie.exp_so3(twists[:, 3:]) @ axis[..., None])[..., 0]
             across = np.cross(axis, moved)
             sine = np.linalg.norm(across, axis=1, keepdims=True)
@@ -142,7 +154,8 @@ WHOLE: Final = Task()
 
 def _half_tangents(sines: ca.SX, denominator: ca.SX) -> ca.SX:
     """Return twice the tangents of half the angles with these sines and one plus their cosine; 1 where this is nothing."""
-    return ca.if_else(denominator > _OPPOSITE, 2 * sines / denominator, 1.0)
+    is_opposite = denominator <= _OPPOSITE
+    return ca.if_else(is_opposite, 1.0, 2 * sines / ca.if_else(is_opposite, 1.0, denominator))
 
 
 __all__ = ["AXIS", "COMPONENTS", "WHOLE", "Task"]

@@ -46,7 +46,7 @@ _NEAR = 0.05
 """Largest correction that is taken from the C as it is, part of the machine's size or rad; beyond it lie other
 assemblies."""
 _PROBES = 8
-_COLUMNS = ("command", "target", "before", "after", "not_asked")
+_COLUMNS = ("command", "target", "before", "after", "not_asked", "eased")
 
 
 def compensate(
@@ -94,8 +94,11 @@ def _empty(follower: Follower) -> Compensation:
     n, nq = follower.nominal.shape
     command, target = np.zeros((n, nq)), np.zeros((n, 4, 4))
     target[:, 3, 3] = 1.0
-    twists = {name: np.zeros((n, 6)) for name in ("before", "after", "not_asked")}
-    return Compensation(follower.readings, follower.nominal, command, target, task=follower.task, **twists)
+    before, after, rest = np.zeros((3, n, 6))
+    found = Compensation(
+        follower.readings, follower.nominal, command, target, before, after, task=follower.task
+    )
+    return replace(found, not_asked=rest, eased=np.zeros(n, dtype=bool))
 
 
 class _Way:

@@ -99,11 +99,11 @@ def inverse(machine: Machine, poses: Array, start: Array | None = None) -> Inver
 class PoseSolver:
     """Forward and inverse kinematics of one machine with the effects of its file, many rows at once.
 
-    A pose is met in the components of ``task``: the file's, or what the readings can hold (``controllability``).
+    A pose is met in the components of ``task``: by default the file's, or what the readings can hold (``controllability``).
     ``p`` (np,) are parameters, then effect coefficients (default: the machine's own); drivers have their usual values.
     """
 
-    def __init__(self, machine: Machine, p: Array | None = None) -> None:
+    def __init__(self, machine: Machine, p: Array | None = None, task: Task | None = None) -> None:
         model = self.model = symbolic_model(machine, machine.effects)
         self.machine = machine
         self.p = model.p_home if p is None else np.asarray(p, dtype=float)
@@ -116,7 +116,7 @@ class PoseSolver:
         self._unit = np.array([*readings, *unit])
         self._gap = scale.gap if np.isfinite(scale.gap) else MET * self.size
         self._pose = BatchFunction("pose", [model.q, model.x, model.z, model.p], [model.world])
-        self.task = task_of(model)
+        self.task = task_of(model) if task is None else task
         self._to_pose = pose_gap(model, self.task, self.size, share)
         self._loops = Loops(model)
 

@@ -25,6 +25,7 @@ def compensation_json(found: Compensation) -> dict[str, object]:
     return {
         "rows": len(found.command),
         "task": list(found.task.components),
+        "eased": int(np.sum(found.eased)),
         "largest_error": {"before": largest(found.before), "after": largest(found.after), **partial},
         "largest_correction": dict(zip(found.readings, change.tolist(), strict=True)),
     }
@@ -50,4 +51,11 @@ def error_sentence(found: Compensation) -> str:
     )
     if found.task.is_whole:
         return said
-    return f"{said}; met are {found.task.words}; of the rest of the pose {words(found.not_asked)} are left"
+    said = f"{said}; met are {found.task.words}; of the rest of the pose {words(found.not_asked)} are left"
+    eased = int(np.sum(found.eased))
+    rows = f"{eased} row{'s' * (eased != 1)} next to a singular pose"
+    return (
+        f"{said}; of {rows}, where a joint would swing, the position is met and turns nearly"
+        if eased
+        else said
+    )

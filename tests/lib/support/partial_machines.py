@@ -131,6 +131,8 @@ PARTIAL = {
         PAN_TILT, "frames: {tool: {in: flange, xyz: [12, -7, 60], rpy: [0, 90, 0]}}\n", ("axis",)
     ),
     "delta": Partial(_delta(), "frames: {tool: {in: flange, xyz: [0, 0, -30]}}\n", ("x", "y", "z")),
+    "tube": Partial(PAN_TILT, "task: [axis.x]\n", ("axis.x",)),
+    "wrist": Partial(PAN_TILT, "task: [ry, rz]\n", ("ry", "rz")),
     "drill": Partial(ARM, TOOL + "task: [x, y, z, axis]\n", ("x", "y", "z", "axis")),
 }
 
