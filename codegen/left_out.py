@@ -58,8 +58,8 @@ def left_out_words(found: LeftOut) -> list[str]:
         said = [f"The machine file was not calibrated: the code has the drawing's constants and {what}."]
     if not found.task.is_whole:
         said.append(
-            f"Of a pose ik and compensate meet {found.task.words}; code 0 says nothing of the rest. Next to a singular pose a"
-            " joint may move far for it."
+            f"Of a pose ik and compensate meet {found.task.words}; code 0 says nothing of the rest."
+            + (" Next to a singular pose a joint may move far for it." if found.task.position else "")
         )
     if found.sensor:
         said.append(f"Left out, because it moves no tool: {joined(found.sensor)}.")

@@ -26,13 +26,17 @@ def write_turns(writer: Writer, task: Task) -> None:
 
 
 def task_context(task: Task) -> dict[str, Any]:
-    """Return what the templates read: ``skip`` rows of six do not count, ``along`` and ``about`` are axes."""
+    """Return what the templates read: ``skip`` rows of six do not count, ``along`` and ``about`` are axes.
+
+    ``swings``: a turn may ask a joint to move far where the position alone would not.
+    """
     return {
         "partial": not task.is_whole,
         "skip": 6 - len(task.rows),
         "along": task.along,
         "about": task.about,
         "axis": task.axis,
+        "swings": task.position is not None,
         "words": task.words,
     }
 

@@ -135,7 +135,7 @@ class Task:
             return twists
         tool, out = goals[:, :3, :3], np.zeros_like(twists)
         along = base[:, list(self.along)]
-        out[:, :3] = twists[:, :3] @ along @ along.T
+        out[:, :3] = twists[:, :3] if len(self.along) == len(base) else twists[:, :3] @ along @ along.T
         if self.axis is not None:
             axis = tool[:, :, self.axis]
             moved = (lie.exp_so3(twists[:, 3:]) @ axis[..., None])[..., 0]

@@ -17,11 +17,7 @@ from truepose.identification.fit.align import rigid_motion
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
-from truepose.models import lie
-from truepose.models.controllability import task_of
-from truepose.models.kinematics import SymbolicModel
 from truepose.models.machine_file import ExpectedPose
-from truepose.models.mechanism import AXES
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -45,11 +41,10 @@ class ToolPoints:
         """Whether the sensor reads any."""
         return bool(self.read.shape[1])
 
-    def squares(self, fitted: Mask, held: Mask, along: Array | None = None) -> Array:
+    def squares(self, fitted: Mask, held: Mask) -> Array:
         """(h,) mean squared distance, mm^2, of the points of each row held out, moved rigidly onto the rows fitted.
 
-        ``along`` (3, k) are directions of the sensor's frame that count; by default all. Rows without a point are left out.
-        Empty where nothing is read or too few rows are fitted.
+        Rows without a point are left out. Empty where nothing is read or too few rows are fitted.
         """
         if not self.known:
             return np.zeros(0)
@@ -60,7 +55,6 @@ class ToolPoints:
         rotation, shift = rigid_motion(self.predicted[own], self.read[own])
         held = held & whole.any(axis=1)
         off = self.predicted[held] @ rotation.T + shift - self.read[held]
-        off = off if along is None else off @ along
         return np.asarray(np.nanmean(np.sum(off**2, axis=2), axis=1))
 
 
@@ -84,9 +78,9 @@ def tool_points(predictor: Predictor, p: Array, x: Array, silent: Collection[str
 
 def calibrated_pose(fit: Estimate, recording: Recording, than: str = "the drawing") -> ExpectedPose | None:
     """The error of what the fit began with, called ``than``, and the fit's, on validation rows where there are enough, else on
-    the fitted ones. Of the position counts what the machine's task asks for: no command corrects the rest.
+    the fitted ones.
 
-    None where no sensor reads points of the tool, or their position does not count.
+    None where no sensor reads points of the tool.
     """
     predictor = Predictor(fit.machine, recording, fit.effects)
     p = fit.p.copy()
@@ -99,22 +93,11 @@ def calibrated_pose(fit: Estimate, recording: Recording, than: str = "the drawin
     rows = ENOUGH if held.sum() >= FEWEST else "the fitted rows"
     if rows != ENOUGH:
         held = fitted
-    along = _counted(predictor.model, fit.p)
-    both = [tool_points(predictor, *at).squares(fitted, held, along) for at in ((p, x), (fit.p, fit.x))]
-    if any(not len(squares) for squares in both) or (along is not None and not along.size):
+    both = [tool_points(predictor, *at).squares(fitted, held) for at in ((p, x), (fit.p, fit.x))]
+    if any(not len(squares) for squares in both):
         return None
     before, after = (float(np.sqrt(np.mean(squares))) for squares in both)
     return ExpectedPose(than, before, after, rows)
-
-
-def _counted(model: SymbolicModel, p: Array) -> Array | None:
-    """Return directions (3, k) of the sensor's frame along which positions count for the task; None for all three."""
-    task = task_of(model)
-    if len(task.along) == len(AXES) // 2:
-        return None
-    value = dict(zip(model.names, p.tolist(), strict=False))
-    base = lie.rpy_matrix(np.array([value[f"base.{axis}"] for axis in AXES[3:]]))
-    return base[:, list(task.along)]
 
 
 __all__ = ["ToolPoints", "calibrated_pose", "tool_points"]

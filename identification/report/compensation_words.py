@@ -51,7 +51,7 @@ def error_sentence(found: Compensation) -> str:
     )
     if found.task.is_whole:
         return said
-    said = f"{said}; met are {found.task.words}; of the rest of the pose {words(found.not_asked)} are left"
+    said = f"{said}, counting {found.task.words}; of the rest of the pose {words(found.not_asked)} are left"
     eased = int(np.sum(found.eased))
     rows = f"{eased} row{'s' * (eased != 1)} next to a singular pose"
     return (
