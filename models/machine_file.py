@@ -147,8 +147,7 @@ class MachineDocument(Section):
     masses: dict[str, MassSection] = Field(default_factory=dict)
     """What has weight, by a name of your own; used together with `gravity`."""
     task: TaskField | None = None
-    """Components of the tool's pose that have to be met, `[x, y, z, axis]`: x y z along the axes of the base, rx ry rz about
-    those of the tool, axis: the direction of its z axis. Left out: the whole pose, or what fewer than six joints can hold."""
+    """Components of the tool's pose that have to be met, such as `[x, y, z, axis]`; left out: all that the joints can hold."""
     drivers: tuple[DriverField, ...] = ()
     """What recordings log beyond the joints: names, or mappings with a unit. A declared column may drive any effect."""
     loads: dict[str, SpringSection] = Field(default_factory=dict)
