@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from support.generated_c import needs_compiler
 from support.partial_machines import PARTIAL, as_built, partial_machine, readings
 from support.recordings import rows_of
 from truepose.identification.compensation.compensate import compensate
@@ -112,3 +113,16 @@ def test_next_to_a_singular_pose_no_axis_of_a_mill_swings(
     assert np.max(np.abs(found.command - q)[:, :2]) < 0.05
     assert np.linalg.norm(found.after[:, 3:]) < np.linalg.norm(found.before[:, 3:]) + 1e-6
     assert found.eased.all() or np.max(np.abs(found.after[:, 3:])) < TURN
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["mill", "pallets", "delta", "pan_tilt", "drill"])
+def test_long_paths_by_the_c_have_the_commands_of_numpy(name: str, tmp_path: Path) -> None:
+    """Joints to spare are left to numpy; the rest goes through the C, but for rows where joints would swing."""
+    machine = as_built(partial_machine(tmp_path, name), 12, length=0.03, angle=2e-4)
+    path = rows_of(readings(machine, 200, 13), joints=machine.mechanism.readings)
+    own, fast = compensate(machine, path), compensate(machine, path, compiled_from=0)
+    assert ("numpy: more joints" if name == "drill" else "compiled C") in fast.solved_by
+    np.testing.assert_array_equal(own.eased, fast.eased)
+    for column in ("command", "before", "after", "not_asked", "target"):
+        np.testing.assert_allclose(getattr(fast, column), getattr(own, column), rtol=0, atol=1e-7)
