@@ -22,6 +22,7 @@ from truepose.codegen.layout import Layout
 from truepose.codegen.loop_blocks import ROOTS, Arrays, Loops, write_loops
 from truepose.codegen.printer import Printer, Real
 from truepose.codegen.rolling import rolled
+from truepose.codegen.task_blocks import write_turns
 from truepose.models.chain import chain_of
 from truepose.models.kinematics import SymbolicModel
 
@@ -218,12 +219,14 @@ def blocks_of(model: SymbolicModel, layout: Layout, real: Real, features: Featur
     """C functions of the model."""
     chain = chain_of(model)
     writer = _Writer(real, features)
-    expressions = ChainExpressions.of(model, chain) if chain else None
+    expressions = ChainExpressions.of(model, chain, layout.task) if chain else None
     loops = None if expressions else Loops.of(model, layout, real)
     if expressions:
         _write_chain(writer, model, expressions)
     if loops:
         write_loops(writer, model, loops)
+    if not layout.task.is_whole and layout.task.about:
+        write_turns(writer, layout.task)
     by_lanes = [plan for plan in writer.planned if plan.name == ROOTS or (expressions and expressions.six)]
     lanes = writer.lane_texts(by_lanes, () if loops else ("load", "store", "sincos")) if by_lanes else []
     texts, operations = tuple(writer.texts()), writer.operations()

@@ -26,6 +26,7 @@ from truepose.codegen.printer import Real, literal
 from truepose.codegen.pruning import pruned
 from truepose.codegen.reference import slopes_of, strain_of
 from truepose.codegen.six_joints import six_joints
+from truepose.codegen.task_blocks import task_context
 from truepose.codegen.texts import environment
 from truepose.codegen.trigonometry import trigonometry
 from truepose.codegen.wrappers import wrappers
@@ -34,7 +35,6 @@ from truepose.files import atomic_directory
 from truepose.models.given import MachineLike, as_machine
 from truepose.models.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine import FRAME_OF, Machine
-from truepose.models.sensors.direction import ORIGIN, Direction
 
 MAX_ITER = 1500
 """Evaluations of the model that one inverse of an open chain may take."""
@@ -110,7 +110,8 @@ def render(
     context = _context(model, layout, real, _nominal(model, nominal), features)
     if features.listed and features.branches and not context["lists_all"]:
         raise InputError(
-            f"features: found branches, but {machine.name} is no open chain of six readings; leave it out"
+            f"features: found branches, but {machine.name} is no open chain of six readings that meets whole poses; "
+            "leave it out"
         )
     texts = {file: environment().get_template(template).render(context) for file, template in _files(context)}
     if features.listed:
@@ -203,6 +204,7 @@ def _sizes(model: SymbolicModel, layout: Layout) -> dict[str, Any]:
         "slopes": slopes_of(len(model.readings)),
         "turns": any(layout.turns),
         "turning": [int(turn) for turn in layout.turns],
+        "task": task_context(layout.task),
     }
 
 
@@ -223,7 +225,7 @@ def _interface(model: SymbolicModel, layout: Layout) -> dict[str, Any]:
 
 def _pointing(model: SymbolicModel, layout: Layout) -> dict[str, Any]:
     """What ``NAME_point`` needs: the axis of the tool that two turning joints point; None where nothing is pointed."""
-    of = [s.of for s in model.machine.sensors if isinstance(s, Direction) and s.of != ORIGIN]
+    of = [sensor.pointed for sensor in model.machine.sensors if sensor.pointed]
     two = len(layout.turns) == 2 and all(layout.turns) and not len(model.home)
     return {
         "pointed": "xyz".index(of[0]) if of and two else None,

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from truepose.models import lie
 from truepose.models.chain import Chain, Move
 from truepose.models.kinematics import SymbolicModel
+from truepose.models.task import WHOLE, Task
 
 Array = NDArray[np.float64]
 FIRST = 16
@@ -38,6 +39,7 @@ class ChainExpressions:
                      after column and p of the tool's placement. Empty for other chains
     frames           of such a chain, for every move but the first: its own frame (3, 4), before it became a tilt
     own (nv,)        and the offset of every move before that
+    task             which components of the pose the inverse meets
     reaching         how many of the readings move the tool: those of another arm do not
     kept             (16 + n,) stands for the steps in the other expressions, in its places behind the first 16
     """
@@ -58,18 +60,19 @@ class ChainExpressions:
     kept: ca.SX
     readings: int
     reaching: int
+    task: Task
 
     @property
     def six(self) -> bool:
-        """Whether six readings make a square Jacobian, which has a solver of its own."""
-        return self.readings == self.reaching == 6
+        """Whether six readings make a square Jacobian of the whole pose, which has a solver of its own."""
+        return self.readings == self.reaching == 6 and self.task.is_whole
 
     def written_out(self, expression: ca.SX) -> ca.SX:
         """An expression with the steps in the places of what is kept."""
         return ca.substitute(expression, self.kept, ca.vertcat(ca.SX.zeros(FIRST), self.steps))
 
     @classmethod
-    def of(cls, model: SymbolicModel, chain: Chain) -> ChainExpressions:
+    def of(cls, model: SymbolicModel, chain: Chain, task: Task = WHOLE) -> ChainExpressions:
         """The expressions of a model's chain."""
         count = len(chain.moves)
         columns, start = ca.SX.sym("A", 6 * count), ca.SX.sym("start", 4)
@@ -102,6 +105,7 @@ class ChainExpressions:
             kept=kept,
             readings=len(model.readings),
             reaching=len(set(slopes.sparsity().get_triplet()[1])),
+            task=task,
         )
 
 

@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 from truepose.codegen.printer import Real
 from truepose.codegen.reference import Reference
 from truepose.errors import InputError
+from truepose.models.controllability import task_of
 from truepose.models.kinematics import SymbolicModel
 from truepose.models.machine import FRAME_OF, Machine
 from truepose.models.mechanism import COORDINATES, Actuator
+from truepose.models.task import Task
 
 Array = NDArray[np.float64]
 _STANDARD_GRAVITY = 9.80665
@@ -44,6 +46,7 @@ class Layout:
     turns (nq,)            whether a joint repeats after a full turn
     near (nq,)             readings at the home assembly, where iterations start: to nine decimals
     home (nx,)             passive coordinates there, likewise
+    task                   which components of the pose the inverse meets
     position, rotation     tolerances of a solved pose, mm and rad; ``closure`` in mm
     share, tight           shares of the tolerances: within which a pose is solved, at which iterations stop
     """
@@ -59,6 +62,7 @@ class Layout:
     turns: tuple[bool, ...]
     near: Array
     home: Array
+    task: Task
     position: float
     rotation: float
     closure: float
@@ -100,6 +104,7 @@ def layout_of(model: SymbolicModel, real: Real) -> Layout:
         turns=tuple(a.unit == "rad" and a.gain is None for a in machine.mechanism.actuators),
         near=near,
         home=_steady(model.home),
+        task=task_of(model),
         position=position,
         rotation=rotation,
         closure=_KEPT_SHARE * position if single else 1e-8,

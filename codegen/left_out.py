@@ -7,10 +7,12 @@ from dataclasses import dataclass
 
 from truepose.codegen.features import ALL, Features
 from truepose.codegen.memory import followed
+from truepose.models.controllability import machine_task
 from truepose.models.driver import STEP, Driver
 from truepose.models.kinematics import driver_default, driver_names
 from truepose.models.machine import Machine
 from truepose.models.placed import PlacedEffect
+from truepose.models.task import WHOLE, Task
 from truepose.wording import joined
 
 
@@ -18,7 +20,8 @@ from truepose.wording import joined
 class LeftOut:
     """calibrated: whether the file came from a fit; stated: whether it has effects; sensor: labels of effects that move no
     tool; memory: labels of effects that depend on what was before, which is not followed; frames: further ones of the
-    machine; drivers: value and unit where the controller gives none; followed: those of them that ``NAME_state`` works out."""
+    machine; drivers: value and unit where the controller gives none; followed: those of them that ``NAME_state`` works out;
+    task: which components of a pose its inverse meets."""
 
     calibrated: bool
     stated: bool
@@ -27,6 +30,7 @@ class LeftOut:
     frames: tuple[str, ...]
     drivers: Mapping[str, tuple[float, str]]
     followed: tuple[str, ...] = ()
+    task: Task = WHOLE
 
 
 def left_out(machine: Machine, features: Features = ALL) -> LeftOut:
@@ -41,9 +45,8 @@ def left_out(machine: Machine, features: Features = ALL) -> LeftOut:
     drivers = {name: (driver_default(machine, name), machine.driver_unit(name) or "1") for name in names}
     calibrated = machine.file is not None and bool(machine.file.nominal)
     frames = tuple(mount.name for mount in machine.mounts)
-    return LeftOut(
-        calibrated, bool(machine.effects), tuple(sensor), tuple(memory), frames, drivers, tuple(own)
-    )
+    stated, task = bool(machine.effects), machine_task(machine)
+    return LeftOut(calibrated, stated, tuple(sensor), tuple(memory), frames, drivers, tuple(own), task)
 
 
 def left_out_words(found: LeftOut) -> list[str]:
@@ -53,6 +56,11 @@ def left_out_words(found: LeftOut) -> list[str]:
     else:
         what = "the effects that the file states" if found.stated else "corrects nothing"
         said = [f"The machine file was not calibrated: the code has the drawing's constants and {what}."]
+    if not found.task.is_whole:
+        said.append(
+            f"Of a pose ik and compensate meet {found.task.words}; code 0 says nothing of the rest."
+            + (" Next to a singular pose a joint may move far for it." if found.task.position else "")
+        )
     if found.sensor:
         said.append(f"Left out, because it moves no tool: {joined(found.sensor)}.")
     if found.memory:

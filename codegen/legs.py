@@ -63,7 +63,7 @@ class Legs:
 def legs_of(model: SymbolicModel, layout: Layout, real: str) -> Legs | None:
     """The legs of a machine whose platform is held by rods alone, with as many readings as rods, else None."""
     mechanism = model.machine.mechanism
-    if not _is_platform_on_rods(model, mechanism):
+    if not (layout.task.is_whole and _is_platform_on_rods(model, mechanism)):
         return None
     pose = ca.SX.sym("T", 12)
     across, lengths = _rods(model, pose)

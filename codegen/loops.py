@@ -19,7 +19,8 @@ from truepose.codegen.elimination import Factors, Pivots, factors_of
 from truepose.codegen.layout import Layout
 from truepose.codegen.reference import Reference
 from truepose.models.kinematics import SymbolicModel
-from truepose.models.velocities import gap_derivative
+from truepose.models.task import Task
+from truepose.models.velocities import gap_derivative, twists
 
 Array = NDArray[np.float64]
 _SAMPLES = 24
@@ -62,8 +63,7 @@ class LoopExpressions:
     places (nz,)     where they stand: row * (nq + nx) + column
     symbols (nz,)    what the equations read them as
     loops, whole     equations of the closure for x, and of pose and closure for y
-    rows             those of [twist; closure] that ``whole`` solves: all, or where readings are fewer than six as many of
-                     the pose's as there are readings
+    rows             those of [twist; closure] that ``whole`` solves: all, or of the twist what the task asks for
     """
 
     pose: ca.SX
@@ -87,7 +87,7 @@ class LoopExpressions:
         matrix, samples = _matrix(model, derivative, places, symbols), _samples(model, derivative, layout)
         nq, scale = len(model.readings), (layout.weight, layout.unknown)
         loops = Equations.of(matrix[6:, nq:], samples[:, 6:, nq:], (scale[0][6:], scale[1][nq:]), real)
-        rows = _rows(samples, scale, nq)
+        rows = _rows(layout.task, len(scale[0]))
         return cls(
             pose=ca.vec(model.pose[:3, :].T),  # row by row
             closure=model.closure,
@@ -114,17 +114,6 @@ def _derivative(model: SymbolicModel) -> ca.SX:
     return ca.vertcat(twists(model.pose, y), ca.jacobian(model.closure, y))
 
 
-def twists(pose: ca.SX, y: ca.SX) -> ca.SX:
-    """Derivative (6, ny) of a pose as twists [v; w] at its origin, in the frame the pose is told in."""
-    rotation = pose[:3, :3]
-    by_y = ca.jacobian(ca.vec(rotation), y)
-    turns = []
-    for k in range(y.numel()):
-        rate = ca.reshape(by_y[:, k], 3, 3)  # rate @ rotation.T is skew: three of its entries tell all
-        turns.append(ca.vertcat(*(rate[i, :] @ rotation[j, :].T for i, j in ((2, 1), (0, 2), (1, 0)))))
-    return ca.vertcat(ca.jacobian(pose[:3, 3], y), ca.horzcat(*turns))
-
-
 def _without_zeros(matrix: ca.SX) -> ca.SX:
     return ca.sparsify(ca.simplify(matrix))
 
@@ -136,23 +125,11 @@ def _places(derivative: ca.SX, nq: int) -> tuple[list[tuple[int, int]], int]:
     return found, sum(1 for i, j in found if i >= 6 and j >= nq)
 
 
-def _rows(samples: Array, scale: tuple[Array, Array], nq: int) -> list[int]:
-    """Rows of the pose that differ most as the readings move and the loops stay closed, ``nq`` of them, and of the closure."""
-    closure = list(range(6, len(scale[0])))
-    scaled = samples * scale[0][:, None] * scale[1]
-    if nq >= 6 or not len(samples):
-        return [*range(6), *closure]
-    by_x = [np.linalg.lstsq(sample[6:, nq:], sample[6:, :nq], rcond=None)[0] for sample in scaled]
-    moved = np.array([s[:6, :nq] - s[:6, nq:] @ x for s, x in zip(scaled, by_x, strict=True)])
-    flat = np.hstack(list(moved))  # (6, m nq)
-    chosen: list[int] = []
-    for _ in range(nq):
-        sizes = np.linalg.norm(flat, axis=1).round(9)
-        row = int(np.argmax(sizes))
-        along = flat[row] / max(float(np.linalg.norm(flat[row])), 1e-300)
-        flat = flat - np.outer(flat @ along, along)
-        chosen.append(row)
-    return sorted(chosen) + closure
+def _rows(task: Task, count: int) -> list[int]:
+    """Return rows of [twist; closure] that are solved for a task; none where it has turns about axes of the tool."""
+    if task.is_whole:
+        return [*range(count)]
+    return [] if task.about else [*task.along, *range(6, count)]
 
 
 def _matrix(
@@ -181,4 +158,4 @@ def _samples(model: SymbolicModel, derivative: ca.SX, layout: Layout) -> Array:
     return np.array(out).reshape(-1, *derivative.shape)
 
 
-__all__ = ["Equations", "LoopExpressions", "twists"]
+__all__ = ["Equations", "LoopExpressions"]

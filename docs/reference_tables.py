@@ -178,7 +178,7 @@ def _row(key: str, field: Schema, needed: bool) -> str:
 def _value(field: Schema) -> str:
     if allowed(field):
         shown = [f"`{value}`" for value in allowed(field)]
-        return "a slug" if len(shown) > 8 else ", ".join(shown)
+        return "a slug" if len(shown) > 9 else ", ".join(shown)
     if "anyOf" in field:
         told = " or ".join(dict.fromkeys(_value(option) for option in field["anyOf"]))
         return re.sub(r"^number( >= 0)? or 3 numbers\1$", r"1 or 3 numbers\1", told)

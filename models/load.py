@@ -59,9 +59,20 @@ def build_machine(file: MachineFile) -> Machine:
         declared_drivers=with_recordings(with_columns(declared, forces, file), own, masses),
     )
     _check_names(machine, file)
+    _check_task(machine, file)
     placed = [place_effect(machine, e, f"{file.path}: effects[{k}]") for k, e in enumerate(file.effects)]
     _check_once(placed, str(file.path))
     return replace(machine, effects=tuple(placed), notes=(*machine.notes, *_wrong_signs(placed)))
+
+
+def _check_task(machine: Machine, file: MachineFile) -> None:
+    """Refuse a task of more conditions than there are joints that are read."""
+    joints = machine.mechanism.readings
+    if file.task and len(file.task.rows) > len(joints):
+        raise InputError(
+            f"{file.path}: task: found {len(file.task.rows)} conditions ({', '.join(file.task.components)}), expected at most "
+            f"{len(joints)}, one for each of the joints {', '.join(joints)}"
+        )
 
 
 def _check_once(placed: Sequence[PlacedEffect], path: str) -> None:

@@ -46,6 +46,8 @@ from truepose.models.plain_texts import check_document
 from truepose.models.recording_section import RecordingSection
 from truepose.models.schema_line import SCHEMA_LINE
 from truepose.models.spring_section import SpringSection
+from truepose.models.task import Task
+from truepose.models.task_section import TaskField
 from truepose.models.tolerance_section import DefaultTolerances, Interval, Override
 from truepose.models.tolerances import Tolerances
 from truepose.models.unit_section import UnitsSection, read_units
@@ -101,6 +103,7 @@ class MachineFile:
     forces: Mapping[str, ForceSection] = field(default_factory=dict)
     recordings: Mapping[str, RecordingSection] = field(default_factory=dict)
     refused: tuple[str, ...] = ()  # why its fit may not be called a calibration
+    task: Task | None = None  # components of the pose to be met; None where the file states none
     digest: str = ""  # SHA-256 of the file that was read; empty for a document in memory
 
     def override_for(self, parameter: str, unit: str) -> float | None:
@@ -144,6 +147,8 @@ class MachineDocument(Section):
     """1-sigma of the hardware as built, before any measurement."""
     masses: dict[str, MassSection] = Field(default_factory=dict)
     """What has weight, by a name of your own; used together with `gravity`."""
+    task: TaskField | None = None
+    """Components of the tool's pose that have to be met, such as `[x, y, z, axis]`; left out: all that the joints can hold."""
     drivers: tuple[DriverField, ...] = ()
     """What recordings log beyond the joints: names, or mappings with a unit. A declared column may drive any effect."""
     loads: dict[str, SpringSection] = Field(default_factory=dict)
@@ -215,6 +220,7 @@ def checked_machine(path: Path, raw: dict[str, Any]) -> MachineFile:
         forces=document.forces,
         recordings=document.recordings,
         refused=refused_by(document.judgement),
+        task=document.task,
     )
 
 

@@ -127,6 +127,11 @@ class Sensor(ABC):
         return ()
 
     @property
+    def pointed(self) -> str:
+        """Axis of the tool, x, y or z, whose direction is read; empty where none is."""
+        return ""
+
+    @property
     def reads(self) -> tuple[str, ...]:
         """Further parameters of the machine that ``predict`` reads: ``tool.x`` where it is fixed to the flange."""
         return ()

@@ -55,6 +55,17 @@ def gap_derivative(model: SymbolicModel) -> ca.SX | None:
     return _Velocities(model).derivative() if _told_by_screws(model) else None
 
 
+def twists(pose: ca.SX, y: ca.SX) -> ca.SX:
+    """Derivative (6, ny) of a pose as twists [v; w] at its origin, in the frame the pose is told in."""
+    rotation = pose[:3, :3]
+    by_y = ca.jacobian(ca.vec(rotation), y)
+    turns = []
+    for k in range(y.numel()):
+        rate = ca.reshape(by_y[:, k], 3, 3)  # rate @ rotation.T is skew: three of its entries tell all
+        turns.append(ca.vertcat(*(rate[i, :] @ rotation[j, :].T for i, j in ((2, 1), (0, 2), (1, 0)))))
+    return ca.vertcat(ca.jacobian(pose[:3, 3], y), ca.horzcat(*turns))
+
+
 def _told_by_screws(model: SymbolicModel) -> bool:
     mechanism = model.machine.mechanism
     coordinates = sum(COORDINATES[joint.kind] for joint in mechanism.passive)
@@ -205,4 +216,4 @@ def _turning(back: ca.SX, child: ca.SX, screw: Screw) -> ca.SX:
     return lie.vee(back @ moved)
 
 
-__all__ = ["Screw", "gap_derivative"]
+__all__ = ["Screw", "gap_derivative", "twists"]

@@ -47,7 +47,7 @@ _NEAR = 0.05
 """Largest correction that is taken from the C as it is, part of the machine's size or rad; beyond it lie other
 assemblies."""
 _PROBES = 8
-_COLUMNS = ("command", "target", "before", "after")
+_COLUMNS = ("command", "target", "before", "after", "not_asked", "eased")
 
 
 def compensate(
@@ -94,16 +94,20 @@ def _compiled(machine: Machine, follower: Follower) -> Compensation:
 def _empty(follower: Follower) -> Compensation:
     """Room for every row: a path in parts and as a whole would take twice the memory."""
     n, nq = follower.nominal.shape
-    command, target, before, after = (np.zeros((n, *shape)) for shape in ((nq,), (4, 4), (6,), (6,)))
+    command, target = np.zeros((n, nq)), np.zeros((n, 4, 4))
     target[:, 3, 3] = 1.0
-    return Compensation(follower.readings, follower.nominal, command, target, before, after)
+    before, after, rest = np.zeros((3, n, 6))
+    found = Compensation(
+        follower.readings, follower.nominal, command, target, before, after, task=follower.task
+    )
+    return replace(found, not_asked=rest, eased=np.zeros(n, dtype=bool))
 
 
 class _Way:
     """A path by the machine's C, once that has been seen to agree with the model. Raises NotCompiledError."""
 
     def __init__(self, machine: Machine, follower: Follower) -> None:
-        self._kinematics, self._follower = CompiledKinematics(machine), follower
+        self._kinematics, self._follower = CompiledKinematics(machine, follower.task), follower
         self._base = base_frame(machine)
         every = np.arange(len(follower.nominal))
         rows = every[:: max(len(every) // _PROBES, 1)]
@@ -120,13 +124,14 @@ class _Way:
         target, meant = self._meant(q)
         command, reached = kinematics.ik(target, q, z)
         (now, stands), (then, met) = kinematics.fk(q, z), kinematics.fk(command, z)
-        before, after = twists_between(target, now), twists_between(target, then)
+        seen = self._seen(target)
+        (before, _), (after, rest) = (follower.split(seen, self._seen(poses)) for poses in (now, then))
         good = meant & reached & stands & met & follower.within(command).all(axis=1)
         good &= np.max(np.abs(command - q) / follower.reach, axis=1) <= _NEAR
         good &= np.max(np.abs(after[:, :3]), axis=1) <= MET * follower.size
         good &= np.max(np.abs(after[:, 3:]), axis=1) <= MET
-        whole.command[rows], whole.target[rows, :3] = command, self._seen(target)
-        whole.before[rows], whole.after[rows] = self._turned(before), self._turned(after)
+        whole.command[rows], whole.target[rows, :3] = command, seen
+        whole.before[rows], whole.after[rows], whole.not_asked[rows] = before, after, rest
         return np.asarray(good)
 
     def _meant(self, q: Array) -> tuple[Array, Mask]:
@@ -138,10 +143,6 @@ class _Way:
         out: Array = self._base[:3, :3] @ poses
         out[:, :, 3] += self._base[:3, 3]
         return out
-
-    def _turned(self, twists: Array) -> Array:
-        """Twists (k, 6) in the directions of the sensor's frame."""
-        return (twists.reshape(-1, 2, 3) @ self._base[:3, :3].T).reshape(-1, 6)
 
 
 __all__ = ["COMPILED_FROM", "METHODS", "Compensation", "Method", "compensate", "ideal_constants"]

@@ -19,6 +19,7 @@ from truepose.codegen.evaluation.compiled import NotCompiledError, load
 from truepose.errors import InputError
 from truepose.models import lie
 from truepose.models.machine import Machine
+from truepose.models.task import Task
 from truepose.threads import all_done
 
 Array = NDArray[np.float64]
@@ -36,12 +37,12 @@ class CompiledKinematics:
     that all stand at the machine's own values are as quick as None.
 
     Raises NotCompiledError where there is no C compiler, or it makes no library, and for machines with more joints than
-    a pose has coordinates: which of many solutions is taken must not depend on the way of solving.
+    their task has components: which of many solutions is taken must not depend on the way of solving.
     """
 
-    def __init__(self, machine: Machine) -> None:
-        if len(machine.mechanism.readings) > 6:
-            raise NotCompiledError("more than six joints")
+    def __init__(self, machine: Machine, task: Task) -> None:
+        if len(machine.mechanism.readings) > len(task.rows):
+            raise NotCompiledError("more joints than components of the pose to meet")
         try:
             texts = render(replace(machine, name=_NAME), "double")
         except (InputError, NotImplementedError) as exc:  # a machine that has no C

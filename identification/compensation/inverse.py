@@ -20,12 +20,14 @@ from scipy.stats.qmc import Halton
 
 from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.errors import InputError
+from truepose.identification.compensation.compiled import base_frame
 from truepose.identification.prediction.loops import Loops
-from truepose.models import lie
+from truepose.models.controllability import task_of
 from truepose.models.given import MachineLike, as_machine
 from truepose.models.home import coordinate_scale
 from truepose.models.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine import Machine
+from truepose.models.task import Task
 from truepose.shown.result import Shown, frame_of
 
 if TYPE_CHECKING:
@@ -58,9 +60,9 @@ class Reach(IntEnum):
 class Inverse(Shown):
     """Readings q (n, nq) and passive coordinates x (n, nx) for n poses; ``status`` (n,) holds ``Reach`` numbers.
 
-    ``position`` (n,) mm and ``rotation`` (n,) rad are what is left to the pose. Where joints would have to leave
-    their range q is what it would take, and ``beyond`` (n, nq) says which; where the pose is out of reach q is the
-    nearest found.
+    ``position`` (n,) mm and ``rotation`` (n,) rad are what is left to the pose, in the components of the task. Where
+    joints would have to leave their range q is what it would take, and ``beyond`` (n, nq) says which; where the pose is
+    out of reach q is the nearest found.
     """
 
     readings: tuple[str, ...]
@@ -99,10 +101,11 @@ def inverse(machine: MachineLike, poses: Array, start: Array | None = None) -> I
 class PoseSolver:
     """Forward and inverse kinematics of one machine with the effects of its file, many rows at once.
 
+    A pose is met in the components of ``task``: by default the file's, or what the readings can hold (``controllability``).
     ``p`` (np,) are parameters, then effect coefficients (default: the machine's own); drivers have their usual values.
     """
 
-    def __init__(self, machine: Machine, p: Array | None = None) -> None:
+    def __init__(self, machine: Machine, p: Array | None = None, task: Task | None = None) -> None:
         model = self.model = symbolic_model(machine, machine.effects)
         self.machine = machine
         self.p = model.p_home if p is None else np.asarray(p, dtype=float)
@@ -115,7 +118,8 @@ class PoseSolver:
         self._unit = np.array([*readings, *unit])
         self._gap = scale.gap if np.isfinite(scale.gap) else MET * self.size
         self._pose = BatchFunction("pose", [model.q, model.x, model.z, model.p], [model.world])
-        self._to_pose = pose_gap(model, self.size, share)
+        self.task = task_of(model) if task is None else task
+        self._to_pose = pose_gap(model, self.task, self.size, share)
         self._loops = Loops(model)
 
     def forward(self, q: Array) -> tuple[Array, Mask]:
@@ -209,15 +213,14 @@ def loop_scales(machine: Machine, model: SymbolicModel, size: float) -> tuple[Ar
     return share, unit
 
 
-def pose_gap(model: SymbolicModel, size: float, share: Array) -> BatchFunction:
+def pose_gap(model: SymbolicModel, task: Task, size: float, share: Array) -> BatchFunction:
     """What is left to a pose and to closed loops, (3 + 3 + nc, 1) in parts of ``size`` and rad, with its derivative.
 
-    ``share`` (nc,) is what the loops' equations are multiplied by.
+    What the task does not ask for is zero. ``share`` (nc,) is what the loops' equations are multiplied by.
     """
     goal, unknown = ca.SX.sym("goal", 4, 4), ca.vertcat(model.q, model.x)
-    place = (model.world[:3, 3] - goal[:3, 3]) / size
-    turn = lie.log_so3_sx(model.world[:3, :3] @ goal[:3, :3].T)
-    gap = ca.vertcat(place, turn, model.equations * share)
+    left = task.gap(goal, model.world, ca.SX(base_frame(model.machine)[:3, :3]))
+    gap = ca.vertcat(left[:3] / size, left[3:], model.equations * share)
     inputs = [model.q, model.x, model.z, model.p, ca.vec(goal)]
     return BatchFunction("gap", inputs, [gap, ca.jacobian(gap, unknown)])
 

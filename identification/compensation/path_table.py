@@ -21,6 +21,7 @@ from truepose.identification.compensation.compiled import (
     shared_out,
 )
 from truepose.identification.compensation.inverse import MET, Inverse, PoseSolver, Reach
+from truepose.identification.compensation.rows import twists_between
 from truepose.identification.recording.load import joint_columns
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording
@@ -117,7 +118,7 @@ def _nominal_joints(machine: Machine, table: Table, poses: Array) -> Array:
 
 def _by_compiled(machine: Machine, solver: PoseSolver, poses: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Readings (n, nq) by the generated C, and which rows it solved. Raises NotCompiledError."""
-    kinematics = CompiledKinematics(machine)
+    kinematics = CompiledKinematics(machine, solver.task)
     marks = np.arange(0, len(poses), -(-len(poses) // MARKS))
     known = solver.inverse(base_frame(machine) @ poses[marks])
     guess = np.where(known.solved[:, None], known.q, solver.model.q_home)
@@ -127,8 +128,9 @@ def _by_compiled(machine: Machine, solver: PoseSolver, poses: Array) -> tuple[Ar
         wanted = poses[rows, :3]
         q[rows], solved = kinematics.ik(wanted, q[rows], p=solver.p)
         again, assembled = kinematics.fk(q[rows], p=solver.p)
-        apart = np.abs(again - wanted) / np.where(np.arange(4) == 3, solver.size, 1.0)
-        good[rows] = solved & assembled & (np.max(apart, axis=(1, 2)) <= MET)
+        left = solver.task.counted(twists_between(wanted, again), wanted, np.eye(3))
+        apart = np.abs(left) / np.repeat([solver.size, 1.0], 3)
+        good[rows] = solved & assembled & (np.max(apart, axis=1) <= MET)
 
     shared_out(part, len(poses), _BLOCK)
     return q, good

@@ -6,21 +6,25 @@ Use ``compensation.compensate``; this is the half of it that needs no compiler.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
+from truepose.identification.compensation.compiled import base_frame
 from truepose.identification.compensation.inverse import MET, loop_scales, pose_gap
+from truepose.identification.compensation.newton import Problem, ease_rows, solve_rows
 from truepose.identification.prediction.predict import predictor_for
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
+from truepose.models.controllability import task_of
 from truepose.models.driver import STEP, Driver
 from truepose.models.home import coordinate_scale
 from truepose.models.kinematics import SymbolicModel
 from truepose.models.machine import Machine
+from truepose.models.task import WHOLE, Task
 from truepose.shown.result import Shown, frame_of
 
 if TYPE_CHECKING:
@@ -31,10 +35,8 @@ Mask = NDArray[np.bool_]
 Rows = NDArray[np.intp]
 Method = Literal["exact", "first-order"]
 _BLOCK = 8192
-_NEWTON = 30
-_SETTLED = 1e-13
-_LONGEST = 0.1
-"""Longest step of an unknown: part of the machine's size, or rad."""
+_CALM = 0.5
+"""Share of a joint's swing that is left at most where turns are met nearly; else the swing is for the position."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -42,7 +44,9 @@ class Compensation(Shown):
     """Readings ``command`` (n, nq) for the path's ``nominal`` ones, in mm and rad (or the column's own unit).
 
     target (n, 4, 4): the sensor-frame poses that are meant. before, after (n, 6): twists [mm, rad] from the target to
-    where the calibrated machine stands with nominal commands, and with the corrected ones. ``solved_by`` says how.
+    where the calibrated machine stands with nominal commands, and with the corrected ones; of them what ``task`` asks for.
+    not_asked (n, 6): the rest of the twist with the corrected commands. eased (n,): rows next to a singular pose, where a turn
+    that no file asks for would make a joint swing; there the position is met, and turns nearly. ``solved_by`` says how.
     """
 
     readings: tuple[str, ...]
@@ -52,6 +56,9 @@ class Compensation(Shown):
     before: Array
     after: Array
     solved_by: str = "numpy"
+    task: Task = WHOLE
+    not_asked: Array = field(default_factory=lambda: np.zeros((0, 6)))
+    eased: Mask = field(default_factory=lambda: np.zeros(0, dtype=bool))
 
     def to_frame(self) -> pd.DataFrame:
         """Commands, one row for each of the path: the joints, ``<joint>.nominal``, then ``before.position``,
@@ -97,7 +104,11 @@ class Follower:
         share, unknown = loop_scales(machine, model, self.size)
         self._unit = np.array([self.size if unit == "mm" else 1.0 for unit in units] + [*unknown])
         self._closed = max(scale.gap if np.isfinite(scale.gap) else 0.0, MET * self.size)
-        self._gap = pose_gap(model, self.size, share)
+        self.task = task_of(model)
+        self._base = base_frame(machine)[:3, :3]
+        self._gap = pose_gap(model, self.task, self.size, share)
+        position = self.task.position if machine.task is None else None
+        self._position = pose_gap(model, position, self.size, share) if position else None
 
     @property
     def reach(self) -> Array:
@@ -144,37 +155,37 @@ class Follower:
         x = self._assembled(self.ideal, rows)
         if method == "exact":
             target, _ = predictor.poses(self.ideal, x)
-            command = self._readings(rows, target, self.real, x)
+            command, eased = self._readings(rows, target, self.real, x)
         else:
             target, twist = predictor.twists(self.ideal, x)
             aim = _displaced(target, twist @ (self.ideal - self.real))
-            command = self._readings(rows, aim, self.ideal, x)
+            command, eased = self._readings(rows, aim, self.ideal, x)
         self._check_ranges(command, rows)
-        before = self._errors(target, rows)
+        before, _ = self._errors(target, rows)
         predictor.q = command
-        return Compensation(self.readings, q, command, target, before, self._errors(target, rows))
+        after, not_asked = self._errors(target, rows)
+        found = Compensation(self.readings, q, command, target, before, after, task=self.task)
+        return replace(found, not_asked=not_asked, eased=eased)
 
-    def _readings(self, block: Rows, target: Array, p: Array, x: Array) -> Array:
-        """(n, nq) readings that put the tool of constants ``p`` at ``target`` (n, 4, 4): Newton, all rows at once."""
-        q, z = self._path.q[block], self.z[block]
-        nq = q.shape[1]
-        u = np.hstack([q, x]) / self._unit
-        goal = target.transpose(0, 2, 1).reshape(len(target), 16)
-        rows, left = np.arange(len(u)), np.full((len(u), 3), np.inf)
-        for _ in range(_NEWTON):
-            at = u[rows] * self._unit
-            gap, slope = self._gap(at[:, :nq], at[:, nq:], z[rows], p, goal[rows])
-            step = _least(slope * self._unit, gap[..., 0])
-            step /= np.maximum(1.0, np.max(np.abs(step), axis=1, keepdims=True) / _LONGEST)
-            u[rows] -= step
-            parts = np.split(np.abs(gap[..., 0]), [3, 6], axis=1)
-            left[rows] = np.column_stack([np.max(part, axis=1, initial=0.0) for part in parts])
-            rows = rows[~(np.max(np.abs(step), axis=1) < _SETTLED * (1 + np.max(np.abs(u[rows]), axis=1)))]
-            if not len(rows):
-                break
-        self._check_met(left * np.array([self.size, 1.0, self.size]), block)
-        out: Array = u[:, :nq] * self._unit[:nq]
-        return out
+    def _readings(self, block: Rows, target: Array, p: Array, x: Array) -> tuple[Array, Mask]:
+        """(n, nq) readings that put the tool of constants ``p`` at ``target`` (n, 4, 4), and which meet turns nearly."""
+        found, nq = solve_rows(self._gap, self._problem(block, target, p, x)), len(self.readings)
+        u, left, eased = found.u, found.left, np.zeros(len(block), dtype=bool)
+        some = np.flatnonzero(found.swings | ~self._met(left))
+        if self._position is not None and len(some):
+            problem = self._problem(block[some], target[some], p, x[some])
+            near = solve_rows(self._position, problem, ease_rows(self._gap, problem))
+            moved = np.max(np.abs(near.u - problem.start)[:, :nq], axis=1)
+            calmer = ~self._met(left[some]) | (moved < _CALM * found.moved[some])
+            some, near_u, near_left = some[calmer], near.u[calmer], near.left[calmer]
+            u[some], left[some], eased[some] = near_u, near_left, True
+        self._check_met(left, block)
+        return np.asarray(u[:, :nq] * self._unit[:nq]), eased
+
+    def _problem(self, block: Rows, target: Array, p: Array, x: Array) -> Problem:
+        """Return rows (k,) of the path with targets (k, 4, 4) of the tool, to be solved from their own readings."""
+        q, goal = self._path.q[block], target.transpose(0, 2, 1).reshape(len(target), 16)
+        return Problem(np.hstack([q, x]) / self._unit, self._unit, q.shape[1], self.z[block], p, goal)
 
     def _assembled(self, p: Array, rows: Rows) -> Array:
         x, good = self._predictor.assemble(p)
@@ -183,22 +194,32 @@ class Follower:
             raise InputError(f"{row}: the mechanism cannot be assembled there; mend or drop the row")
         return x
 
-    def _errors(self, target: Array, rows: Rows) -> Array:
-        """(n, 6) twists from the target to where the calibrated machine puts the tool."""
+    def split(self, target: Array, poses: Array) -> tuple[Array, Array]:
+        """Return twists (n, 6) from sensor-frame targets to poses (n, 4, 4): what the task asks for, and the rest."""
+        twists = twists_between(target, poses)
+        asked = self.task.counted(twists, target, self._base)
+        return asked, twists - asked
+
+    def _errors(self, target: Array, rows: Rows) -> tuple[Array, Array]:
+        """Return the twists from the target to where the calibrated machine puts the tool, split by the task."""
         poses, _ = self._predictor.poses(self.real, self._assembled(self.real, rows))
-        return twists_between(target, poses)
+        return self.split(target, poses)
 
     def _where(self, rows: Rows, row: int) -> str:
         return self._path.where(int(rows[row]))
 
+    def _met(self, left: Array) -> Mask:
+        """(n,) rows whose pose is met and whose loops are closed: what is left (n, 3), in parts of the size and rad."""
+        return np.asarray((left[:, :2] <= MET).all(axis=1) & (left[:, 2] * self.size <= self._closed))
+
     def _check_met(self, left: Array, rows: Rows) -> None:
-        """Refuse rows whose pose is not met, or whose loops are not closed: (n, 3) mm, rad, mm."""
-        met = (left[:, 0] <= MET * self.size) & (left[:, 1] <= MET) & (left[:, 2] <= self._closed)
+        """Refuse rows that are not met: what is left (n, 3), in parts of the size and rad."""
+        met = self._met(left)
         if not met.all():
             row = int(np.argmin(met))
             raise InputError(
                 f"{self._where(rows, row)}: found no readings that put the tool where the path asks "
-                f"({left[row, 0]:.3g} mm and {left[row, 1]:.3g} rad are left), expected a pose within reach"
+                f"({left[row, 0] * self.size:.3g} mm and {left[row, 1]:.3g} rad are left), expected a pose within reach"
             )
 
     def _check_ranges(self, command: Array, rows: Rows) -> None:
@@ -215,24 +236,13 @@ class Follower:
             )
 
 
-def _least(slope: Array, gap: Array) -> Array:
-    """(n, nu) steps: the smallest of the least-squares ones where unknowns and equations differ in number."""
-    if slope.shape[1] == slope.shape[2]:
-        try:
-            return np.asarray(np.linalg.solve(slope, gap[..., None]))[..., 0]
-        except np.linalg.LinAlgError:
-            pass
-    out: Array = (np.linalg.pinv(slope) @ gap[..., None])[..., 0]
-    return out
-
-
 def joined(parts: Sequence[Compensation]) -> Compensation:
     """One after the other."""
-    names = ("nominal", "command", "target", "before", "after")
-    nominal, command, target, before, after = (
-        np.concatenate([getattr(part, name) for part in parts]) for name in names
-    )
-    return Compensation(parts[0].readings, nominal, command, target, before, after)
+    names = ("nominal", "command", "target", "before", "after", "not_asked", "eased")
+    columns: dict[str, Any] = {
+        name: np.concatenate([getattr(part, name) for part in parts]) for name in names
+    }
+    return replace(parts[0], **columns)
 
 
 def twists_between(target: Array, poses: Array) -> Array:

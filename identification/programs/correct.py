@@ -9,14 +9,13 @@ cannot be corrected stays as it is and is listed with its reason.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
 from truepose.identification.compensation.inverse import Reach
-from truepose.identification.compensation.rows import twists_between
 from truepose.identification.programs.forms import written
 from truepose.identification.programs.frames import Cell, Frames, Told, shown_name
 from truepose.identification.programs.meaning import Meant, by_tool, joint_units, joint_values, meant_of
@@ -33,6 +32,7 @@ from truepose.identification.programs.program import (
 from truepose.identification.programs.robot import Robot
 from truepose.models import lie
 from truepose.models.machine import Machine
+from truepose.models.mechanism import AXES
 from truepose.models.units import convert
 
 Array = NDArray[np.float64]
@@ -87,11 +87,11 @@ def correct(
     """The text of a program with its targets corrected.
 
     ``drivers`` are values of what effects depend on (``payload``, ``temperature.base``), mm, rad, kg, degC; the rest has its
-    defaults. Raises InputError for a machine that is no arm of six joints where the program has poses, and where no target is
-    left to correct.
+    defaults. Raises InputError for a machine whose joints a pose does not tell where the program has poses, and where no target
+    is left to correct.
     """
-    _check(machine, program)
     frames, robot = Frames(program, cell or Cell()), Robot(machine, drivers or {})
+    program = _check(robot, program)
     left = list(program.left)
     known: list[tuple[Target, Told]] = []
     for target in program.targets:
@@ -121,13 +121,18 @@ def _beyond(target: Target) -> str | None:
     return f"its number {shown(far[0], 30)} is beyond {LARGEST:g}" if far else None
 
 
-def _check(machine: Machine, program: Program) -> None:
+def _check(robot: Robot, program: Program) -> Program:
+    """Refuse programs of other robots; the program, of fewer joints than six without configurations: they are six joints'."""
+    machine, task = robot.machine, robot.solver.task
     joints = machine.mechanism.actuators
     if not program.targets and not program.left:
         raise InputError("found no target in the program, expected poses or joints that it moves to")
-    if any(t.kind == "pose" for t in program.targets) and len(joints) != 6:
+    if any(t.kind == "pose" for t in program.targets) and (
+        len(joints) != len(task.rows) or len(task.along) < 3
+    ):
         raise InputError(
-            f"{machine.name}: found {len(joints)} joints, expected six: a program's pose tells the joints of no other robot"
+            f"{machine.name}: found {len(joints)} joints, which meet {task.words}, expected six, or fewer that meet x, y "
+            "and z: a program's pose tells the joints of no other robot"
         )
     odd = [a.reading for a in joints if a.reading_unit not in ("rad", "mm")]
     counts = {len(t.numbers) for t in program.targets if t.kind == "joints"}
@@ -136,6 +141,10 @@ def _check(machine: Machine, program: Program) -> None:
         raise InputError(
             f"{machine.name}: found {found}, expected {max(counts)} joints in angles and lengths, as the program has them"
         )
+    if len(joints) == len(AXES):
+        return program
+    bare = tuple(replace(target, configuration=()) for target in program.targets)
+    return replace(program, targets=bare, configuration=None)
 
 
 def _corrected(robot: Robot, program: Program, meant: list[Meant], left: list[Left]) -> list[Corrected]:
@@ -144,11 +153,11 @@ def _corrected(robot: Robot, program: Program, meant: list[Meant], left: list[Le
         some = [meant[k] for k in rows]
         goal, q = np.array([m.goal for m in some]), np.array([m.q for m in some])
         robot.real(tool)
-        before = twists_between(goal, robot.solver.forward(q)[0])
+        before = robot.missed(goal, robot.solver.forward(q)[0])
         found = robot.solver.inverse(goal, q, restarts=0, rewind=False)
         robot.nominal(tool)
         seen = robot.solver.forward(found.q)[0]
-        change = twists_between(goal, seen)
+        change = robot.missed(goal, seen)
         good, texts = [], []
         for row, m in enumerate(some):
             why = _refused(robot, found.status[row], found.saturated(row), found.q[row] - q[row])
@@ -232,7 +241,7 @@ def _after(
         if m.target.kind == "joints":
             commands[row] = joint_values(robot, program, values[row])
     robot.real(tool)
-    return twists_between(np.array([m.goal for m in some]), robot.solver.forward(commands)[0])
+    return robot.missed(np.array([m.goal for m in some]), robot.solver.forward(commands)[0])
 
 
 def _nearby(robot: Robot, meant: Sequence[Meant]) -> float:
@@ -249,7 +258,7 @@ def _nearby(robot: Robot, meant: Sequence[Meant]) -> float:
             robot.real(tool)
             found = robot.solver.inverse(moved, start.q, restarts=0, rewind=False)
             robot.nominal(tool)
-            twist = twists_between(moved, robot.solver.forward(found.q)[0])[:, :3]
+            twist = robot.missed(moved, robot.solver.forward(found.q)[0])[:, :3]
             good = (
                 start.solved & found.solved & (np.abs(found.q - start.q) / robot.reach < FARTHEST).all(axis=1)
             )

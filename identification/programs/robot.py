@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from truepose.errors import InputError
 from truepose.identification.compensation.compiled import base_frame
 from truepose.identification.compensation.inverse import PoseSolver
-from truepose.identification.compensation.rows import ideal_constants
+from truepose.identification.compensation.rows import ideal_constants, twists_between
 from truepose.models.driver import APPROACH, Driver
 from truepose.models.export.numbers import MM_PER_M, xyz_rpy
 from truepose.models.machine import Machine
 from truepose.models.mechanism import AXES
+from truepose.models.task import WHOLE
 from truepose.wording import close_matches
 
 Array = NDArray[np.float64]
@@ -23,11 +24,13 @@ Array = NDArray[np.float64]
 class Robot:
     """A solver that is set to the nominal or to the real constants. ``drivers`` are values of the effects' drivers by name.
 
-    Raises InputError for a driver that no effect has.
+    Six joints meet whole poses, as their controller does; fewer meet what they can hold. Raises InputError for a driver that
+    no effect has.
     """
 
     def __init__(self, machine: Machine, drivers: Mapping[str, float]) -> None:
-        self.machine, self.solver = machine, PoseSolver(machine)
+        whole = WHOLE if len(machine.mechanism.readings) == len(AXES) else None
+        self.machine, self.solver = machine, PoseSolver(machine, task=whole)
         model = self.solver.model
         for name in drivers:
             if name not in model.drivers:
@@ -52,9 +55,14 @@ class Robot:
 
     @property
     def reach(self) -> Array:
-        """(nq,) readings that move a joint by the machine's size, or by 1 rad."""
+        """(nq,) readings that move a joint by the machine's size (a gantry has no length but its ranges), or by 1 rad."""
         actuators = self.machine.mechanism.actuators
-        return np.array([self.solver.size if a.reading_unit == "mm" else 1.0 for a in actuators])
+        sizes = [max([self.solver.size, *map(abs, a.range or ())]) for a in actuators]
+        return np.array([s if a.reading_unit == "mm" else 1.0 for a, s in zip(actuators, sizes, strict=True)])
+
+    def missed(self, goals: Array, poses: Array) -> Array:
+        """Return twists (n, 6) from goals to poses (n, 4, 4) in the sensor's frame, of which the robot can hold."""
+        return self.solver.task.counted(twists_between(goals, poses), goals, self.base[:3, :3])
 
     def nominal(self, tool: Array | None) -> None:
         """The drawing's joints and links, no effect, and a tool (4, 4) mm on the flange; None is the machine file's."""

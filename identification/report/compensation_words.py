@@ -21,9 +21,12 @@ def compensation_json(found: Compensation) -> dict[str, object]:
         }
 
     change = np.max(np.abs(found.command - found.nominal), axis=0)
+    partial = {} if found.task.is_whole else {"not_asked": largest(found.not_asked)}
     return {
         "rows": len(found.command),
-        "largest_error": {"before": largest(found.before), "after": largest(found.after)},
+        "task": list(found.task.components),
+        "eased": int(np.sum(found.eased)),
+        "largest_error": {"before": largest(found.before), "after": largest(found.after), **partial},
         "largest_correction": dict(zip(found.readings, change.tolist(), strict=True)),
     }
 
@@ -42,7 +45,17 @@ def error_sentence(found: Compensation) -> str:
         rotation = np.degrees(np.max(np.linalg.norm(twists[:, 3:], axis=1)))
         return f"{position:.4g} mm, {rotation:.4g} deg"
 
-    return (
+    said = (
         f"largest pose error, as the calibrated model has it: {words(found.before)} with the path's commands, "
         f"{words(found.after)} with these"
+    )
+    if found.task.is_whole:
+        return said
+    said = f"{said}, counting {found.task.words}; of the rest of the pose {words(found.not_asked)} are left"
+    eased = int(np.sum(found.eased))
+    rows = f"{eased} row{'s' * (eased != 1)} next to a singular pose"
+    return (
+        f"{said}; of {rows}, where a joint would swing, the position is met and turns nearly"
+        if eased
+        else said
     )

@@ -157,7 +157,8 @@ def _(found: Experiment) -> pd.DataFrame:
 def _(found: Compensation) -> pd.DataFrame:
     data = dict(zip(found.readings, found.command.T, strict=True))
     data |= {f"{name}.nominal": q for name, q in zip(found.readings, found.nominal.T, strict=True)}
-    for when, twist in (("before", found.before), ("after", found.after)):
+    partial = () if found.task.is_whole else (("not_asked", found.not_asked),)
+    for when, twist in (("before", found.before), ("after", found.after), *partial):
         data[f"{when}.position"] = np.linalg.norm(twist[:, :3], axis=1)
         data[f"{when}.rotation"] = np.linalg.norm(twist[:, 3:], axis=1)
     return pd.DataFrame(data)

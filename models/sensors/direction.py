@@ -111,6 +111,11 @@ class Direction(Sensor):
         return self.own
 
     @property
+    def pointed(self) -> str:
+        """The axis that points, if it is one."""
+        return "" if self.of == ORIGIN else self.of
+
+    @property
     def columns(self) -> Mapping[str, str]:
         """Two angles, rad, or three components of a unit vector."""
         return dict.fromkeys(self.names, "1" if self.as_vector else "rad")

@@ -19,6 +19,7 @@ from truepose.codegen.pruning import pruned
 from truepose.codegen.quoting import c_string, code_span, comment, markdown, python_string
 from truepose.codegen.rolling import rolled
 from truepose.errors import InputError
+from truepose.models.task import Task
 
 A, B = ca.SX.sym("a"), ca.SX.sym("b")
 Made = Callable[[ca.SX, ca.SX], ca.SX]
@@ -227,6 +228,10 @@ def test_what_the_c_holds_and_leaves_out_is_said_in_sentences() -> None:
     ]
     rests = replace(NOTHING, drivers={"approach.q1": (0.0, "1")})
     assert left_out_words(rests)[-1] == "Held still unless z gives it: approach.q1 at 0."
+    pointing = left_out_words(replace(NOTHING, task=Task(("x", "axis"))))
+    assert pointing[1].startswith(
+        "Of a pose ik and compensate meet x of the tool's position along axes of the base and the dir"
+    )
     assert left_out_json(whole) == {
         "sensor": ["a", "b"],
         "memory": ["c"],

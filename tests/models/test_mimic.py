@@ -17,7 +17,6 @@ from support import two_arms
 from support.generated_c import COMPILER, needs_compiler
 from support.two_arms import pose
 from truepose.codegen.c import generate
-from truepose.codegen.loops import twists
 from truepose.errors import InputError
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.write_machine import write_calibrated
@@ -25,7 +24,7 @@ from truepose.models.export.write import export
 from truepose.models.kinematics import symbolic_model
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
-from truepose.models.velocities import gap_derivative
+from truepose.models.velocities import gap_derivative, twists
 
 Array = NDArray[np.float64]
 GRIP = """<robot name="grip">

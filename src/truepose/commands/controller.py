@@ -120,6 +120,7 @@ def _told(
     payload: dict[str, object] = {
         "calibrated": held.calibrated,
         "left_out": left_out_json(held),
+        "task": list(held.task.components),
         "expected_pose": pose_json(machine),
     }
     if measured:

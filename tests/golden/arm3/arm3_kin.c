@@ -11,6 +11,9 @@ enum {
     NC = 0, /* closure equations */
     NY = NQ + NX,
     ROWS = 6 + NC,
+    SKIP = 3, /* rows of a pose that do not count: the first ones */
+    ALONG = 2, /* axes of the base along which the position counts */
+    ABOUT = 1, /* axes of the tool about which the rotation counts */
     SIDE = ROWS > NY ? ROWS : NY,
     NV = 3, /* moves of the chain */
     NK = 40 /* values that depend on p and z alone */
@@ -534,6 +537,49 @@ static void mix(const model *m, const real *q, const real *A, real *J)
     J[2 * SIDE6 + 1 * LINES + 2] = A[2 * SIDE6 + 1 * LINES + 2];
 }
 
+/* Turns that take T to the target about the tool's axes, about rad, and their rates by a turn in the base frame. */
+static void turns_left(const model *m, const real *target, const real *T, real *e, real *S)
+{
+    (void)m;
+    const real a0 = ((target[0] * T[0]) + (target[4] * T[4])) + (target[8] * T[8]);
+    const real a1 = ((target[1] * T[1]) + (target[5] * T[5])) + (target[9] * T[9]);
+    const real a2 = ((target[2] * T[2]) + (target[6] * T[6])) + (target[10] * T[10]);
+    const real a3 = 0.5f * (1.0f + ((a0 + a1) + a2));
+    const real a4 = (a3 <= 1e-06f) ? 1.0f : 0.0f;
+    const real a5 = (a4 != 0.0f) ? 1.0f : 0.0f;
+    const real a6 = (a4 == 0.0f) ? 1.0f : 0.0f;
+    const real a7 = ((T[0] * target[1]) + (T[4] * target[5])) + (T[8] * target[9]);
+    const real a8 = ((target[0] * T[1]) + (target[4] * T[5])) + (target[8] * T[9]);
+    const real a9 = a5 + ((a6 != 0.0f) ? a3 : 0.0f);
+    const real a10 = (a7 - a8) / a9;
+    const real a11 = 0.5f * (a10 / a9);
+    const real a12 = target[6] * a11;
+    const real a13 = target[10] * a11;
+    const real a14 = (a6 != 0.0f) ? ((a6 != 0.0f) ? ((T[10] * a12) - (T[6] * a13)) : 0.0f) : 0.0f;
+    const real a15 = (a6 != 0.0f) ? ((a6 != 0.0f) ? (-(target[9] * a11)) : 0.0f) : 0.0f;
+    const real a16 = ((a6 != 0.0f) ? (-(target[8] / a9)) : 0.0f) + a15;
+    const real a17 = (a6 != 0.0f) ? ((a6 != 0.0f) ? (-(target[5] * a11)) : 0.0f) : 0.0f;
+    const real a18 = ((a6 != 0.0f) ? (-(target[4] / a9)) : 0.0f) + a17;
+    const real a19 = (a6 != 0.0f) ? ((a6 != 0.0f) ? (-(target[8] * a11)) : 0.0f) : 0.0f;
+    const real a20 = ((a6 != 0.0f) ? (target[9] / a9) : 0.0f) + a19;
+    const real a21 = (a6 != 0.0f) ? ((a6 != 0.0f) ? (-(target[4] * a11)) : 0.0f) : 0.0f;
+    const real a22 = ((a6 != 0.0f) ? (target[5] / a9) : 0.0f) + a21;
+    const real a23 = (((a14 + (T[5] * a16)) - (T[9] * a18)) + (T[4] * a20)) - (T[8] * a22);
+    const real a24 = target[2] * a11;
+    const real a25 = (a6 != 0.0f) ? ((a6 != 0.0f) ? ((T[2] * a13) - (T[10] * a24)) : 0.0f) : 0.0f;
+    const real a26 = (a6 != 0.0f) ? ((a6 != 0.0f) ? (-(target[1] * a11)) : 0.0f) : 0.0f;
+    const real a27 = ((a6 != 0.0f) ? (-(target[0] / a9)) : 0.0f) + a26;
+    const real a28 = (a6 != 0.0f) ? ((a6 != 0.0f) ? (-(target[0] * a11)) : 0.0f) : 0.0f;
+    const real a29 = ((a6 != 0.0f) ? (target[1] / a9) : 0.0f) + a28;
+    const real a30 = (((a25 - (T[1] * a16)) + (T[9] * a27)) - (T[0] * a20)) + (T[8] * a29);
+    const real a31 = (a6 != 0.0f) ? ((a6 != 0.0f) ? ((T[6] * a24) - (T[2] * a12)) : 0.0f) : 0.0f;
+    const real a32 = (((a31 + (T[1] * a18)) - (T[5] * a27)) + (T[0] * a22)) - (T[4] * a29);
+    e[0] = -(a5 + ((a6 != 0.0f) ? a10 : 0.0f));
+    S[0] = a23;
+    S[1] = a30;
+    S[2] = a32;
+}
+
 /* ---- an open chain ---- */
 
 /* What the pose is computed from: sines (or lengths) and cosines of the moves. */
@@ -699,6 +745,40 @@ static int lu_solve(real *a, int n, real *b, int nb)
     return 1;
 }
 
+/* The rows of a pose that count, behind SKIP others, from those of its twist: positions along axes of the base, then turns
+   about axes of the tool at the target. */
+static void count_rows(const task *t, const real *T, real *r, real *J)
+{
+    int i;
+    static const unsigned char along[ALONG] = { 0, 1 };
+    real e[ABOUT], S[3 * ABOUT], turn[3 * NY];
+    int j;
+    turns_left(t->m, t->target, T, e, S);
+    copy(J + 3 * NY, turn, 3 * NY);
+    for (i = ALONG - 1; i >= 0; --i) {
+        r[SKIP + i] = r[along[i]];
+        copy(J + along[i] * NY, J + (SKIP + i) * NY, NY);
+    }
+    for (i = 0; i < ABOUT; ++i) {
+        const real *by = S + 3 * i;
+        r[SKIP + ALONG + i] = REACH * e[i];
+        for (j = 0; j < NY; ++j) {
+            J[(SKIP + ALONG + i) * NY + j] = by[0] * turn[j] + by[1] * turn[NY + j] + by[2] * turn[2 * NY + j];
+        }
+    }
+}
+
+/* Length of a vector of n. */
+static real norm_of(const real *v, int n)
+{
+    real sum = 0.0f;
+    int i;
+    for (i = 0; i < n; ++i) {
+        sum += v[i] * v[i];
+    }
+    return root(sum);
+}
+
 /* Residual, derivative and cost of a task at at->y. */
 static void evaluate(const task *t, point *at)
 {
@@ -709,10 +789,13 @@ static void evaluate(const task *t, point *at)
     at->cost = 0.0f;
     for (i = 0; i < 6; ++i) {
         at->r[i] *= i < 3 ? 1.0f : REACH;
-        at->cost += at->r[i] * at->r[i];
         for (j = 0; j < NQ; ++j) {
             at->J[i * NY + j] = J[SIDE6 * j + i / 3 * LINES + i % 3] * unknown[j];
         }
+    }
+    count_rows(t, C, at->r, at->J);
+    for (i = SKIP; i < 6; ++i) {
+        at->cost += at->r[i] * at->r[i];
     }
 }
 
@@ -720,14 +803,14 @@ static void evaluate(const task *t, point *at)
 static int met(const task *t, const point *at, real share)
 {
     (void)t;
-    return norm3(at->r) <= share * TIGHT && norm3(at->r + 3) <= share * TURN;
+    return norm_of(at->r + SKIP, ALONG) <= share * TIGHT && norm_of(at->r + SKIP + ALONG, ABOUT) <= share * TURN;
 }
 
 /* Newton's step where the task is square and undamped, else the damped least squares step; 0 when singular. */
 static int step_of(const point *at, real damping, real *step)
 {
-    const real *J = at->J, *r = at->r;
-    const int m = ROWS, n = NY, side = m < n ? m : n;
+    const real *J = at->J + SKIP * NY, *r = at->r + SKIP;
+    const int m = ROWS - SKIP, n = NY, side = m < n ? m : n;
     real a[SIDE * SIDE], b[SIDE];
     int i, j, k;
     if (m == n && !(damping > 0.0f)) {

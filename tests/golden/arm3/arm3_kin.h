@@ -8,6 +8,8 @@
    p: parameters, NULL for the calibrated arm3_p0.
    z: drivers, NULL for arm3_z0.
    A new calibration is a new p: nothing is compiled again.
+   Of a pose T ik and compensate meet x and y of the tool's position along axes of the base and the turn about the tool's z axis.
+   The rest comes as it will. Next to a singular pose a joint may move far: compare q with q_nominal.
 
    Every function is re-entrant, takes no memory but the stack, and returns
       0  solved
@@ -83,7 +85,7 @@ int arm3_fk_from(const arm3_real *p, const arm3_real *z, const arm3_real q[arm3_
     const arm3_real T_guess[12], arm3_real T[12]);
 
 /* Joints that put the tool at T, near q_guess where there are several; q may be q_guess.
-   0 only when T is met within 0.00207946 mm and 2e-06 rad; joint ranges hold to the same tolerance. */
+   0 only when T is met within 0.00207946 mm and 2e-06 rad, in what counts of it; joint ranges hold to the same tolerance. */
 int arm3_ik(const arm3_real *p, const arm3_real *z, const arm3_real T[12],
     const arm3_real q_guess[arm3_N], arm3_real q[arm3_N]);
 
@@ -91,7 +93,7 @@ int arm3_ik(const arm3_real *p, const arm3_real *z, const arm3_real T[12],
 int arm3_jac(const arm3_real *p, const arm3_real *z, const arm3_real q[arm3_N],
     arm3_real J[6 * arm3_N]);
 
-/* The command that puts the real tool where nominal joints and links, with the calibrated tool frame, put it;
+/* The command that puts the real tool where nominal joints and links, with the calibrated tool frame, put it, in what counts;
    q may be q_nominal. */
 int arm3_compensate(const arm3_real *p, const arm3_real *z,
     const arm3_real q_nominal[arm3_N], arm3_real q[arm3_N]);

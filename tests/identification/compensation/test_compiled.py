@@ -26,6 +26,7 @@ from truepose.identification.compensation.path_table import load_path
 from truepose.identification.prediction.predict import predictor_for
 from truepose.models.kinematics import symbolic_model
 from truepose.models.machine import Machine
+from truepose.models.task import WHOLE
 
 Array = npt.NDArray[np.float64]
 KINDS = ("arm", "hexapod", "polisher")
@@ -173,7 +174,7 @@ def test_drivers_at_the_machines_own_values_are_none(tmp_path: Path) -> None:
     """Digit for digit: rows without drivers go through vector units, and the same they do with these."""
     machine, path = machine_and_path("arm", tmp_path)
     q = load_path(machine, path)[1].q
-    kinematics, own = CompiledKinematics(machine), symbolic_model(machine, machine.effects).z_home
+    kinematics, own = CompiledKinematics(machine, WHOLE), symbolic_model(machine, machine.effects).z_home
     z = np.tile(own, (len(q), 1))
     poses, stands = kinematics.fk(q)
     assert stands.all()

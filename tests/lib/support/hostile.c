@@ -223,7 +223,7 @@ static void add_rounding(const real *p, const real *z, const real *q, double *po
     }
 }
 
-/* Whether forward kinematics at q meets T within the promised tolerance, and the rounding of numbers larger than the machine. */
+/* Whether forward kinematics at q meets what ASKED counts of T (x y z, turns about the tool's axes, its direction) within the promised tolerance, and the rounding of numbers larger than the machine. */
 static void meets(int function, const real *p, const real *z, const real *q, const real *T)
 {
     const double size = fmax(largest_of(p ? p : OF(_p0), NP), largest_of(T, 12)) - REACH;
@@ -246,19 +246,27 @@ static void meets(int function, const real *p, const real *z, const real *q, con
         for (j = 0; j < 3; ++j) {
             R[3 * i + j] = 0;
             for (k = 0; k < 3; ++k) {
-                R[3 * i + j] += (double)T[4 * i + k] * (double)out[4 * j + k];
+                R[3 * i + j] += (double)T[4 * k + i] * (double)out[4 * k + j];
             }
         }
-        E[i] = (double)T[4 * i + 3] - (double)out[4 * i + 3];
+        E[i] = ASKED[i] * ((double)T[4 * i + 3] - (double)out[4 * i + 3]);
         trace += R[4 * i];
     }
     apart = sqrt(E[0] * E[0] + E[1] * E[1] + E[2] * E[2]);
     expect(apart <= position, function, "position apart, mm", apart);
-    E[0] = 0.5 * (R[7] - R[5]);
-    E[1] = 0.5 * (R[2] - R[6]);
-    E[2] = 0.5 * (R[3] - R[1]);
+    E[0] = ASKED[3] * 0.5 * (R[7] - R[5]);
+    E[1] = ASKED[4] * 0.5 * (R[2] - R[6]);
+    E[2] = ASKED[5] * 0.5 * (R[3] - R[1]);
+    for (i = 0; i < 3; ++i) { /* the direction of the axis z, x or y */
+        if (ASKED[6 + i]) {
+            for (k = (i + 2) % 3, j = 0; j < 3; ++j) {
+                E[j] = j == k ? 0 : R[3 * j + k];
+            }
+            expect(R[4 * k] > 0, function, "the other way round", R[4 * k]);
+        }
+    }
     apart = sqrt(E[0] * E[0] + E[1] * E[1] + E[2] * E[2]);
-    expect(apart <= turn && trace > 2.9, function, "rotation apart, rad", apart);
+    expect(apart <= turn && (trace > 2.9 || !(ASKED[3] && ASKED[4] && ASKED[5])), function, "rotation apart, rad", apart);
 }
 
 /* ---- one call each, into blocks of exactly their size ---- */

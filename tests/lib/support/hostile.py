@@ -17,7 +17,7 @@ from truepose.codegen.layout import layout_of
 from truepose.codegen.printer import Real
 from truepose.models.kinematics import symbolic_model
 from truepose.models.machine import Machine
-from truepose.models.sensors.direction import ORIGIN, Direction
+from truepose.models.task import COMPONENTS
 
 DRIVER = Path(__file__).parent / "hostile.c"
 
@@ -102,10 +102,11 @@ def _limits(machine: Machine, header: str, real: Real) -> str:
         return f"static const double {title}[] = {{ {numbers} }};\n"
 
     rounded = np.finfo(np.float32 if real == "float" else np.float64).eps
-    pointing = [s.of for s in machine.sensors if isinstance(s, Direction) and s.of != ORIGIN]
+    pointing = [sensor.pointed for sensor in machine.sensors if sensor.pointed]
     axis = "xyz".index(pointing[0]) if f"{machine.name}_point(" in header else -1
     return (
-        array("LOW", layout.low - rounded * np.abs(layout.low))
+        array("ASKED", (float(name in layout.task.components) for name in COMPONENTS))
+        + array("LOW", layout.low - rounded * np.abs(layout.low))
         + array("HIGH", layout.high + rounded * np.abs(layout.high))
         + array("START", layout.start)
         + array("WIDTH", layout.width)

@@ -1,0 +1,61 @@
+"""Programs of robots with fewer than six joints: their poses are met in what the joints can hold. mm, rad."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from support.partial_machines import as_built, partial_machine, readings
+from support.program_robots import numbers_of
+from truepose.errors import InputError
+from truepose.identification.compensation.inverse import PoseSolver
+from truepose.identification.programs.correct import correct
+from truepose.identification.programs.dialects import DIALECTS
+from truepose.identification.programs.frames import Cell
+from truepose.identification.programs.robot import Robot
+
+
+@pytest.mark.parametrize("dialect", ["kuka", "rapid"])
+@pytest.mark.parametrize("name", ["scara", "pallets", "gantry", "mill"])
+def test_the_nominal_controller_is_told_where_the_real_tool_is_right(
+    name: str, dialect: str, tmp_path: Path
+) -> None:
+    """The controller solves the drawing for what is written; the numbers of a configuration, which are an arm's, stay."""
+    drawn = partial_machine(tmp_path, name)
+    machine = as_built(drawn, 9, length=0.1, angle=3e-4)
+    robot, solver = Robot(machine, {}), PoseSolver(drawn)
+    near = (
+        solver.model.q_home
+        + 0.1 * (readings(drawn, 6, 10) - solver.model.q_home)
+        + [0.0, 0.4, *[0.1] * 9][: len(solver.model.q_home)]
+    )
+    robot.nominal(None)
+    goals = robot.solver.forward(near)[0]
+    inside = np.linalg.inv(robot.base) @ goals
+    if dialect == "kuka":
+        lines = [f"LIN {numbers_of(pose, 'kuka')[:-1]},S 2,T 35}}" for pose in inside]
+    else:
+        lines = [
+            f"MoveL [{numbers_of(pose, 'rapid')[1:-1]},[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,fine,tool0;"
+            for pose in inside
+        ]
+    program = DIALECTS[dialect].read("\n".join(lines) + "\n", machine)
+    done = correct(machine, program, Cell())
+    assert len(done.done) == len(lines), done.left
+    for one in done.done:
+        assert np.max(np.abs(one.before)) > 1e-3
+        assert np.max(np.abs(one.after[:3])) < 1e-3  # digits that a program has
+        assert np.max(np.abs(one.after[3:])) < 1e-5
+        assert not one.reconfigured
+    assert ",S 2,T 35}" in done.text or dialect == "rapid"
+
+
+def test_poses_that_joints_do_not_tell_are_refused(tmp_path: Path) -> None:
+    flat = partial_machine(tmp_path, "planar3")
+    program = DIALECTS["kuka"].read("LIN {X 400.0,Y 100.0,Z 0.0,A 10.0,B 0.0,C 0.0}\n", flat)
+    with pytest.raises(
+        InputError, match=r"planar3: found 3 joints, which meet x and y of .*, expected six, or fewer that"
+    ):
+        correct(flat, program)
