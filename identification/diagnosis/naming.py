@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from truepose.identification.diagnosis.posterior_summary import (
     LEADING,
     LISTED,
-    NAMED,
     SHOWN,
     Inclusion,
     Named,
@@ -26,6 +25,7 @@ from truepose.identification.diagnosis.posterior_summary import (
     inclusion,
     parts_of,
 )
+from truepose.identification.diagnosis.result import NAMED
 from truepose.identification.diagnosis.rivals import beside_untested, forms_hold, without_untested
 from truepose.identification.diagnosis.search import Found, chosen
 from truepose.identification.fit.estimate import Estimate

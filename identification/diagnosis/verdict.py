@@ -23,10 +23,11 @@ from truepose.identification.diagnosis.findings import (
 from truepose.identification.diagnosis.holdout import Comparison
 from truepose.identification.diagnosis.naming import Summary, summarised
 from truepose.identification.diagnosis.null_fits import Fits
-from truepose.identification.diagnosis.posterior_summary import NAMED, Named, Presence
+from truepose.identification.diagnosis.posterior_summary import Named, Presence
 from truepose.identification.diagnosis.proof import flip_inflation, prove, replications
 from truepose.identification.diagnosis.refit import Choice, Model, chosen_model, refit, remainder_shapes
 from truepose.identification.diagnosis.result import (
+    NAMED,
     WHOLE,
     Alternative,
     Applied,

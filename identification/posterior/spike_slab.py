@@ -186,7 +186,7 @@ class SpikeSlab:
         root, out = self.root(self._stated), np.array([len(c) for c in self.terms.columns], dtype=np.intp)
         if self.design.width > self.capacity:
             for k in np.flatnonzero((out > LONG) & ~self.terms.bounded):
-                out[k] = max(np.sum(np.linalg.eigvalsh(root.among(self.terms.columns[k])) > UNSEEN), 1)
+                out[k] = max(int(np.sum(np.linalg.eigvalsh(root.among(self.terms.columns[k])) > UNSEEN)), 1)
         return out
 
     def holds(self, members: Sequence[Member]) -> bool:

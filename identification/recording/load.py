@@ -14,6 +14,7 @@ from typing import Any, TypeAlias
 import pandas as pd
 
 from truepose.errors import InputError
+from truepose.identification.recording.angle_range import center_turns
 from truepose.identification.recording.file import LABEL, JointColumn
 from truepose.identification.recording.memory_tables import is_table
 from truepose.identification.recording.names import in_known_case
@@ -21,7 +22,6 @@ from truepose.identification.recording.own_equipment import begun, with_own_equi
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.table import Table, read_table, table_in_memory
-from truepose.identification.recording.turns import center_turns
 from truepose.models.machine import Machine
 
 Source: TypeAlias = "str | os.PathLike[str] | Table | pd.DataFrame | Mapping[str, Any]"

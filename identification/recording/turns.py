@@ -1,52 +1,87 @@
-"""Angles recorded from 0 to 360 degrees, of joints whose range nobody states.
-
-A joint that stands at -10 degrees and is logged as 350 seems to have turned by a whole turn: a gain, play or drag would be
-taken for something else. Readings within one turn from zero are brought to the half turn on either side of zero, unless
-that splits an arc that is whole as it was recorded.
-"""
+"""Rotations as instruments write them, quaternions or roll, pitch and yaw, as rotation vectors."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
-from truepose.identification.recording.recording import Recording, frozen
-from truepose.models.machine import Machine
+from truepose.errors import InputError
+from truepose.identification.recording.arrow_columns import ArrowCells
+from truepose.identification.recording.names import in_known_case
+from truepose.identification.recording.table import Column, Table
+from truepose.models.units import convert
+from truepose.wording import joined
 
 Array = NDArray[np.float64]
-TURN = 2.0 * np.pi
-WHOLE_ARC = 0.9
-"""Share of the arc about zero below which the arc as recorded is the one that was travelled."""
+FORMS: Final = ("auto", "vector", "quaternion", "rpy")
+_VECTOR: Final = ("rx", "ry", "rz")
+_QUATERNION: Final = ("qx", "qy", "qz", "qw")
+_RPY: Final = ("roll", "pitch", "yaw")
+_UNIT_LENGTH: Final = 0.05
+"""How far the length of a quaternion may be from 1: more is no rounding."""
 
 
-def center_turns(machine: Machine, recording: Recording) -> Recording:
-    """Return the recording with angles from 0 to 360 degrees brought to -180 to 180, and a note, where no range is stated."""
-    q, turned = recording.q.copy(), list[str]()
-    for actuator in machine.mechanism.actuators:
-        if actuator.range is not None or actuator.reading_unit != "rad":
-            continue
-        column = recording.joints.index(actuator.reading)
-        angle = _centered(q[:, column])
-        if angle is not None:
-            q[:, column] = angle
-            turned.append(actuator.reading)
-    if not turned:
-        return recording
-    note = (
-        f"{', '.join(turned)}: readings from 0 to 360 deg are taken as -180 to 180 deg; state a `range` for a joint that "
-        "turns otherwise"
+def with_rotation_vector(table: Table, form: str = "auto") -> Table:
+    """The table with rx ry rz [deg] for its quaternion qx qy qz qw, or for its roll pitch yaw: Rz(yaw) Ry(pitch) Rx(roll).
+
+    ``form``: one of FORMS; ``rpy`` also reads columns rx ry rz as roll, pitch and yaw. A row with an empty cell has no
+    rotation. A table without a rotation stays as it is. Raises InputError for an unknown form, for one whose columns are
+    not there, and for a quaternion that is none.
+    """
+    if form not in FORMS:
+        raise InputError(f"--rotation: found {form!r}, expected {joined(FORMS, 'or')}")
+    table = in_known_case(table, (*_VECTOR, *_QUATERNION, *_RPY))
+    if all(n in table for n in _QUATERNION) and form in ("auto", "quaternion"):
+        return _replaced(table, _QUATERNION, _of_quaternions(table))
+    for names in (_RPY, _VECTOR) if form == "rpy" else (_RPY,) if form == "auto" else ():
+        if all(name in table for name in names):
+            angles = np.column_stack([_degrees(table, name) for name in names])
+            turned = _vectors(lambda v: Rotation.from_euler("ZYX", v, degrees=True), angles[:, ::-1])
+            return _replaced(table, names, turned)
+    if form == "auto" or (form == "vector" and all(name in table for name in _VECTOR)):
+        return table
+    wanted = {"vector": _VECTOR, "quaternion": _QUATERNION, "rpy": _RPY}[form]
+    raise InputError(
+        f"{table.file}: --rotation {form}: found the columns {joined(table.names)}, expected {joined(wanted)}"
     )
-    return replace(recording, q=frozen(q), notes=(*recording.notes, note))
 
 
-def _centered(angle: Array) -> Array | None:
-    """Return readings (n,) between minus and plus half a turn; None where they are whole as they were recorded."""
-    if not len(angle) or angle.min() < 0.0 or angle.max() > TURN or angle.max() <= 0.5 * TURN:
-        return None
-    centered = np.where(angle > 0.5 * TURN, angle - TURN, angle)
-    return None if np.ptp(angle) < WHOLE_ARC * np.ptp(centered) else centered
+def _of_quaternions(table: Table) -> Array:
+    values = np.column_stack([table.readings(name) for name in _QUATERNION])
+    with np.errstate(over="ignore"):  # it is then no unit quaternion
+        length = np.linalg.norm(values, axis=1)
+    bad = np.flatnonzero(np.isfinite(values).all(axis=1) & ~(np.abs(length - 1.0) <= _UNIT_LENGTH))
+    if bad.size:
+        row = int(bad[0])
+        raise InputError(
+            f"{table.where('qx', row)}: found a quaternion of length {length[row]:.4g}, expected 1"
+        )
+    return _vectors(Rotation.from_quat, values)
 
 
-__all__ = ["center_turns"]
+def _vectors(made: Callable[[Array], Rotation], values: Array) -> Array:
+    """(n, 3) rotation vectors, deg; NaN where a cell was empty."""
+    out, known = np.full((len(values), 3), np.nan), np.isfinite(values).all(axis=1)
+    if known.any():
+        out[known] = np.degrees(made(values[known]).as_rotvec())
+    return out
+
+
+def _degrees(table: Table, name: str) -> Array:
+    return convert(table.readings(name), table.unit(name, "deg", "deg"), "deg")
+
+
+def _replaced(table: Table, names: tuple[str, ...], vectors: Array) -> Table:
+    """The table with rx ry rz [deg] for its columns ``names``."""
+    rest = table.without(names)
+    cells = {name: ArrowCells(vectors[:, k]) for k, name in enumerate(_VECTOR)}
+    columns = (*rest.columns, *(Column(name, "deg") for name in _VECTOR))
+    return replace(rest, columns=columns, cells={**rest.cells, **cells})
+
+
+__all__ = ["FORMS", "with_rotation_vector"]

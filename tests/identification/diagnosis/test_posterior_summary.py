@@ -10,7 +10,8 @@ import pytest
 from support.effect_machines import read_machines
 from support.searched_arm import PLAY, SCALE, searched
 from truepose.identification.diagnosis.naming import Summary, summarised
-from truepose.identification.diagnosis.posterior_summary import NAMED, Presence, driver_of, parts_of
+from truepose.identification.diagnosis.posterior_summary import Presence, driver_of, parts_of
+from truepose.identification.diagnosis.result import NAMED
 from truepose.identification.diagnosis.search import Found
 from truepose.models.driver import Driver, DriverKind
 from truepose.models.effects.base import PlacedEffect, effects

@@ -98,9 +98,7 @@ def arm_recording(machine: Machine, noise: float = 1e-4) -> Recording:
     for k in range(40):
         goal = ([350.0, 60.0, 250.0], [280.0, -120.0, 180.0])[k % 2]
         swing = rng.uniform(-0.9, 0.9)
-        found = least_squares(
-            lambda q, goal=goal, swing=swing: ball(np.append(q, swing)) - goal, [0.0, -0.7, 1.4]
-        )
+        found = least_squares(lambda q: ball(np.append(q, swing)) - goal, [0.0, -0.7, 1.4])  # noqa: B023
         assert found.cost < 1e-12
         rows.append(np.append(found.x, swing) + noise * rng.standard_normal(4))
     table = {"placement": [1] * 40, "socket": [f"S{k % 2}" for k in range(40)]}
