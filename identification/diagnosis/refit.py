@@ -247,7 +247,7 @@ class Choice:
         each be far from the drawing.
         """
         without = self.baseline if names is None else names.fit
-        seen, most = _determined_directions(model.fit), worst_allowed(model.fit)
+        seen, most = determined_directions(model.fit), worst_allowed(model.fit)
         own, other = (seen @ fit.in_tolerances[: seen.shape[1]] for fit in (model.fit, without))
         return bool(np.any((np.abs(own) > most) & (np.abs(own - other) > most)))
 
@@ -274,7 +274,7 @@ class Choice:
             yield label, model
 
 
-def _determined_directions(fit: Estimate) -> Array:
+def determined_directions(fit: Estimate) -> Array:
     """Return orthonormal directions (k, n) of the n constants, in tolerances, of which readings tell more than those do."""
     constants = fit.nominal.parameters
     tolerance = np.array([p.tolerance if np.isfinite(p.tolerance) else 0.0 for p in constants])

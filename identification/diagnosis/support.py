@@ -57,7 +57,7 @@ def keep_supported(summary: Summary, found: Found, fit: Estimate, halves: Replic
         else:
             open_.append(one)
     replicated = halves(kept)
-    names = tuple(_cap(one, half) for one, half in zip(kept, replicated, strict=True))
+    names = tuple(cap_law(one, half) for one, half in zip(kept, replicated, strict=True))
     law = {n.cause: n.probability for n in names if not n.nameless}
     hidden = {n.cause: 0.0 for n in summary.names if n not in kept and n not in open_ and not n.nameless}
     inclusion = replace(summary.inclusion, places={**summary.inclusion.places, **law, **hidden})
@@ -83,7 +83,7 @@ def _determination(found: Found, fit: Estimate, one: Named) -> tuple[float, floa
     return statistic / float(chi2.isf(CHANCE, known)), float(np.sqrt(np.min(kept)))
 
 
-def _cap(one: Named, half: Replication | None) -> Named:
+def cap_law(one: Named, half: Replication | None) -> Named:
     """Return the name with the probability of its law that both halves of the rows allow."""
     if one.nameless or half is None or half.replicated or one.probability <= UNREPLICATED:
         return one
@@ -96,4 +96,4 @@ def _cap(one: Named, half: Replication | None) -> Named:
     return replace(one, probability=UNREPLICATED, equivalents=tuple(ranked))
 
 
-__all__ = ["UNREPLICATED", "Supported", "keep_supported"]
+__all__ = ["UNREPLICATED", "Supported", "cap_law", "keep_supported"]

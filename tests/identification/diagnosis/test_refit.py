@@ -22,8 +22,8 @@ from truepose.identification.diagnosis.null_fits import Fits
 from truepose.identification.diagnosis.refit import (
     Choice,
     Model,
-    _determined_directions,
     chosen_model,
+    determined_directions,
     refit,
 )
 from truepose.identification.diagnosis.result import WHOLE, Applied, BlockProof, PoseError
@@ -308,7 +308,7 @@ def test_geometry_strays_that_forms_move_as_far_as_a_true_model_never_leaves_it(
     choice: Choice, share: float, strays: bool
 ) -> None:
     """Beyond where plain calibration has it; not where names alone move it as far."""
-    moved = shifted(choice.baseline, _determined_directions(choice.baseline)[0], share)
+    moved = shifted(choice.baseline, determined_directions(choice.baseline)[0], share)
     model = Model({}, (), moved)
     assert choice.strays(model, None) is strays
     assert not choice.strays(model, Model({}, (), moved))
@@ -317,7 +317,7 @@ def test_geometry_strays_that_forms_move_as_far_as_a_true_model_never_leaves_it(
 
 def test_constants_that_share_what_no_reading_tells_apart_do_not_stray(choice: Choice) -> None:
     """A joint's length and the tool's along the same axis: one longer and one shorter by ten thousand tolerances."""
-    seen = _determined_directions(choice.baseline)
+    seen = determined_directions(choice.baseline)
     _, _, unseen = np.linalg.svd(seen)
     free = np.array([0.0 < p.tolerance < np.inf for p in choice.baseline.nominal.parameters])
     direction = next(v for v in unseen[len(seen) :] if np.sum(v[free] ** 2) > 0.999)

@@ -13,7 +13,7 @@ from truepose.identification.diagnosis.naming import Summary, summarised
 from truepose.identification.diagnosis.proof import replications
 from truepose.identification.diagnosis.result import Replication
 from truepose.identification.diagnosis.search import Found
-from truepose.identification.diagnosis.support import UNREPLICATED, _cap, keep_supported
+from truepose.identification.diagnosis.support import UNREPLICATED, cap_law, keep_supported
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +76,7 @@ def test_a_law_that_a_half_does_not_show_is_open(
     summary: Summary, half: Replication | None, capped: bool
 ) -> None:
     one = summary.laws[0]
-    said = _cap(one, half)
+    said = cap_law(one, half)
     assert said.probability == (UNREPLICATED if capped else one.probability)
     assert said.levels == one.levels  # location and driver stay
     total = said.probability + sum(m.probability for m in said.equivalents)

@@ -92,15 +92,23 @@ def ball(q: np.ndarray) -> np.ndarray:
     return np.append(turn @ [radial, outer[1]], height)
 
 
+def seated(goal: np.ndarray, swing: float) -> np.ndarray:
+    """Return joint angles, rad, that put the ball at a point with the wrist swung."""
+
+    def missed(q: np.ndarray) -> np.ndarray:
+        return ball(np.append(q, swing)) - goal
+
+    found = least_squares(missed, [0.0, -0.7, 1.4])
+    assert found.cost < 1e-12
+    return np.append(found.x, swing)
+
+
 def arm_recording(machine: Machine, noise: float = 1e-4) -> Recording:
     """Return rows of a perfect arm that seats its ball in two sockets with its wrist swung in many ways."""
     rng, rows = np.random.default_rng(5), []
     for k in range(40):
         goal = ([350.0, 60.0, 250.0], [280.0, -120.0, 180.0])[k % 2]
-        swing = rng.uniform(-0.9, 0.9)
-        found = least_squares(lambda q: ball(np.append(q, swing)) - goal, [0.0, -0.7, 1.4])  # noqa: B023
-        assert found.cost < 1e-12
-        rows.append(np.append(found.x, swing) + noise * rng.standard_normal(4))
+        rows.append(seated(np.array(goal), rng.uniform(-0.9, 0.9)) + noise * rng.standard_normal(4))
     table = {"placement": [1] * 40, "socket": [f"S{k % 2}" for k in range(40)]}
     joints = dict(zip(("q1", "q2", "q3", "q4"), np.degrees(rows).T.tolist(), strict=True))
     return load_recording(machine, table | joints)
