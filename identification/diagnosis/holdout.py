@@ -107,8 +107,13 @@ class Comparison:
 
     @property
     def score(self) -> float:
-        """Error after over before: of the tool's position where it is read, else of the readings."""
-        return self.ratio if self.pose is None else self.pose.model / max(self.pose.plain, 1e-300)
+        """Error after over before: of the tool's position where it is read, else of the readings.
+
+        Every block counts alike, for a block that no model predicts would drown the others.
+        """
+        counted = [b for b in self.blocks if b.name == VALIDATION] or self.blocks
+        ratios = [b.ratio if b.pose is None else b.pose for b in counted]
+        return float(np.exp(np.mean(np.log(np.maximum(ratios, 1e-12))))) if ratios else self.ratio
 
     @property
     def worse(self) -> bool:
