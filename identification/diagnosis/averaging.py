@@ -28,6 +28,7 @@ from truepose.identification.fit.problem import Prior, Problem, prior_of
 from truepose.identification.posterior.state import State, moments, typical
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.models.effects.base import PlacedEffect
+from truepose.models.placed import EffectAtPlace
 
 Array = NDArray[np.float64]
 ENOUGH = 0.1
@@ -85,14 +86,24 @@ def _open(found: Found, held: Collection[int]) -> dict[int, float]:
 def _alternatives(found: Found, held: Collection[int]) -> set[int]:
     """Return candidates that are a held cause with other settings, and stand in place of it."""
     cat = found.catalogue
-    adding = [placed.effect.adds(placed.settings_map) for placed in cat.candidates]
-    together = {cat.cause(i): all(adding[k] for k in held if cat.cause(k) == cat.cause(i)) for i in held}
-    causes = [cat.cause(i) for i in range(len(cat.candidates))]
+    by_cause = defaultdict[EffectAtPlace, list[int]](list)
+    for i in held:
+        by_cause[cat.cause(i)].append(i)
     return {
         i
-        for i, cause in enumerate(causes)
-        if i not in held and cause in together and not (adding[i] and together[cause])
+        for i, placed in enumerate(cat.candidates)
+        if i not in held and any(_excludes(placed, cat.candidates[k]) for k in by_cause.get(cat.cause(i), ()))
     }
+
+
+def _excludes(one: PlacedEffect, other: PlacedEffect) -> bool:
+    """Return True if two settings of one cause are not there together: they do not add, or differ by a continuous one alone."""
+    adding = all(placed.effect.adds(placed.settings_map) for placed in (one, other))
+    discrete = [
+        {name: value for name, value in placed.settings if name not in placed.effect.continuous}
+        for placed in (one, other)
+    ]
+    return not adding or (bool(one.effect.continuous) and discrete[0] == discrete[1])
 
 
 @dataclass(frozen=True)

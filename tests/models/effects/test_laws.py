@@ -117,9 +117,19 @@ def test_settings_are_named_and_bounded(machines: Mapping[str, Machine], slug: s
     with pytest.raises(InputError, match="has no setting 'nonsense'"):
         check_settings(slug, known, {"nonsense": 1.0}, "test")
     for name, allowed in known.items():
-        for value in (allowed.low - 1.0, allowed.high * 2.0 + 1.0, np.nan):
+        for value in (allowed.low - abs(allowed.low) - 1.0, allowed.high * 2.0 + 1.0, np.nan):
             with pytest.raises(InputError, match=f"found {name}"):
                 check_settings(slug, known, {name: float(value)}, "test")
+
+
+@pytest.mark.parametrize("slug", PLACED)
+def test_what_a_load_drives_reads_a_load(machines: Mapping[str, Machine], slug: str) -> None:
+    """The driver is that of the setting: what no load is read for is not said to follow the load."""
+    for name, placed in where_it_acts(machines, slug):
+        for effect in placed:
+            read = {machines[name].drives(driver) for driver in effect.drivers}
+            by_load = effect.effect.reads_load(effect.settings_map) or "load" in read
+            assert effect.kind != "load" or by_load, f"{effect.label} on {name}"
 
 
 @pytest.mark.parametrize("slug", OF_ROWS)
