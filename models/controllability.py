@@ -31,6 +31,7 @@ _LOW = 0.1
 """Share of the samples that may be next to a singular pose."""
 _CHOSEN, _STATED = 0.02, 1e-6
 """Smallest singular value, in parts of the largest, at which components count as independent: by default, and stated."""
+_NOTHING = 1e-300
 _SPLITS = {
     5: ((3, 2), (2, 3)),
     4: ((3, 1), (2, 2), (1, 3)),
@@ -38,6 +39,11 @@ _SPLITS = {
     2: ((0, 2), (2, 0), (1, 1)),
 }
 """How many components of position and rotation are tried for so many conditions, the first choice first."""
+
+
+def stated_task(machine: Machine) -> Task | None:
+    """Return the task that the machine's file states; None where it states none."""
+    return machine.file.task if machine.file else None
 
 
 def machine_task(machine: Machine) -> Task:
@@ -52,7 +58,7 @@ def task_of(model: SymbolicModel) -> Task:
     """
     if _holds_all(model.machine):
         return WHOLE
-    stated = model.machine.task
+    stated = stated_task(model.machine)
     samples = _samples(model)
     if stated is None:
         return _chosen(samples, _pointed(model.machine))
@@ -66,7 +72,8 @@ def task_of(model: SymbolicModel) -> Task:
 
 def _holds_all(machine: Machine) -> bool:
     """Return True if the whole pose is the task, without a look at the geometry."""
-    return machine.task == WHOLE or (machine.task is None and len(machine.mechanism.readings) >= len(AXES))
+    stated = stated_task(machine)
+    return stated == WHOLE or (stated is None and len(machine.mechanism.readings) >= len(AXES))
 
 
 def _pointed(machine: Machine) -> str:
@@ -78,7 +85,7 @@ def _pointed(machine: Machine) -> str:
 def _chosen(samples: Array, pointed: str) -> Task:
     """Return the preferred task of as many components as the samples (m, 6, nq) move independently."""
     sizes = np.linalg.svd(samples, compute_uv=False)
-    count = int(np.sum(np.median(sizes / sizes[:, :1], axis=0) >= _CHOSEN))
+    count = int(np.sum(np.median(sizes / np.maximum(sizes[:, :1], _NOTHING), axis=0) >= _CHOSEN))
     if count == len(AXES):
         return WHOLE
     every: list[tuple[float, Task]] = []
@@ -104,7 +111,8 @@ def _independence(samples: Array, rows: Sequence[int]) -> float:
     sizes = np.linalg.svd(samples[:, list(rows)], compute_uv=False)
     if len(rows) > samples.shape[2]:
         return 0.0
-    return float(np.quantile(sizes[:, -1] / np.linalg.norm(samples, 2, axis=(1, 2)), _LOW))
+    largest = np.maximum(np.linalg.norm(samples, 2, axis=(1, 2)), _NOTHING)
+    return round(float(np.quantile(sizes[:, -1] / largest, _LOW)), 9)  # rounding must not choose among equals
 
 
 def _samples(model: SymbolicModel) -> Array:
@@ -161,4 +169,4 @@ def _ranges(model: SymbolicModel) -> tuple[Array, Array]:
     return low, high
 
 
-__all__ = ["machine_task", "task_of"]
+__all__ = ["machine_task", "stated_task", "task_of"]

@@ -16,7 +16,6 @@ from truepose.models.mechanism import AXES, AXIS_UNITS, BASE, Mechanism
 from truepose.models.parameters import Parameter
 from truepose.models.placed import PlacedEffect
 from truepose.models.sensor import Channel, Sensor
-from truepose.models.task import Task
 from truepose.models.units import UnitSystem
 from truepose.models.view import TOOL, TOOL_IN_WORLD, View
 from truepose.shown.result import Shown, frame_of
@@ -177,11 +176,6 @@ class Machine(Shown):
     def views(self) -> tuple[View, ...]:
         """What the sensors read and from where, each once; first the tool seen from the world."""
         return tuple(dict.fromkeys((TOOL_IN_WORLD, *(sensor.view for sensor in self.sensors))))
-
-    @property
-    def task(self) -> Task | None:
-        """Components of the tool's pose that its file asks for; None where it states none (``controllability.task_of``)."""
-        return self.file.task if self.file else None
 
     @property
     def units(self) -> UnitSystem:

@@ -6,6 +6,7 @@ Poses stand in the nominal frame of the base, as in the generated C: columns x y
 from __future__ import annotations
 
 import contextlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -47,8 +48,9 @@ def load_path(machine: Machine, path: Path | str) -> tuple[Table, Recording]:
     """
     table, joints = read_table(path), machine.mechanism.readings
     poses = not any(name in table for name in joints) and all(name in table for name in POSE)
+    notes: tuple[str, ...] = ()
     if poses:
-        table = _with_joints(machine, table)
+        table, notes = _with_joints(machine, table)
     for name in joints:
         if name not in table:
             raise InputError(
@@ -56,9 +58,8 @@ def load_path(machine: Machine, path: Path | str) -> tuple[Table, Recording]:
                 f"{', '.join(POSE)}; {close_matches(name, table.names)}"
             )
     used = POSE if poses else {}
-    return table, read_recording(
-        [table], joint_columns(machine), used, machine.units, need_observations=False
-    )
+    rows = read_recording([table], joint_columns(machine), used, machine.units, need_observations=False)
+    return table, replace(rows, notes=(*rows.notes, *notes))
 
 
 def commands(table: Table, machine: Machine, found: Compensation) -> pd.DataFrame:
@@ -76,8 +77,8 @@ def commands(table: Table, machine: Machine, found: Compensation) -> pd.DataFram
     )
 
 
-def _with_joints(machine: Machine, table: Table) -> Table:
-    """The table with nominal joints for its poses."""
+def _with_joints(machine: Machine, table: Table) -> tuple[Table, tuple[str, ...]]:
+    """The table with nominal joints for its poses, and what they do not meet of these."""
     units = machine.units
     parts = []
     for name, internal in POSE.items():
@@ -86,23 +87,36 @@ def _with_joints(machine: Machine, table: Table) -> Table:
     poses = np.broadcast_to(np.eye(4), (table.n_rows, 4, 4)).copy()
     poses[:, :3, 3] = np.column_stack(parts[:3])
     poses[:, :3, :3] = lie.exp_so3(np.column_stack(parts[3:]))
-    q = _nominal_joints(machine, table, poses)
-    return table.with_numbers(
-        {
-            joint.name: convert(q[:, k], joint.unit, units.of_joint(joint.unit))
-            for k, joint in enumerate(joint_columns(machine))
-        },
+    solver = PoseSolver(machine, ideal_constants(machine, symbolic_model(machine, machine.effects)))
+    q = _nominal_joints(solver, table, poses)
+    joints = {
+        joint.name: convert(q[:, k], joint.unit, units.of_joint(joint.unit))
+        for k, joint in enumerate(joint_columns(machine))
+    }
+    return table.with_numbers(joints), _not_met(solver, table, poses, q)
+
+
+def _not_met(solver: PoseSolver, table: Table, poses: Array, q: Array) -> tuple[str, ...]:
+    """What readings (n, nq) leave of poses (n, 4, 4) in the nominal frame of the base, where a task asks for a part of them."""
+    if solver.task.is_whole:
+        return ()
+    base = base_frame(solver.machine)
+    twists = twists_between(base @ poses, solver.forward(q)[0])
+    rest = twists - solver.task.counted(twists, base @ poses, base[:3, :3])
+    position, turn = (float(np.max(np.linalg.norm(part, axis=1))) for part in (rest[:, :3], rest[:, 3:]))
+    return (
+        f"{table.file}: of the poses, nominal joints meet {solver.task.words}; the rest is off by up to {position:.4g} mm and "
+        f"{np.degrees(turn):.4g} deg",
     )
 
 
-def _nominal_joints(machine: Machine, table: Table, poses: Array) -> Array:
+def _nominal_joints(solver: PoseSolver, table: Table, poses: Array) -> Array:
     """(n, nq) readings of the machine with nominal links at poses (n, 4, 4) in the nominal frame of the base.
 
     Many rows are solved by the generated C, each from the last row before it that is solved here: where a pose has
     several solutions, those in between take the same one.
     """
-    solver = PoseSolver(machine, ideal_constants(machine, symbolic_model(machine, machine.effects)))
-    rows = np.arange(len(poses))
+    machine, rows = solver.machine, np.arange(len(poses))
     q, solved = np.zeros((len(poses), len(machine.mechanism.readings))), np.zeros(len(poses), dtype=bool)
     if len(poses) >= COMPILED_FROM:
         with contextlib.suppress(NotCompiledError):

@@ -19,7 +19,7 @@ from truepose.identification.compensation.newton import Problem, ease_rows, solv
 from truepose.identification.prediction.predict import predictor_for
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
-from truepose.models.controllability import task_of
+from truepose.models.controllability import stated_task, task_of
 from truepose.models.driver import STEP, Driver
 from truepose.models.home import coordinate_scale
 from truepose.models.kinematics import SymbolicModel
@@ -107,7 +107,7 @@ class Follower:
         self.task = task_of(model)
         self._base = base_frame(machine)[:3, :3]
         self._gap = pose_gap(model, self.task, self.size, share)
-        position = self.task.position if machine.task is None else None
+        position = self.task.position if stated_task(machine) is None else None
         self._position = pose_gap(model, position, self.size, share) if position else None
 
     @property

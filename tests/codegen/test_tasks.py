@@ -128,3 +128,16 @@ def test_commands_are_those_of_numpy(made: Built) -> None:
 def test_all_branches_are_refused_where_poses_are_met_in_part(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="that meets whole poses"):
         generate(partial_machine(tmp_path, "drill"), tmp_path / "c", features="warm,branches")
+
+
+@needs_compiler
+@pytest.mark.parametrize("features", ["warm", "warm,cold,p,batch,state"])
+@pytest.mark.parametrize("name", ["mill", "delta", "planar2", "tube"])
+def test_every_list_of_features_compiles(name: str, features: str, tmp_path: Path) -> None:
+    """Nothing is left without use, and the example passes."""
+    generate(partial_machine(tmp_path, name), tmp_path / "c", features=features)
+    sources = [path.name for path in (tmp_path / "c").glob("*.c")]
+    subprocess.run(
+        [str(COMPILER), *WARNINGS, "-O0", *sources, "-lm", "-o", "example"], cwd=tmp_path / "c", check=True
+    )
+    subprocess.run([tmp_path / "c" / "example"], capture_output=True, check=True)

@@ -18,6 +18,7 @@ from support.recordings import rows_of
 from truepose.identification.compensation.compensate import compensate
 from truepose.identification.compensation.compiled import base_frame
 from truepose.identification.compensation.inverse import PoseSolver
+from truepose.identification.compensation.path_table import load_path
 from truepose.identification.compensation.rows import ideal_constants
 from truepose.models.kinematics import symbolic_model
 from truepose.models.machine import Machine
@@ -126,3 +127,23 @@ def test_long_paths_by_the_c_have_the_commands_of_numpy(name: str, tmp_path: Pat
     np.testing.assert_array_equal(own.eased, fast.eased)
     for column in ("command", "before", "after", "not_asked", "target"):
         np.testing.assert_allclose(getattr(fast, column), getattr(own, column), rtol=0, atol=1e-7)
+
+
+def test_a_path_of_poses_says_what_of_them_is_not_met(tmp_path: Path) -> None:
+    """Poses of a SCARA, all tilted by 3 deg: the joints are those of the upright poses, and the tilt is noted."""
+    machine = partial_machine(tmp_path, "scara")
+    q = readings(machine, 5, 14)
+    poses = PoseSolver(machine).forward(q)[0]
+    tilted = poses[:, :3, :3] @ Rotation.from_euler("x", 3, degrees=True).as_matrix()
+    table = np.hstack([poses[:, :3, 3], Rotation.from_matrix(tilted).as_rotvec(degrees=True)])
+    file = tmp_path / "path.csv"
+    file.write_text(
+        "\n".join(["x,y,z,rx,ry,rz", *(",".join(map(repr, row)) for row in table.tolist())]), encoding="utf-8"
+    )
+    _, rows = load_path(machine, file)
+    np.testing.assert_allclose(PoseSolver(machine).forward(rows.q)[0][:, :3, 3], poses[:, :3, 3], atol=1e-6)
+    assert (
+        "nominal joints meet x, y and z of the tool's position and the turn about the tool's z axis"
+        in rows.notes[-1]
+    )
+    assert rows.notes[-1].endswith("the rest is off by up to 0 mm and 3 deg")
