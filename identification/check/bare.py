@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from truepose.identification.check.judging import SURE, USUAL, reach
 from truepose.identification.check.result import Found
 from truepose.identification.check.rig import Rig, Stand
+from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.file import SLACK
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.untestable import GRAVITY, GRAVITY_LINE
@@ -21,6 +23,8 @@ Array = NDArray[np.float64]
 _FEWEST = 6
 STEEL, SMALLEST_PART = 7850.0, 300.0
 """Density of steel, kg/m^3, and the longest part (mm) that a small machine is taken to have at least."""
+MOST, SMALL = 0.5, 1e-4
+"""Share of the misfit from which on a joint's errors make most of it; a small error, mm or rad."""
 COARSE = (10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1)
 """Steps, in the file's unit, that a joint's readings are rounded to where a log has too few digits."""
 
@@ -169,19 +173,20 @@ def _too_heavy(machine: Machine) -> Iterator[Found]:
 
 
 def coarse_joints(rig: Rig, stand: Stand) -> Iterator[Found]:
-    """Yield joints that are logged in coarse steps while others are not, where the readings miss by more than their noise."""
-    if stand.misfit <= SURE:
-        return
-    units = [rig.machine.units.of_joint(a.reading_unit) for a in rig.machine.mechanism.actuators]
-    steps = [
-        _step(convert(q, a.reading_unit, unit))
-        for a, unit, q in zip(rig.machine.mechanism.actuators, units, rig.recording.q.T, strict=True)
-    ]
-    for a, unit, step in zip(rig.machine.mechanism.actuators, units, steps, strict=True):
-        alike = [
-            other for b, other in zip(rig.machine.mechanism.actuators, steps, strict=True) if b.unit == a.unit
-        ]
-        if step and min(alike) == 0.0:
+    """Yield joints that are logged in coarse steps while others are not, where most of the misfit lies along their motion.
+
+    A joint that was commanded to whole degrees stands there, and the readings miss otherwise.
+    """
+    if stand.misfit <= SURE or stand.residual.shape[1] < 2:
+        return  # one reading a row lies along every joint's motion
+    machine, recording = rig.machine, rig.recording
+    actuators = machine.mechanism.actuators
+    units = [machine.units.of_joint(a.reading_unit) for a in actuators]
+    columns = zip(actuators, units, recording.q.T, strict=True)
+    steps = [_step(convert(q, a.reading_unit, unit)) for a, unit, q in columns]
+    for a, unit, step in zip(actuators, units, steps, strict=True):
+        alike = [other for b, other in zip(actuators, steps, strict=True) if b.unit == a.unit]
+        if step and min(alike) == 0.0 and _share_along(rig, stand, a.reading) > MOST:
             yield Found(
                 "resolution",
                 (a.reading,),
@@ -189,6 +194,20 @@ def coarse_joints(rig: Rig, stand: Stand) -> Iterator[Found]:
                 f"log {a.reading} with the resolution of its encoder: rounding hides what a fit looks for",
                 "suspect",
             )
+
+
+def _share_along(rig: Rig, stand: Stand, joint: str) -> float:
+    """Return the share of the squared misfit that errors of one joint, row by row, explain."""
+    rows = rig.recording.subset(stand.rows)
+    predictor, q = Predictor(rig.machine, rows, rig.machine.effects), rows.q.copy()
+    q[:, rows.joints.index(joint)] += SMALL
+    both = predictor, predictor.over(replace(rows, q=q))
+    at, moved = (
+        np.concatenate([b.residual for b in one.blocks(stand.p, one.assemble(stand.p)[0])]) for one in both
+    )
+    along = np.nan_to_num(moved - at)
+    explained = np.sum(along * stand.residual, axis=1) ** 2 / np.maximum(np.sum(along**2, axis=1), 1e-300)
+    return float(np.sum(explained) / max(np.sum(stand.residual**2), 1e-300))
 
 
 def _step(values: Array) -> float:

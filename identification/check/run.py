@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -76,7 +77,8 @@ def check(machine: MachineLike, source: Recording | Sources) -> Check:
 
 def unbounded(machine: Machine) -> Machine:
     """The machine without the ranges of its joints: a reading outside of them may be in another unit."""
-    actuators = tuple(replace(a, range=None) for a in machine.mechanism.actuators)
+    anywhere = (-math.inf, math.inf)
+    actuators = tuple(replace(a, range=a.range and anywhere) for a in machine.mechanism.actuators)
     return replace(machine, mechanism=replace(machine.mechanism, actuators=actuators))
 
 

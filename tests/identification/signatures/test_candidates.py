@@ -67,7 +67,7 @@ def test_forms_are_lines_and_curves_of_all_that_varies_and_products_of_joints(tm
         machine,
         time=n,
         payload=n % 5,
-        **{"temperature.air": 20 + n % 7, "temperature.q1": np.full(ROWS, 20.0)},
+        **{"temperature.air": 20.05 + n % 7, "temperature.q1": np.full(ROWS, 20.0)},
     )
     seen = ranges(machine, recording)
     joints, others = ["q1", "q2"], ["payload", "time", "temperature.air"]
@@ -156,7 +156,7 @@ def share(cat: Catalogue, slug: str, place: str, driver: str) -> float:
 def test_a_thermometer_elsewhere_has_a_fifth_of_a_place_that_has_its_own(tmp_path: Path) -> None:
     """However many there are; and the whole prior of all candidates stays one."""
     machine, n = arm(tmp_path), np.arange(float(ROWS))
-    own = {"temperature.base": 20 + n % 7}
+    own = {"temperature.base": 20.05 + n % 7}
     for others in (1, 2):
         more = {f"temperature.q{k}": 21.0 + (k + 2) * np.sin(k * n) for k in range(1, others + 1)}
         cat = catalogue(machine, rows(machine, **own, **more))

@@ -57,7 +57,7 @@ def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
 def recording(machine: Machine) -> Recording:
     """Rows with a clock, a temperature, two sessions, some lost readings, and sides that only their order tells."""
     frame = rows(5, [GAIN, PLAY], 80).drop(columns=["approach.q2"])
-    frame["time"], frame["temperature.air"] = 30.0 * np.arange(len(frame)), 20.0 + np.arange(len(frame)) % 7
+    frame["time"], frame["temperature.air"] = 30.0 * np.arange(len(frame)), 20.05 + np.arange(len(frame)) % 7
     frame["session"] = np.where(np.arange(len(frame)) < 30, 1, 2)
     frame.loc[[3, 50], "x"] = np.nan
     return load_recording(machine, frame)
