@@ -109,7 +109,9 @@ def _left_out(applied: Applied, where: str) -> list[str]:
 
 
 def _baselines(applied: Applied) -> str:
-    """Return the error with the ordinary fit and with the one held to the drawing."""
+    """Return the error with the ordinary fit and with the one held to the drawing, where both were tried."""
+    if applied.pose is not None and not applied.baselines:
+        return f"{measure(applied.pose.plain, 'mm')} with plain calibration"
     ordinary, drawing = (measure(applied.baselines[name], "mm") for name in ("ordinary", "drawing"))
     return f"{ordinary} with the ordinary fit, {drawing} held to the drawing"
 
