@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from truepose.errors import InputError, ReadBackError
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.prediction.covariance import Covariance
-from truepose.identification.prediction.predict import predictor_for
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.load import build_machine
@@ -68,6 +67,8 @@ def _differences(machine: Machine, fit: Estimate, known: Covariance, recording: 
         same = len(read.amplitudes) == len(made.amplitudes) and _close(read.amplitudes, made.amplitudes)
         if read.settings != made.settings or read.drivers != made.drivers or not same:
             yield f"{made.label} is {dict(read.settings)} {read.amplitudes}, expected {dict(made.settings)} {made.amplitudes}"
+    if machine.file is None or machine.file.sessions != recording.sessions:
+        yield f"its sessions are not {list(recording.sessions)}"
     if not _same_covariance(machine, known):
         yield "its covariance is another one"
     away = _distance(machine, fit, recording)
@@ -102,7 +103,7 @@ def _distance(machine: Machine, fit: Estimate, recording: Recording) -> float:
     if not len(rows):
         return 0.0
     part = recording.subset(rows)
-    read, made = predictor_for(machine, part), Predictor(fit.nominal, part, fit.effects)
+    read, made = Predictor(machine, part, machine.effects), Predictor(fit.nominal, part, fit.effects)
     units, values, poses = _predictions(read, read.model.p_home, fit.x[rows])
     _, expected, stand = _predictions(made, fit.p, fit.x[rows])
     reach, in_turns = max(1.0, float(np.max(np.abs(stand[:, :3, 3])))), units == "rad"
