@@ -89,7 +89,7 @@ def test_a_fit_with_a_series_above_the_catalogue_s_is_read_and_generated(
     waves = waves.with_values([c.scale for c in waves.coefficients])
     poses = varied(machine)
     told = simulate(machine, poses, [waves], seed=2)
-    rows = poses.to_frame().reset_index(drop=True).assign(**{name: told[name] for name in told})
+    rows = poses.to_frame().reset_index(drop=True).assign(**{str(name): told[name] for name in told})
     check_round_trip(estimate(machine, load_recording(machine, rows), [waves]), tmp_path)
 
 

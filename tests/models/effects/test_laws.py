@@ -117,7 +117,7 @@ def test_settings_are_named_and_bounded(machines: Mapping[str, Machine], slug: s
     with pytest.raises(InputError, match="has no setting 'nonsense'"):
         check_settings(slug, known, {"nonsense": 1.0}, "test")
     for name, allowed in known.items():
-        for value in (allowed.low - 1.0, allowed.high * 2.0 + 1.0, np.nan):
+        for value in (allowed.low - abs(allowed.low) - 1.0, allowed.high * 2.0 + 1.0, np.nan):
             with pytest.raises(InputError, match=f"found {name}"):
                 check_settings(slug, known, {name: float(value)}, "test")
 
