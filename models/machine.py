@@ -197,6 +197,15 @@ class Machine(Shown):
         """Every parameter by name."""
         return {parameter.name: parameter for parameter in self.parameters}
 
+    @cached_property
+    def nominal_values(self) -> Mapping[str, float]:
+        """Value of every parameter in the nominal model, mm and rad, which a calibrated file keeps beside its own.
+
+        Formulas that hold numbers of the geometry take them from here: a fit, and the file of it, then are the same model.
+        """
+        kept = {} if self.file is None else self.file.nominal
+        return {p.name: kept.get(p.name, p.nominal) for p in self.parameters}
+
     @property
     def parameter_units(self) -> Mapping[str, str]:
         """Internal unit of every parameter, then of every coefficient of its effects, by name."""

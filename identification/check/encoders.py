@@ -16,7 +16,6 @@ from truepose.identification.check.pair import Pair
 from truepose.identification.check.result import Found
 from truepose.identification.check.slip import Mend
 from truepose.identification.recording.recording import Recording
-from truepose.models.effects.common import nominal_gain
 from truepose.models.machine import Machine
 from truepose.models.parameters import Parameter
 from truepose.models.sensors.base import Channel, Sensor
@@ -61,7 +60,8 @@ def encoders(machine: Machine, recording: Recording) -> Iterator[Found]:
 def _ways(machine: Machine, recording: Recording) -> dict[str, Array]:
     """(n,) way of every joint by its reading alone, mm or rad."""
     actuators = machine.mechanism.actuators
-    return {a.reading: nominal_gain(machine, a) * recording.q[:, k] for k, a in enumerate(actuators)}
+    gains = [machine.geometry[a.gain].nominal if a.gain else 1.0 for a in actuators]
+    return {a.reading: gains[k] * recording.q[:, k] for k, a in enumerate(actuators)}
 
 
 def _left(off: Array, unit: str) -> tuple[float, float]:

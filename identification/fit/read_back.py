@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from truepose.errors import InputError, ReadBackError
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.prediction.covariance import Covariance
-from truepose.identification.prediction.predict import predictor_for
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.load import build_machine
@@ -68,6 +67,8 @@ def _differences(machine: Machine, fit: Estimate, known: Covariance, recording: 
         same = len(read.amplitudes) == len(made.amplitudes) and _close(read.amplitudes, made.amplitudes)
         if read.settings != made.settings or read.drivers != made.drivers or not same:
             yield f"{made.label} is {dict(read.settings)} {read.amplitudes}, expected {dict(made.settings)} {made.amplitudes}"
+    if machine.file is None or machine.file.sessions != recording.sessions:
+        yield f"its sessions are not {list(recording.sessions)}"
     if not _same_covariance(machine, known):
         yield "its covariance is another one"
     away = _distance(machine, fit, recording)
@@ -102,31 +103,27 @@ def _distance(machine: Machine, fit: Estimate, recording: Recording) -> float:
     if not len(rows):
         return 0.0
     part = recording.subset(rows)
-    read, made = predictor_for(machine, part), Predictor(fit.nominal, part, fit.effects)
-    units, values, poses = _predictions(read, read.model.p_home, fit.x[rows])
-    _, expected, stand = _predictions(made, fit.p, fit.x[rows])
-    reach, in_turns = max(1.0, float(np.max(np.abs(stand[:, :3, 3])))), units == "rad"
-    off, turn = values - expected, 2.0 * np.pi
+    read, made = Predictor(machine, part, machine.effects), Predictor(fit.nominal, part, fit.effects)
+    values, poses, closed = _predictions(read, read.model.p_home, fit.x[rows])
+    expected, stand, good = _predictions(made, fit.p, fit.x[rows])
+    if (closed != good).any():
+        return math.inf
+    values, poses, expected, stand = (array[good] for array in (values, poses, expected, stand))
+    units = np.array([unit for sensor in machine.sensors for unit in sensor.columns.values()])
+    reach, in_turns = max(1.0, float(np.max(np.abs(stand[:, :3, 3]), initial=0.0))), units == "rad"
+    off, turn, gap = values - expected, 2.0 * np.pi, poses - stand
     off[:, in_turns] -= turn * np.round(off[:, in_turns] / turn)
-    half = (
-        np.abs(np.linalg.norm(expected[:, in_turns], axis=1) - np.pi) < SURE
-    )  # the vector may point either way
-    off[np.ix_(half, in_turns)] = 0.0
-    moved = [
-        np.where(in_turns, off, off / reach),
-        (poses - stand)[:, :3, :3],
-        (poses - stand)[:, :3, 3] / reach,
-    ]
+    half = np.abs(np.linalg.norm(expected[:, in_turns], axis=1) - np.pi) < SURE
+    off[np.ix_(half, in_turns)] = 0.0  # a rotation vector of half a turn may point either way
+    moved = [np.where(in_turns, off, off / reach), gap[:, :3, :3], gap[:, :3, 3] / reach]
     return float(np.max([np.max(np.abs(d), initial=0.0) for d in moved]))
 
 
-def _predictions(predictor: Predictor, p: Array, start: Array) -> tuple[NDArray[np.str_], Array, Array]:
-    """Return units of columns, values (n, k), mm and rad, and poses (n, 4, 4); NaN where rows cannot be assembled."""
+def _predictions(predictor: Predictor, p: Array, start: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Return columns (n, k), mm and rad, poses (n, 4, 4), and which rows (n,) could be assembled, from ``start`` (n, nx)."""
     x, good = predictor.assemble(p, start)
     _, values, poses = predictor.values(p, x)
-    values[~good] = np.nan
-    units = [unit for sensor in predictor.machine.sensors for unit in sensor.columns.values()]
-    return np.array(units), values, poses
+    return values, poses, good
 
 
 __all__ = ["read_back"]

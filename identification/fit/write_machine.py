@@ -61,6 +61,10 @@ def calibrated_text(
     kept: Covariance | None = None,
 ) -> tuple[str, Machine]:
     """Return what ``write_calibrated`` writes, and the machine that is read from it as from the file ``path``."""
+    if not isinstance(estimate, Estimate):
+        raise InputError(
+            f"estimate: found {type(estimate).__name__}, expected an Estimate, such as calibration.fit or diagnosis.after"
+        )
     found = judged(estimate) if judgement is None else judgement
     known = known_of(estimate, recording, kept)
     text = machine_text(calibrated_document(estimate, recording, pose, found.why, kept, known), found.refusal)
@@ -99,19 +103,14 @@ def calibrated_document(
         document["effects"] = _effect_entries(estimate, kept)
         _declare_drivers(document, estimate)
     document["covariance"] = (known or known_of(estimate, recording, kept)).document()
-    drawing = machine.file.nominal
-    document["nominal"] = {p.name: float(drawing.get(p.name, p.nominal)) for p in free}
+    document["nominal"] = {p.name: float(machine.nominal_values[p.name]) for p in free}
     document["sessions"] = list(recording.sessions)
     if refused:
         document["judgement"] = {"calibrated": False, "why": list(refused)}
     if pose is not None:
-        document["pose_error"] = _pose_error(pose)
+        said = {"than": pose.than, "before": pose.before, "after": pose.after}
+        document["pose_error"] = {**said, "unit": "mm", "rows": pose.rows}
     return document
-
-
-def _pose_error(pose: ExpectedPose) -> dict[str, Any]:
-    said = {"than": pose.than, "before": pose.before, "after": pose.after}
-    return {**said, "unit": "mm", "rows": pose.rows}
 
 
 def known_of(estimate: Estimate, recording: Recording, kept: Covariance | None = None) -> Covariance:

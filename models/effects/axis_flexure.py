@@ -96,7 +96,7 @@ def _axis(joint: Joint) -> Array:
 
 def _carried(machine: Machine, joint: Joint) -> Array:
     """(3,) axis of a joint in the frame of the body that carries it, as drawn."""
-    nominal = {p.name: ca.SX(p.nominal) for p in machine.parameters}
+    nominal = {name: ca.SX(value) for name, value in machine.nominal_values.items()}
     frame = ca.DM(ca.evalf(placed_frame(joint, {joint.parent: ca.SX.eye(4)}, nominal))).full()
     return np.asarray(frame[:3, :3] @ _axis(joint))
 

@@ -108,8 +108,8 @@ def centre_and_half(actuator: Actuator) -> tuple[float, float]:
 
 
 def nominal_gain(machine: Machine, actuator: Actuator) -> float:
-    """Displacement (mm or rad) a unit of the reading, as the machine file has it."""
-    return machine.geometry[actuator.gain].nominal if actuator.gain else 1.0
+    """Displacement (mm or rad) a unit of the reading, in the nominal model."""
+    return machine.nominal_values[actuator.gain] if actuator.gain else 1.0
 
 
 def piezo_like(actuator: Actuator) -> bool:
@@ -214,7 +214,7 @@ def rails(machine: Machine) -> list[Rail]:
     ``across`` (3,) is the unit vector across the rail towards the leg's upper end at home, in the base frame.
     """
     joints = {joint.name: joint for joint in machine.mechanism.joints}
-    nominal = {p.name: p.nominal for p in machine.mechanism.parameters}
+    nominal = machine.nominal_values
     out = []
     for limb in machine.mechanism.limbs:
         joint = joints.get(machine.mechanism.actuator(limb.reading).drives)
@@ -233,7 +233,7 @@ def nominal_axis(machine: Machine, axis: tuple[float, float, float] | Direction)
     """(3,) unit vector of a joint's axis as the drawing has it."""
     if not isinstance(axis, Direction):
         return np.array(axis, dtype=float)
-    nominal = {p.name: p.nominal for p in machine.mechanism.parameters}
+    nominal = machine.nominal_values
     known = [0.0 if name is None else nominal[name] for name in axis.components]
     third = axis.sign * float(np.sqrt(1 - np.dot(known, known)))
     return np.array([third if name is None else nominal[name] for name in axis.components])

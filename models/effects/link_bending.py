@@ -163,7 +163,7 @@ def _links(machine: Machine) -> dict[str, _Link]:
         body = above[body].parent
     driven = {a.drives for a in mechanism.actuators if drives_joint(machine, a)}
     driven |= {follower.joint for follower in mechanism.followers}
-    nominal = {p.name: ca.SX(p.nominal) for p in machine.parameters}
+    nominal = {name: ca.SX(value) for name, value in machine.nominal_values.items()}
     out = {}
     for k, joint in enumerate(way):
         beyond = way[k + 1 :]

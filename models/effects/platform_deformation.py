@@ -147,7 +147,7 @@ def _symmetry(machine: Machine) -> Mapping[Pair, int]:
     Leg ends in pairs evenly round the platform: seen from leg i, looking towards its neighbour in the pair,
     all others stand at the same angles for every i.
     """
-    nominal = {p.name: p.nominal for p in machine.mechanism.parameters}
+    nominal = machine.nominal_values
     at = [atan2(nominal[limb.platform_point[1]], nominal[limb.platform_point[0]]) for limb in _limbs(machine)]
     classes: dict[Pair, int] = {}
     for i, here in enumerate(at):

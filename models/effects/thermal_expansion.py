@@ -139,7 +139,7 @@ def _ports(machine: Machine, name: str) -> tuple[str, ...]:
 
 def _has_length(machine: Machine, ports: Iterable[str]) -> bool:
     """Whether anything of a place can grow; displacements always can."""
-    return any(p not in machine.geometry or machine.geometry[p].nominal != 0.0 for p in ports)
+    return any(p not in machine.geometry or machine.nominal_values[p] != 0.0 for p in ports)
 
 
 def _driver(machine: Machine, part: str, lag: float = 0.0) -> str:

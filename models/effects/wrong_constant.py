@@ -41,7 +41,7 @@ class WrongConstant(Effect):
         parameter = machine.geometry.get(place[0])
         if parameter is None:
             return (Coefficient("value", "1", LARGEST_ANGLE),)  # symbolic_model names the missing port
-        scale = _largest(parameter)
+        scale = _largest(parameter, machine.nominal_values[parameter.name])
         bound = 2 * scale if parameter.unit == "1" else float("inf")
         return (Coefficient("value", parameter.unit, scale, -bound, bound),)
 
@@ -60,13 +60,13 @@ class WrongConstant(Effect):
         return f"The constant {place[0]} of {element} is off its drawing by far more than its tolerance."
 
 
-def _largest(parameter: Parameter) -> float:
+def _largest(parameter: Parameter, nominal: float) -> float:
     """A gross error of a parameter, in its own unit."""
     if parameter.part == "gain":
-        return 2 * LARGEST_FRACTION * (abs(parameter.nominal) or 1.0)
+        return 2 * LARGEST_FRACTION * (abs(nominal) or 1.0)
     if parameter.unit != "mm":
         return LARGEST_ANGLE
-    return max(LARGEST_FRACTION * abs(parameter.nominal), 100 * parameter.tolerance, 1.0)
+    return max(LARGEST_FRACTION * abs(nominal), 100 * parameter.tolerance, 1.0)
 
 
 def _tilts(machine: Machine) -> Mapping[str, float]:

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from support.effect_machines import TEXTS, read_machines
+from support.exact_fits import fit_at, posed, read
 from support.round_trips import check_round_trip
 from truepose.identification.fit.estimate import estimate
-from truepose.identification.fit.write_machine import effect_entry
+from truepose.identification.fit.write_machine import calibrated_text, effect_entry
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
@@ -90,3 +91,28 @@ def test_a_fit_with_a_series_above_the_catalogue_s_is_read_and_generated(
     told = simulate(machine, poses, [waves], seed=2)
     rows = poses.to_frame().reset_index(drop=True).assign(**{str(name): told[name] for name in told})
     check_round_trip(estimate(machine, load_recording(machine, rows), [waves]), tmp_path)
+
+
+@pytest.mark.parametrize(
+    "name", sorted(TEXTS.keys() - {"cavity"})
+)  # its readings are changes, and these poses no order
+def test_a_file_is_the_model_that_was_fitted(
+    name: str, machines: Mapping[str, Machine], tmp_path: Path
+) -> None:
+    """With every effect of the catalogue, and constants far from the drawing: formulas hold none of the file's values."""
+    machine, rng, kept = machines[name], np.random.default_rng(3), dict[str, int]()
+    terms = list[PlacedEffect]()
+    for candidate in catalogue(machine, posed(machine)).candidates:
+        slug, amplitudes = candidate.effect.slug, [0.2 * c.scale for c in candidate.coefficients]
+        kept[slug] = kept.get(slug, 0) + 1
+        if kept[slug] <= 2 and len(amplitudes) <= 24:
+            terms.append(candidate.with_values(amplitudes))
+    sigma = np.array([p.tolerance if p.tolerance < np.inf else 0.0 for p in machine.parameters])
+    away = np.concatenate(
+        [sigma * rng.normal(size=len(sigma)), np.zeros(sum(len(t.coefficients) for t in terms))]
+    )
+    recording = read(machine, posed(machine), terms)
+    fit = fit_at(machine, recording, terms, away)
+    text, again = calibrated_text(tmp_path / "calibrated.yaml", fit, recording)  # which compares predictions
+    assert said(again.effects) == said(fit.fitted_effects())
+    assert text == calibrated_text(tmp_path / "calibrated.yaml", fit, recording)[0]

@@ -186,3 +186,11 @@ def test_completion_lists_what_a_user_needs(name: str) -> None:
             offered
         )
         assert len(offered) <= 45
+
+
+def test_write_calibrated_names_the_estimate_that_it_takes(tmp_path: Path) -> None:
+    with pytest.raises(
+        InputError, match=r"^estimate: found Calibration, expected an Estimate, such as calibration.fit"
+    ):
+        truepose.write_calibrated(tmp_path / "m.yaml", calibration(), recording())  # type: ignore[arg-type]
+    assert not list(tmp_path.iterdir())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import casadi as ca
@@ -33,10 +34,11 @@ def check_round_trip(found: Estimate | Calibration | Diagnosis, folder: Path) ->
     expected = truepose.predict(again, rows)
     off = (truepose.predict(found, rows) - expected).abs().max()
     assert (off <= 1e-9 * expected.abs().max().clip(lower=1e-9)).all(), off[off > 0].to_dict()
-    truepose.generate(found, folder / "c", features="warm")
+    named = replace(found.machine, name="machine")  # not every name is one of C
+    truepose.generate(named, folder / "c", features="warm")
     if COMPILER is not None:
         q = found.recording.q[:: max(1, len(found.recording) // POSES)]
-        _check_poses(again, folder / "c", q)
+        _check_poses(replace(again, name="machine"), folder / "c", q)
 
 
 def _check_poses(machine: Machine, folder: Path, q: np.ndarray) -> None:
