@@ -33,6 +33,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 CLIMBS, MOVES = 4, 2
 """Most expansion points that are climbed to, and most that follow from a posterior that was drawn."""
+SEARCHING = 15e9
+"""Operations at expansion points after which none follows any more."""
 LONG_SET = 150
 """Columns of a set beyond which an expansion takes long, and few follow."""
 ROUGH = 1e-2
@@ -81,21 +83,17 @@ def prepared(signatures: Signatures, fit: Estimate, cat: Catalogue) -> tuple[Sig
 
 def settled(start: Start) -> Expansion:
     """Where the mode stays, from a start."""
-    state = Expansion(start)
-    for k in range(CLIMBS):
-        if k and not state.short:
-            break  # near enough: every further fit would take long
-        moved = state.moved(climbed(state.spike_slab, state.problem.richness, state.known))
-        if moved is None:
-            break
-        del state  # before the next one, for its matrices are large
-        state = Expansion(moved)
-    for _ in range(MOVES if state.short else 0):
-        moved = state.moved(state.sampled(rounds=1)[1])
-        if moved is None:
-            break
-        del state
-        state = Expansion(moved)
+    state, spent = Expansion(start), 0.0
+    for most, likeliest in ((CLIMBS, Expansion.climbed), (MOVES, Expansion.glimpsed)):
+        for _ in range(most):
+            if spent > SEARCHING or (not state.short and (spent or likeliest is not Expansion.climbed)):
+                break  # near enough: every further fit would take long
+            moved = state.moved(likeliest(state))
+            if moved is None:
+                break
+            spent += state.work
+            del state  # before the next one, for its matrices are large
+            state = Expansion(moved)
     return state
 
 
@@ -163,6 +161,19 @@ class Expansion:
     @cached_property
     def _sampling(self) -> Sampling:
         return Sampling(self.spike_slab, self.problem.richness, known=self.known)
+
+    @property
+    def work(self) -> float:
+        """Operations that climbs and chains took here."""
+        return self.spike_slab.work.done + (self._sampling.work if "_sampling" in self.__dict__ else 0.0)
+
+    def climbed(self) -> State:
+        """Return the likeliest state that ascents reach."""
+        return climbed(self.spike_slab, self.problem.richness, self.known)
+
+    def glimpsed(self) -> State:
+        """Return the mode of the posterior after its first round."""
+        return self.sampled(rounds=1)[1]
 
     def sampled(self, rounds: int = ROUNDS) -> tuple[Posterior, State]:
         """The posterior at this point, and its mode; more rounds go on from fewer."""

@@ -102,6 +102,11 @@ class Sampling:
             if self._part.work.done < SETTLING * BUDGET:
                 self._chains.settle()
 
+    @property
+    def work(self) -> float:
+        """Operations that the chains took."""
+        return self._part.work.done
+
     def posterior(self, rounds: int = ROUNDS) -> Posterior:
         """What the chains say once they agree, or after so many rounds in all."""
         least = (
