@@ -270,6 +270,8 @@ class Diagnosis(Written):
     inclusion: tuple[Alternative, ...] = ()
     leading: tuple[Lead, ...] = ()
     disagreement: float = 0.0
+    budget_spent: bool = False
+    """Whether the chains ended with their budget of work, before they agreed or were long enough."""
     applied: Applied | None = None
     missing: tuple[Missing, ...] = ()
     together: tuple[Together, ...] = ()

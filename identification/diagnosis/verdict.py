@@ -127,6 +127,7 @@ def _quiet(fits: Fits, found: Found, summary: Summary, choice: Choice) -> Diagno
         inclusion=tuple(Alternative(*place, p, 0.0) for place, p in summary.inclusion.places.items()),
         leading=tuple(Lead(*one.cause, one.levels, one.probability) for one in summary.leading),
         disagreement=found.posterior.disagreement,
+        budget_spent=found.posterior.cut,
         applied=_told("plain", plain, plain),
         together=Presence(machine, cat, found.problem, found.posterior).together(),
         evidence=places,

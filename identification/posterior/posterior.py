@@ -30,7 +30,7 @@ RARE = 0.1
 """Probability up to which a cause is mostly not there."""
 CLASS, CLEAR = 5, 0.8
 """Most causes of a class, and probability that these hold a slot together for it to be one."""
-BUDGET, SETTLING, FEWEST = 12e9, 0.25, 4
+BUDGET, SETTLING, FEWEST = 24e9, 0.2, 4
 """Operations after which chains end whether they agree or not, the share of them in which chains settle, and sweeps that
 count at least."""
 FOR_CLASS = 0.9

@@ -31,8 +31,8 @@ UNSEEN = 1e-3
 """Information about the largest usual size that is none."""
 FEWER = 0.9
 """Share of the columns that turned terms must not exceed, for a problem of these to be worth its memory."""
-HELD = 3
-"""Readings that each coefficient of a set needs at least: so few readings do not tell more coefficients apart."""
+HELD = 2
+"""Readings that each coefficient of a set needs at least, beside those that geometry takes: fewer do not tell so many apart."""
 SETS = 200_000
 """Evidences that are kept."""
 
@@ -178,7 +178,8 @@ class SpikeSlab:
     @cached_property
     def capacity(self) -> int:
         """Most coefficients of a set that the readings hold."""
-        return sum(self.design.counts) // HELD
+        geometry = int(np.sum(self.design.always.part >= 0))
+        return max(sum(self.design.counts) - geometry, 0) // HELD
 
     @cached_property
     def ranks(self) -> Index:
