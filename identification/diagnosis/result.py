@@ -272,6 +272,8 @@ class Diagnosis(Written):
     disagreement: float = 0.0
     budget_spent: bool = False
     """Whether the chains ended with their budget of work, before they agreed or were long enough."""
+    stopped: bool = False
+    """Whether somebody asked the search to end before that."""
     applied: Applied | None = None
     missing: tuple[Missing, ...] = ()
     together: tuple[Together, ...] = ()

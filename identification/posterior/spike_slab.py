@@ -187,7 +187,8 @@ class SpikeSlab:
         root, out = self.root(self._stated), np.array([len(c) for c in self.terms.columns], dtype=np.intp)
         if self.design.width > self.capacity:
             for k in np.flatnonzero((out > LONG) & ~self.terms.bounded):
-                out[k] = max(np.sum(np.linalg.eigvalsh(root.among(self.terms.columns[k])) > UNSEEN), 1)
+                values = np.linalg.eigvalsh(root.among(self.terms.columns[k]))
+                out[k] = max(int(np.sum(values > UNSEEN)), 1)
         return out
 
     def holds(self, members: Sequence[Member]) -> bool:

@@ -51,6 +51,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> Json:
         **_probabilities(diagnosis),
         "disagreement": diagnosis.disagreement,
         "budget_spent": diagnosis.budget_spent,
+        "stopped": diagnosis.stopped,
         "noise": diagnosis.noise,
         "remainder": left and _remainder(left, units),
         "candidates": [alternative_json(c) for c in diagnosis.candidates],
