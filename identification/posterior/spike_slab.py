@@ -31,8 +31,9 @@ UNSEEN = 1e-3
 """Information about the largest usual size that is none."""
 FEWER = 0.9
 """Share of the columns that turned terms must not exceed, for a problem of these to be worth its memory."""
-HELD = 2
-"""Readings that each coefficient of a set needs at least, beside those that geometry takes: fewer do not tell so many apart."""
+HELD, LONGEST = 2, 3
+"""Readings that each coefficient of a set needs at least, as far as they see it, and that each one of a long series needs: the
+readings of a row see one place of it."""
 SETS = 200_000
 """Evidences that are kept."""
 
@@ -178,18 +179,19 @@ class SpikeSlab:
     @cached_property
     def capacity(self) -> int:
         """Most coefficients of a set that the readings hold."""
-        geometry = int(np.sum(self.design.always.part >= 0))
-        return max(sum(self.design.counts) - geometry, 0) // HELD
+        return sum(self.design.counts) // HELD
 
     @cached_property
     def ranks(self) -> Index:
-        """(c,) number of coefficients of each term that the readings see, at the stated noise."""
+        """(c,) number of coefficients of each term that the readings see, at the stated noise; of a series that is too long for
+        them, more than they hold."""
         root, out = self.root(self._stated), np.array([len(c) for c in self.terms.columns], dtype=np.intp)
         if self.design.width > self.capacity:
             for k in np.flatnonzero((out > LONG) & ~self.terms.bounded):
                 values = np.linalg.eigvalsh(root.among(self.terms.columns[k]))
                 out[k] = max(int(np.sum(values > UNSEEN)), 1)
-        return out
+        length = np.array([term.length for term in self.terms.all], dtype=np.intp)
+        return np.where(LONGEST * length > sum(self.design.counts), self.capacity + 1, out)
 
     def holds(self, members: Sequence[Member]) -> bool:
         """Return True if the readings hold the coefficients of all members together."""
