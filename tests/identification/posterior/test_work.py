@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -15,6 +17,7 @@ from truepose.identification.posterior.mode import ascended, tops
 from truepose.identification.posterior.posterior import Posterior, Sampling
 from truepose.identification.posterior.spike_slab import HELD, SpikeSlab
 from truepose.identification.posterior.state import State, best_point
+from truepose.identification.posterior.terms import Terms
 from truepose.identification.prior import SIZES
 
 BUDGET = 3e7
@@ -92,6 +95,16 @@ def test_what_is_more_than_the_readings_hold_is_no_candidate() -> None:
     assert not np.isfinite(problem.log_odds(START, ())).any()
     assert problem.log_prior([(0, 8)]) == -np.inf
     assert tops(problem, RICHNESS, ())[0].members == ()
+
+
+@pytest.mark.parametrize("length", [10, 11])
+def test_a_series_has_three_readings_a_coefficient_or_is_no_candidate(length: int) -> None:
+    """However few directions of it the readings see."""
+    problem = rounded(1, 3, 2, 30)
+    first, *others = problem.terms.all
+    terms = Terms([replace(first, length=length), *others], problem.terms.urn)
+    odds = SpikeSlab(problem.design, problem.unknowns, terms, problem.sizes).log_odds(START, ())
+    assert np.isfinite(odds[-1]).tolist() == [length == 10, True, True]
 
 
 @settings(max_examples=4)
