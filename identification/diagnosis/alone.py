@@ -16,7 +16,8 @@ EVERY = 4
 
 
 def weighed_alone(problem: SelectionProblem, count: int) -> Array:
-    """(count,) log Bayes factor of each candidate alone, noise and tolerances marginalised; minus infinity for others."""
+    """(count,) log Bayes factor of each candidate alone, noise and tolerances marginalised; minus infinity for others,
+    and for those that the readings do not hold."""
     spike_slab = problem.spike_slab
     points = _points(spike_slab)
     null = np.array([spike_slab.root(p).log_evidence for p in points])
@@ -27,7 +28,7 @@ def weighed_alone(problem: SelectionProblem, count: int) -> Array:
     terms = np.logaddexp(terms, np.log(np.maximum(unnoticed, 1e-300)))
     total = np.logaddexp.reduce(terms + null[:, None], axis=0) - np.logaddexp.reduce(null)
     out = np.full(count, -np.inf)
-    out[list(problem.candidates)] = total
+    out[list(problem.candidates)] = np.where(spike_slab.ranks <= spike_slab.capacity, total, -np.inf)
     return out
 
 

@@ -29,11 +29,13 @@ def diagnose(
     *,
     prior: LearnedPrior | Path | str | None = None,
     progress: Callable[[str], None] = lambda _: None,
+    stop: Callable[[], bool] = lambda: False,
 ) -> Diagnosis:
     """Say what physics the model of ``machine`` leaves out of ``recording``, model it and prove it.
 
     A path, a DataFrame or a dict of columns is a recording, too. ``prior``: what a fleet of machines leaves for this one, or
-    the file of it (``truepose.identification.learned_prior``). Raises InputError for unusable input and
+    the file of it (``truepose.identification.learned_prior``). ``stop`` is asked now and then: once it returns True, the search
+    ends, and what it found by then is named and proved (``Diagnosis.stopped``). Raises InputError for unusable input and
     ConvergenceError when the fit without effects finds no minimum.
     """
     machine = as_machine(machine)
@@ -46,10 +48,11 @@ def diagnose(
     if learned is not None:
         cat = replace(cat, learned=FleetPrior(learned, machine.mechanism_type))
     progress(f"weighing {len(cat.candidates)} explanations")
-    fits, near = first(machine, every[0], fits, cat)
+    fits, near = first(machine, every[0], fits, cat, stop)
     for rows in every[1:]:
         fits, near = further(near, fits, rows, progress)
     found = [near.found()]
     del near  # and what its chains remember
+    stopped = stop()
     progress("naming and proving")
-    return concluded(fits, found.pop())  # whose matrices are let go there
+    return replace(concluded(fits, found.pop()), stopped=stopped)  # whose matrices are let go there

@@ -131,6 +131,8 @@ def replications(found: Found, names: Sequence[Named], rms: float) -> tuple[Repl
             return (None,) * len(names)
         problem = selection_problem(lin, found.catalogue, rms)
         del lin  # a large matrix: the problem has its own
+        if not problem.spike_slab.holds(found.mode.members):
+            return (None,) * len(names)
         halves.append(_half(problem.spike_slab, found, names))
     return tuple(_replicated(*pair) for pair in zip(*halves, strict=True))
 

@@ -290,6 +290,10 @@ class Diagnosis(Written, Fitted):
     inclusion: tuple[Alternative, ...] = ()
     leading: tuple[Lead, ...] = ()
     disagreement: float = 0.0
+    budget_spent: bool = False
+    """Whether the chains ended with their budget of work, before they agreed or were long enough."""
+    stopped: bool = False
+    """Whether somebody asked the search to end before that."""
     applied: Applied | None = None
     missing: tuple[Missing, ...] = ()
     together: tuple[Together, ...] = ()

@@ -1,13 +1,8 @@
-"""The search: posterior, nonlinear fit at its mode, posterior again from there, until the mode stays.
-
-Some settings are points of a continuum (the lag of a warm part), of which the catalogue holds a few values. Where one of them
-is part of the likeliest set, values on both sides of it become candidates too, and the posterior is drawn among all of them;
-the next time half as far from the best one.
-"""
+"""The search: posterior, nonlinear fit at its mode, posterior again from there, until the mode stays."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,6 +12,7 @@ from numpy.typing import NDArray
 from truepose.errors import ConvergenceError
 from truepose.identification import prior
 from truepose.identification.diagnosis.alone import weighed_alone
+from truepose.identification.diagnosis.finer_settings import refined
 from truepose.identification.diagnosis.selection_problem import SelectionProblem, selection_problem
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.posterior.mode import climbed
@@ -27,19 +23,19 @@ from truepose.identification.signatures.linearisation import Linearisation
 from truepose.identification.signatures.lines import proposed
 from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 CLIMBS, MOVES = 4, 2
 """Most expansion points that are climbed to, and most that follow from a posterior that was drawn."""
+SEARCHING = 15e9
+"""Operations at expansion points after which none follows any more."""
 LONG_SET = 150
 """Columns of a set beyond which an expansion takes long, and few follow."""
 ROUGH = 1e-2
 """What a fit may leave to gain of half its sum of squares where it is an expansion point only."""
-REFINED, PARTS, CLOSE = 2, 4, 0.02
-"""How often continuous settings are refined, into how many parts the way to a neighbour is divided by new values, and the
-share of a value within which a neighbour is as good."""
+REFINED = 2
+"""How often continuous settings are refined."""
 
 
 @dataclass(frozen=True)
@@ -64,11 +60,19 @@ class Found:
     """Of the rows in two halves, where the same pass summed these up."""
 
 
-def search(signatures: Signatures, cat: Catalogue, null: Estimate, exclude: Mask, rms: float) -> Expansion:
+def search(
+    signatures: Signatures,
+    cat: Catalogue,
+    null: Estimate,
+    exclude: Mask,
+    rms: float,
+    stop: Callable[[], bool] = lambda: False,
+) -> Expansion:
     """Where the mode stays, from the fit without effects; ``exclude`` (n,) are rows left out, ``rms`` that of the ordinary
-    whitened residual."""
+    whitened residual; ``stop`` as in ``Start``."""
     signatures, cat = prepared(signatures, null, cat)
-    return settled(Start(signatures, cat, null, dict.fromkeys(cat.stated, prior.STATED), exclude, rms))
+    stated = dict.fromkeys(cat.stated, prior.STATED)
+    return settled(Start(signatures, cat, null, stated, exclude, rms, stop=stop))
 
 
 def prepared(signatures: Signatures, fit: Estimate, cat: Catalogue) -> tuple[Signatures, Catalogue]:
@@ -81,21 +85,21 @@ def prepared(signatures: Signatures, fit: Estimate, cat: Catalogue) -> tuple[Sig
 
 def settled(start: Start) -> Expansion:
     """Where the mode stays, from a start."""
-    state = Expansion(start)
-    for k in range(CLIMBS):
-        if k and not state.short:
-            break  # near enough: every further fit would take long
-        moved = state.moved(climbed(state.spike_slab, state.problem.richness, state.known))
-        if moved is None:
-            break
-        del state  # before the next one, for its matrices are large
-        state = Expansion(moved)
-    for _ in range(MOVES if state.short else 0):
-        moved = state.moved(state.sampled(rounds=1)[1])
-        if moved is None:
-            break
-        del state
-        state = Expansion(moved)
+    state, spent = Expansion(start), 0.0
+    for most, likeliest in ((CLIMBS, Expansion.climbed), (MOVES, Expansion.glimpsed)):
+        for _ in range(most):
+            if (
+                spent > SEARCHING
+                or start.stop()
+                or (not state.short and (spent or likeliest is not Expansion.climbed))
+            ):
+                break  # near enough: every further fit would take long
+            moved = state.moved(likeliest(state))
+            if moved is None:
+                break
+            spent += state.work
+            del state  # before the next one, for its matrices are large
+            state = Expansion(moved)
     return state
 
 
@@ -119,6 +123,8 @@ class Start:
     known: State | None = None
     halved: bool = False
     """Whether both halves of the rows are summed up beside the whole, because a pass of their own would take long."""
+    stop: Callable[[], bool] = lambda: False
+    """Whether somebody asked the search to end with what it has."""
 
 
 class Expansion:
@@ -162,7 +168,20 @@ class Expansion:
 
     @cached_property
     def _sampling(self) -> Sampling:
-        return Sampling(self.spike_slab, self.problem.richness, known=self.known)
+        return Sampling(self.spike_slab, self.problem.richness, known=self.known, stop=self.start.stop)
+
+    @property
+    def work(self) -> float:
+        """Operations that climbs and chains took here."""
+        return self.spike_slab.work.done + (self._sampling.work if "_sampling" in self.__dict__ else 0.0)
+
+    def climbed(self) -> State:
+        """Return the likeliest state that ascents reach."""
+        return climbed(self.spike_slab, self.problem.richness, self.known)
+
+    def glimpsed(self) -> State:
+        """Return the mode of the posterior after its first round."""
+        return self.sampled(rounds=1)[1]
 
     def sampled(self, rounds: int = ROUNDS) -> tuple[Posterior, State]:
         """The posterior at this point, and its mode; more rounds go on from fewer."""
@@ -194,7 +213,7 @@ class Expansion:
         finer = proposed(signatures, fit, finer)
         if finer is not cat:
             signatures = signatures.of(finer.candidates).seen_from(fit)
-        own = start.exclude, start.rms, count, self.alone, self.bare, best, start.halved
+        own = start.exclude, start.rms, count, self.alone, self.bare, best, start.halved, start.stop
         return Start(signatures, finer, fit, wanted, *own)
 
     def without(self, exclude: Mask, null: Estimate, rms: float) -> Start | None:
@@ -244,41 +263,3 @@ def start_from(fit: Estimate, terms: Sequence[PlacedEffect]) -> Array:
     known = {e.label: e.amplitudes for e in fit.fitted_effects()}
     amplitudes = [known.get(t.label, np.zeros(len(t.coefficients))) for t in terms]
     return np.concatenate([fit.p[: len(fit.nominal.parameters)], *amplitudes])
-
-
-def refined(machine: Machine, cat: Catalogue, accepted: Iterable[int]) -> Catalogue:
-    """The catalogue with values around those of accepted candidates; the very same one where nothing is to be added."""
-    for index in [i for i in accepted if i not in cat.stated]:
-        for name in cat.candidates[index].effect.continuous:
-            added = _between(machine, cat, index, name)
-            if added:
-                cat = cat.with_more(added, [index])
-    return cat
-
-
-def _between(machine: Machine, cat: Catalogue, index: int, name: str) -> list[PlacedEffect]:
-    """Candidates with values of a setting between a candidate's own and its neighbours on both sides."""
-    here = cat.candidates[index]
-    if name not in here.settings_map:
-        return []
-    own, rest = float(here.settings_map[name]), dict(here.settings_map) | {name: 0.0}
-    values = [
-        float(c.settings_map[name])
-        for c in cat.candidates
-        if c.at_place == here.at_place and name in c.settings_map
-        if dict(c.settings_map) | {name: 0.0} == rest
-    ]
-    near = [
-        max((v for v in values if v < own), default=own),
-        min((v for v in values if v > own), default=own),
-    ]
-    new = [
-        float(f"{own + share * (other - own):.3g}")
-        for other in near
-        if abs(other - own) > CLOSE * max(abs(own), abs(other))
-        for share in np.arange(1, PARTS) / PARTS
-    ]
-    labels = {c.label for c in cat.candidates}
-    settings = [dict(here.settings_map) | {name: value} for value in dict.fromkeys(new)]
-    made = [PlacedEffect.at(here.effect, machine, here.place, one) for one in settings]
-    return [placed for placed in made if placed.label not in labels]

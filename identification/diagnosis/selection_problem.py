@@ -163,6 +163,7 @@ def _terms(
             lower=tuple(c.lower / c.scale for c in placed[k].coefficients[: len(lin.indices([i]))]),
             upper=tuple(c.upper / c.scale for c in placed[k].coefficients[: len(lin.indices([i]))]),
             alone=cat.named(i) and not placed[k].effect.adds(placed[k].settings_map),
+            length=len(placed[k].coefficients),
         )
         for k, i in enumerate(free)
     ]

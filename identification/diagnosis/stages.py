@@ -73,19 +73,27 @@ def sizes(machine: Machine, recording: Recording) -> list[int]:
     return [len(rows) for rows in stages(machine, recording)[1:]]
 
 
-def first(machine: Machine, recording: Recording, fits: Fits, cat: Catalogue) -> tuple[Fits, Expansion]:
+def first(
+    machine: Machine,
+    recording: Recording,
+    fits: Fits,
+    cat: Catalogue,
+    stop: Callable[[], bool] = lambda: False,
+) -> tuple[Fits, Expansion]:
     """The fits without effects, and where the mode stays, by a search of these rows from nothing; once more where other rows
-    are far off beside what it finds."""
+    are far off beside what it finds. ``stop``: whether somebody asked for an end."""
     signatures = Signatures(machine, recording, cat.candidates)
-    near = search(signatures, cat, fits.before, fits.outliers, fits.rms)
+    near = search(signatures, cat, fits.before, fits.outliers, fits.rms, stop)
     again = _far(near.fit, recording)
-    if np.array_equal(again, fits.outliers):
+    if np.array_equal(again, fits.outliers) or stop():
         return fits, near
     fits = refitted(machine, recording, fits, again)
     # a short one is quick from nothing
     start = None if near.short else near.without(again, fits.before, fits.rms)
     del near
-    return fits, search(signatures, cat, fits.before, again, fits.rms) if start is None else settled(start)
+    return fits, search(signatures, cat, fits.before, again, fits.rms, stop) if start is None else settled(
+        start
+    )
 
 
 def further(
@@ -114,11 +122,12 @@ def further(
         bare=Signatures(machine, recording, ()).linearise(fits.before).bare(),
         known=near.known[0] if near.known and fit is not None else None,
         halved=len(recording) == len(recording.whole),
+        stop=near.start.stop,
     )
     del near
     near = settled(begun)
     again = _far(near.fit, recording)
-    if np.array_equal(again, far):
+    if np.array_equal(again, far) or near.start.stop():
         return fits, near
     others = refitted(machine, recording, fits, again)
     start = near.without(again, others.before, others.rms)

@@ -131,6 +131,7 @@ def _quiet(fits: Fits, found: Found, supported: Supported, choice: Choice) -> Di
         inclusion=tuple(Alternative(*place, p, 0.0) for place, p in summary.inclusion.places.items()),
         leading=tuple(Lead(*one.cause, one.levels, one.probability) for one in summary.leading),
         disagreement=found.posterior.disagreement,
+        budget_spent=found.posterior.cut,
         applied=_told(choice, "plain", plain, plain),
         together=Presence(machine, cat, found.problem, found.posterior).together(),
         evidence=places,

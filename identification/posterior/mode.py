@@ -23,6 +23,8 @@ ROUNDS = 30
 """Most rounds of an ascent: each adds one term at most."""
 OFTEN = 1.25
 """How many times more terms a set has gained before its likeliest noise is looked for anew."""
+CLIMBING = 10e9
+"""Operations after which the ascents from some starts end wherever they are."""
 STEPS = (4, 1)
 """Steps on an axis of the grid that are repeated while they gain, in turn."""
 
@@ -30,13 +32,24 @@ LIKELY, EXCHANGES = 20.0, 4
 """Log odds against an exchange of a kind for another, as it is proposed, up to which an ascent is worth it; most of them."""
 
 
-def ascended(spike_slab: SpikeSlab, richness: Richness, point: GridPoint, members: Sequence[Member]) -> State:
-    """A state whose every slot holds the likeliest cause beside the others, or nothing, at the likeliest point near."""
+def ascended(
+    spike_slab: SpikeSlab,
+    richness: Richness,
+    point: GridPoint,
+    members: Sequence[Member],
+    limit: float = np.inf,
+) -> State:
+    """Return a state whose every slot holds the likeliest cause beside the others, or nothing, at the likeliest point near.
+
+    Where so much work (``limit``) was done before, it is as far as the ascent came.
+    """
     current = list(members)
     while not spike_slab.holds(current):
         current.pop()
     looked = -1
     for _ in range(ROUNDS):
+        if spike_slab.work.done > limit:
+            break
         before, here = set(current), point
         if not looked <= len(current) < OFTEN * looked:
             point, looked = nearest_top(spike_slab, point, current, thorough=False), len(current)
@@ -54,7 +67,9 @@ def ascended(spike_slab: SpikeSlab, richness: Richness, point: GridPoint, member
     return State(found, point, log_posterior(spike_slab, richness, found, point))
 
 
-def alternatives(spike_slab: SpikeSlab, richness: Richness, state: State) -> list[State]:
+def alternatives(
+    spike_slab: SpikeSlab, richness: Richness, state: State, limit: float = np.inf
+) -> list[State]:
     """Where ascents lead when all members of a kind give way to a group of another kind: the likeliest such exchanges."""
     kinds = spike_slab.terms.kind
     found = list[tuple[float, tuple[Member, ...]]]()
@@ -68,7 +83,7 @@ def alternatives(spike_slab: SpikeSlab, richness: Richness, state: State) -> lis
                 best[other] = max(best.get(other, (-np.inf, ())), (before + gain, (*rest, *added)))
         found += best.values()
     likely = sorted((each for each in found if each[0] > -LIKELY), reverse=True)[:EXCHANGES]
-    return [ascended(spike_slab, richness, state.point, members) for _, members in likely]
+    return [ascended(spike_slab, richness, state.point, members, limit) for _, members in likely]
 
 
 def _groups(
@@ -215,8 +230,9 @@ def tops(spike_slab: SpikeSlab, richness: Richness, known: Sequence[State]) -> l
     """Where ascents lead, from known states or else from nothing, and what is nearly as likely by exchanges of kinds; the
     likeliest first."""
     starts = [(state.point, state.members) for state in known] or [(best_point(spike_slab), ())]
-    found = [ascended(spike_slab, richness, *start) for start in starts]
+    limit = spike_slab.work.done + CLIMBING
+    found = [ascended(spike_slab, richness, *start, limit) for start in starts]
     best = max(found, key=lambda state: state.log_posterior)
-    found += alternatives(spike_slab, richness, best)
+    found += alternatives(spike_slab, richness, best, limit)
     every = sorted({state.members: state for state in found}.values(), key=lambda state: -state.log_posterior)
     return [state for state in every if state.log_posterior > every[0].log_posterior - LIKELY]

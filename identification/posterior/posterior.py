@@ -4,7 +4,7 @@ likeliest sets, and how far the chains agree."""
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,7 +30,7 @@ RARE = 0.1
 """Probability up to which a cause is mostly not there."""
 CLASS, CLEAR = 5, 0.8
 """Most causes of a class, and probability that these hold a slot together for it to be one."""
-BUDGET, SETTLING, FEWEST = 12e9, 0.25, 4
+BUDGET, SETTLING, FEWEST = 24e9, 0.2, 4
 """Operations after which chains end whether they agree or not, the share of them in which chains settle, and sweeps that
 count at least."""
 FOR_CLASS = 0.9
@@ -74,11 +74,19 @@ class Sampling:
     """Two chains, from the likeliest top and the next (or from half of the one), which go on where they stopped.
 
     Terms and values of the grid that are hopeless around the tops are left out, and what nothing can replace there is given.
+    ``stop``: whether somebody asked for an end; it is asked before each sweep.
     """
 
     def __init__(
-        self, spike_slab: SpikeSlab, richness: Richness, *, seed: int = 1, known: Sequence[State] = ()
+        self,
+        spike_slab: SpikeSlab,
+        richness: Richness,
+        *,
+        seed: int = 1,
+        known: Sequence[State] = (),
+        stop: Callable[[], bool] = lambda: False,
     ) -> None:
+        self._stop = stop
         every = tops(spike_slab, richness, known)
         top, other = every[0], every[min(1, len(every) - 1)]
         around = plausible(spike_slab, richness, every)
@@ -99,8 +107,13 @@ class Sampling:
         ]
         self._chains, self._done, self._apart = Chains(self._part, richness, chains), 0, other is not top
         for _ in range(BURN):
-            if self._part.work.done < SETTLING * BUDGET:
+            if self._part.work.done < SETTLING * BUDGET and not stop():
                 self._chains.settle()
+
+    @property
+    def work(self) -> float:
+        """Operations that the chains took."""
+        return self._part.work.done
 
     def posterior(self, rounds: int = ROUNDS) -> Posterior:
         """What the chains say once they agree, or after so many rounds in all."""
@@ -110,7 +123,8 @@ class Sampling:
         budget = BUDGET * (SETTLING + (1.0 - SETTLING) * rounds / ROUNDS)
         while self._done < least or (self._done < rounds and self._chains.disagreement > AGREED):
             for _ in range(ROUND):
-                if self._part.work.done > budget and self._chains.sweeps >= FEWEST:
+                over = self._part.work.done > budget or self._stop()
+                if over and self._chains.sweeps >= FEWEST:
                     return _gathered(self._part, self._index, self._chains, cut=True)
                 self._chains.run()
             self._done += 1

@@ -31,8 +31,9 @@ UNSEEN = 1e-3
 """Information about the largest usual size that is none."""
 FEWER = 0.9
 """Share of the columns that turned terms must not exceed, for a problem of these to be worth its memory."""
-HELD = 3
-"""Readings that each coefficient of a set needs at least: so few readings do not tell more coefficients apart."""
+HELD, LONGEST = 2, 3
+"""Readings that each coefficient of a set needs at least, as far as they see it, and that each one of a long series needs: the
+readings of a row see one place of it."""
 SETS = 200_000
 """Evidences that are kept."""
 
@@ -182,12 +183,15 @@ class SpikeSlab:
 
     @cached_property
     def ranks(self) -> Index:
-        """(c,) number of coefficients of each term that the readings see, at the stated noise."""
+        """(c,) number of coefficients of each term that the readings see, at the stated noise; of a series that is too long for
+        them, more than they hold."""
         root, out = self.root(self._stated), np.array([len(c) for c in self.terms.columns], dtype=np.intp)
         if self.design.width > self.capacity:
             for k in np.flatnonzero((out > LONG) & ~self.terms.bounded):
-                out[k] = max(int(np.sum(np.linalg.eigvalsh(root.among(self.terms.columns[k])) > UNSEEN)), 1)
-        return out
+                values = np.linalg.eigvalsh(root.among(self.terms.columns[k]))
+                out[k] = max(int(np.sum(values > UNSEEN)), 1)
+        length = np.array([term.length for term in self.terms.all], dtype=np.intp)
+        return np.where(LONGEST * length > sum(self.design.counts), self.capacity + 1, out)
 
     def holds(self, members: Sequence[Member]) -> bool:
         """Return True if the readings hold the coefficients of all members together."""

@@ -31,6 +31,8 @@ class Term:
     lower: tuple[float, ...]
     upper: tuple[float, ...]
     alone: bool = True
+    length: int = 0
+    """Number of coefficients, where columns are directions of more of them."""
 
 
 WIDTHS = (2, 6, 18)

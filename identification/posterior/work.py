@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from truepose.identification.posterior.terms import SameSize
 
-CALL, DENSE, SMALL = 1e5, 0.1, 3.0
+CALL, DENSE, SMALL = 1e5, 0.04, 3.0
 """What counts for one: a call with what is around it, a multiplication among large matrices, one among many small ones.
 In nanoseconds of a processor of 2023, about."""
 

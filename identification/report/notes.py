@@ -45,6 +45,8 @@ def diagnosis_notes(found: Diagnosis) -> tuple[str, ...]:
         f"row {recording.source_row[k]} of {recording.files[recording.source_file[k]]} cannot be assembled and was left out"
         for k in found.before.unassembled
     ]
+    if found.stopped:
+        said.append("the search was stopped: what it had found by then is named, and chains are short")
     if not 0.8 < found.noise < 1.25:
         said.append(f"without effects the readings scatter {found.noise:.2g} times the stated sigma")
     return (

@@ -50,6 +50,8 @@ def diagnosis_json(diagnosis: Diagnosis) -> Json:
         "findings": [*(finding_json(f) for f in diagnosis.findings), *outliers_json(diagnosis)],
         **_probabilities(diagnosis),
         "disagreement": diagnosis.disagreement,
+        "budget_spent": diagnosis.budget_spent,
+        "stopped": diagnosis.stopped,
         "noise": diagnosis.noise,
         "remainder": left and _remainder(left, units),
         "candidates": [alternative_json(c) for c in diagnosis.candidates],

@@ -116,6 +116,9 @@ def _held_out(diagnosis: Diagnosis) -> list[str]:
     ]
 
 
+_ENDED = "; they ended with their budget of work, before they were as long as usual"
+
+
 def doubts(diagnosis: Diagnosis) -> list[str]:
     """What speaks against the findings, said plainly."""
     out = []
@@ -135,7 +138,7 @@ def doubts(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.disagreement > AGREED:
         out.append(
             f"Probabilities are known to {percent(diagnosis.disagreement)} only: so far do the chains differ that"
-            " they were drawn from."
+            f" they were drawn from{_ENDED if diagnosis.budget_spent else ''}."
         )
     if diagnosis.findings and diagnosis.structure.raised:
         out.append(

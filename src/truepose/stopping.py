@@ -7,11 +7,12 @@ published or it is not, and `told` can say which.
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import Any
 
@@ -40,6 +41,8 @@ class Stopping:
         """What a command that can go on later has to say of its state."""
         self._inside = list[None]()  # one entry a block: adding and taking away cannot be interrupted
         self._waits, self._last = False, float("-inf")
+        self._gentle: str | None = None  # what is said of a first Ctrl-C that only asks
+        self._asked = False
 
     def listen(self) -> None:
         """Hear signals from now on, with nothing written yet. One that the caller's shell has turned off stays so."""
@@ -59,6 +62,11 @@ class Stopping:
     def _heard(self, number: int, _: FrameType | None) -> None:
         now = time.monotonic()
         if now - self._last < ONCE:
+            return
+        if number == signal.SIGINT and self._gentle is not None and not self._asked:
+            self._asked, self._last = True, now
+            with contextlib.suppress(OSError):
+                os.write(2, self._gentle.encode())
             return
         self.number, self._last = number, now
         if self._inside:
@@ -97,6 +105,18 @@ class Stopping:
             self._inside.pop()
             if self._waits and not self._inside:
                 self._again()
+
+    @contextlib.contextmanager
+    def asked(self, text: str) -> Iterator[Callable[[], bool]]:
+        """Let a first Ctrl-C during the block ask for an end only, which ``text`` acknowledges on standard error.
+
+        Yields whether it came. A second one ends the command at once, and so does SIGTERM.
+        """
+        self._gentle, self._asked = text, False
+        try:
+            yield lambda: self._asked
+        finally:
+            self._gentle = None
 
     def told(self) -> str:
         """What stands where, in words."""

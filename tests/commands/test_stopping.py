@@ -130,3 +130,36 @@ def test_what_another_command_of_this_process_wrote_is_not_this_ones() -> None:
         "assert stopping.told() == 'stopped; nothing was written', stopping.told()\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+GENTLE = """
+import os, signal, sys, time
+from truepose import faults
+from truepose.stopping import stopping
+
+def work():
+    with stopping.asked("ends soon\\n") as stop:
+        for k in range(int(sys.argv[1])):
+            os.kill(os.getpid(), getattr(signal, sys.argv[2]))
+            time.sleep(1.2)
+        print("asked" if stop() else "not asked")
+
+faults.main(work)
+"""
+
+
+@pytest.mark.parametrize(
+    ("times", "sent", "code", "said"),
+    [
+        (0, "SIGINT", 0, "not asked"),
+        (1, "SIGINT", 0, "asked"),
+        (2, "SIGINT", 130, ""),
+        (1, "SIGTERM", 143, ""),
+    ],
+)
+def test_where_results_can_be_concluded_a_first_signal_asks_and_a_second_ends(
+    times: int, sent: str, code: int, said: str
+) -> None:
+    done = ran(GENTLE, times, sent)
+    assert (done.returncode, done.stdout.strip()) == (code, said)
+    assert done.stderr.startswith("ends soon") == (times > 0 and sent == "SIGINT")

@@ -17,6 +17,7 @@ from truepose.commands.common import (
     ShuffledOption,
     finish,
     progress,
+    quiet,
     reported,
     written,
 )
@@ -24,6 +25,7 @@ from truepose.commands.gate import GateOption, gated
 from truepose.commands.judgement import refuse
 from truepose.commands.results import DIAGNOSIS, FIT, check_directory, check_machine
 from truepose.commands.try_columns import TryColumnsOption, tried_names
+from truepose.stopping import stopping
 
 if TYPE_CHECKING:
     from truepose.identification.check.result import Check
@@ -46,6 +48,7 @@ DIAGNOSING = (
 """What ``calibrate`` does, and ``diagnose`` after the check, and about how long each takes beside the others."""
 AGAIN = (("fitting", 1.0), ("weighing", 4.0))
 """What ``diagnose`` does again with more rows of a long recording."""
+STOPPING = "the search ends, and what was found is named and written; Ctrl-C again stops at once\n"
 MANY = 50_000
 """Rows of which a fit takes about as long as all of the first stage's, which has some thousand."""
 EstimatorOption = Annotated[
@@ -186,7 +189,8 @@ def diagnose(
 ) -> None:
     """Locate, name, model and prove what the model leaves out.
 
-    Writes diagnosis.json, improved.yaml and report.html.
+    Writes diagnosis.json, improved.yaml and report.html. Ctrl-C ends the search and concludes with what was found by then; a
+    second Ctrl-C ends the command.
 
     Example: truepose diagnose machine.yaml recording.csv -o result
     """
@@ -207,7 +211,8 @@ def diagnose(
             )
             check_machine(output, DIAGNOSIS, loaded.name)
         with progress("diagnosing", diagnosing(sizes(loaded, rows))) as say, rows_on(dask):
-            result = run(loaded, rows, prior=learned, progress=say)
+            with stopping.asked("" if quiet() else STOPPING) as stop:
+                result = run(loaded, rows, prior=learned, progress=say, stop=stop)
             say("writing the report")
             summary, lines = _diagnosis_written(result, check, output)
         finish(summary, lines, diagnosis_notes(result), as_json=as_json)

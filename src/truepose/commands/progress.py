@@ -1,7 +1,7 @@
 """What a command shows while it works: a bar on a terminal, elsewhere a line a stage and one every ten seconds.
 
-Nothing appears in the first two seconds, nor with ``--quiet``; standard output stays free. Where a work has stages of known
-relative cost, the time left is told once half of it is done: before that it would be a guess.
+Nothing appears in the first two seconds, nor with ``--quiet``; standard output stays free. The time left is shown where it
+follows from what is done within a factor of two: after stages that took what they cost beside each other, or counted steps.
 """
 
 from __future__ import annotations
@@ -21,8 +21,12 @@ if TYPE_CHECKING:
 
 DELAY, EVERY = 2.0, 10.0
 """Seconds of work before anything is shown, and longest silence where output is no terminal."""
-TELLING = 0.5
-"""Share of the work that must be done before the time left is told."""
+FEWEST, TELLING = 2, 0.02
+"""Stages, and share of counted steps, that must be done before the time left is told."""
+TRUST = 1.3
+"""Factor by which a stage or a step may take longer or shorter than those before it; one that takes longer tells nothing."""
+WITHIN = 2.0
+"""Factor by which the time left that is shown may be wrong."""
 Say = Callable[[str], None]
 Stages = Sequence[tuple[str, float]]
 """Stages by how what is said of them begins, with their relative cost."""
@@ -52,6 +56,7 @@ class Course:
         self._begin = self._since = clock()
         self._at = -1
         self._counted: tuple[int, int] | None = None
+        self._rates = list[float]()
 
     def say(self, text: str) -> None:
         """Note what goes on; a stage begins where the text is the beginning of one."""
@@ -59,6 +64,9 @@ class Course:
         found = [k for k, (name, _) in enumerate(self._stages) if text.startswith(name)]
         best = max(found, key=lambda k: len(self._stages[k][0]), default=self._at)
         if best > self._at:
+            if self._at >= 0:
+                cost = sum(cost for _, cost in self._stages[self._at : best])
+                self._rates.append((self._clock() - self._since) / cost)
             self._at, self._since = best, self._clock()
 
     def count(self, done: int, total: int) -> None:
@@ -80,12 +88,26 @@ class Course:
 
     @property
     def left(self) -> float | None:
-        """Seconds left if the rest goes as what is done; None before half is done, and where less than one is left."""
-        share, done = self.share, self._since - self._begin
-        if share is None or share < (0.02 if self._counted else TELLING):
-            return None
-        rest = done / share * (1.0 - share) - (self._clock() - self._since)
-        return rest if rest >= 1.0 else None
+        """Seconds left; None where what is done does not tell them within ``WITHIN``, and where less than one is left."""
+        low, high = self._least_and_most()
+        rest = float((low * high) ** 0.5)
+        return rest if high <= WITHIN**2 * low and rest >= 1.0 else None
+
+    def _least_and_most(self) -> tuple[float, float]:
+        """Seconds that may be left, if the rest goes about as what is done; (0, infinity) where nothing follows from that."""
+        late = self._clock() - self._since
+        if self._counted is not None:
+            done, total = self._counted
+            known = done > 0 and done >= TELLING * total
+            rates, costs = [(self._since - self._begin) / max(done, 1)], [1.0] * (total - done)
+        else:
+            known = len(self._rates) >= FEWEST
+            rates, costs = self._rates, [cost for _, cost in self._stages[self._at :]]
+        if not known or not costs or late > TRUST * max(rates) * costs[0]:
+            return 0.0, float("inf")
+        low, high = min(rates) / TRUST, max(rates) * TRUST
+        later = sum(costs[1:])
+        return later * low + max(costs[0] * low - late, 0.0), later * high + costs[0] * high - late
 
     @property
     def words(self) -> str:

@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.engine import diagnose
-from truepose.identification.diagnosis.search import PARTS, refined
+from truepose.identification.diagnosis.finer_settings import PARTS, refined
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording

@@ -5,10 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from support.linear_problems import RICHNESS, catalogue_problem, enumerated, single, spike_slab
+from support.linear_problems import (
+    RICHNESS,
+    SIZES,
+    UNKNOWNS,
+    catalogue_problem,
+    enumerated,
+    random_problem,
+    single,
+    spike_slab,
+)
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.sampler import Chain, Reach
-from truepose.identification.posterior.spike_slab import Members
+from truepose.identification.posterior.spike_slab import Members, SpikeSlab
 
 TERMS = 6
 
@@ -45,3 +54,22 @@ def test_evidence_and_prior_of_what_is_given_are_those_of_the_whole() -> None:
             )
             further = part.log_prior(members) - part.log_prior(())
             assert further == pytest.approx(whole.log_prior(both) - whole.log_prior(given))
+
+
+@pytest.mark.parametrize("width", [8, 60])
+def test_beside_what_is_given_many_terms_are_weighed_as_few_are(width: int) -> None:
+    """Whether products are written out (few columns are left) or follow from halves (many are)."""
+    whole = SpikeSlab(random_problem(3, width=width).design, UNKNOWNS, single(*[2] * (width // 2)), SIZES)
+    given, point = ((0, 1), (2, 0)), GridPoint((1, 0), 1, 2)
+    part, left = whole.conditioned(given), np.array([2, 3, *range(6, width)])
+    own, expected = part.base(point), whole.beside(point, given)
+    assert own.log_evidence == pytest.approx(expected.log_evidence, abs=1e-8)
+    np.testing.assert_allclose(own.score, expected.score[left], atol=1e-8)
+    every = np.arange(len(left))
+    np.testing.assert_allclose(own.rows(every), expected.rows(left)[:, left], atol=1e-8)
+    np.testing.assert_allclose(own.among(every), expected.among(left), atol=1e-8)
+    members = ((1, 1), (3, 1))
+    assert part.log_evidence(point, members) == pytest.approx(whole.log_evidence(point, (*given, *members)))
+    found, known = part.log_odds(point, members), whole.log_odds(point, (*given, *members))
+    open_ = np.isfinite(known)
+    np.testing.assert_allclose(found[open_], known[open_], atol=1e-7)
