@@ -30,7 +30,7 @@ def rounded(seed: int, terms: int, width: int, readings: int) -> SpikeSlab:
     dense = random_problem(seed, readings=readings, width=terms * width)
     rng = np.random.default_rng(seed)
     errors = 8.0 * (np.abs(rng.uniform(-1.0, 1.0, readings)) > 0.5) * np.sign(dense.g[:, 0])
-    design = type(dense)(errors, dense.kind, dense.a, dense.g, dense.always, UNKNOWNS).design
+    design = type(dense)(np.asarray(errors, dtype=np.float64), dense.kind, dense.a, dense.g, dense.always, UNKNOWNS).design
     return SpikeSlab(design, UNKNOWNS, single(*[width] * terms, sizes=SIZES), SIZES)
 
 
