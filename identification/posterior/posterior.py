@@ -117,15 +117,17 @@ class Sampling:
 
     def posterior(self, rounds: int = ROUNDS) -> Posterior:
         """What the chains say once they agree, or after so many rounds in all."""
-        least = (
-            (rounds + 1) // 2 if self._apart else 1
-        )  # a region is not weighed before its chain has settled
+        # a region is not weighed before its chain has settled
+        least = (rounds + 1) // 2 if self._apart else 1
         budget = BUDGET * (SETTLING + (1.0 - SETTLING) * rounds / ROUNDS)
         while self._done < least or (self._done < rounds and self._chains.disagreement > AGREED):
+            round_over = self._part.work.done + BUDGET / ROUNDS
             for _ in range(ROUND):
                 over = self._part.work.done > budget or self._stop()
                 if over and self._chains.sweeps >= FEWEST:
                     return _gathered(self._part, self._index, self._chains, cut=True)
+                if self._part.work.done > round_over and self._chains.sweeps >= FEWEST:
+                    break  # long sweeps: it is asked more often whether the chains agree
                 self._chains.run()
             self._done += 1
         return _gathered(self._part, self._index, self._chains, cut=False)
