@@ -16,7 +16,7 @@ from truepose.identification.diagnosis.finer_settings import refined
 from truepose.identification.diagnosis.selection_problem import SelectionProblem, selection_problem
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.posterior.mode import climbed
-from truepose.identification.posterior.posterior import ROUNDS, Posterior, Sampling, mode
+from truepose.identification.posterior.posterior import LONG_SET, ROUNDS, Posterior, Sampling, mode
 from truepose.identification.posterior.state import State
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Linearisation
@@ -30,8 +30,6 @@ CLIMBS, MOVES = 4, 2
 """Most expansion points that are climbed to, and most that follow from a posterior that was drawn."""
 SEARCHING = 15e9
 """Operations at expansion points after which none follows any more."""
-LONG_SET = 150
-"""Columns of a set beyond which an expansion takes long, and few follow."""
 ROUGH = 1e-2
 """What a fit may leave to gain of half its sum of squares where it is an expansion point only."""
 REFINED = 2

@@ -30,6 +30,8 @@ RARE = 0.1
 """Probability up to which a cause is mostly not there."""
 CLASS, CLEAR = 5, 0.8
 """Most causes of a class, and probability that these hold a slot together for it to be one."""
+LONG_SET, SHORTER = 150, 3
+"""Columns of a set beyond which all that follows takes long, and by how much the budget of chains is smaller then."""
 BUDGET, SETTLING, FEWEST = 24e9, 0.2, 4
 """Operations after which chains end whether they agree or not, the share of them in which chains settle, and sweeps that
 count at least."""
@@ -105,9 +107,10 @@ class Sampling:
             Chain(self._part, richness, around.reach, point, members, seed + k)
             for k, (point, members) in enumerate(starts)
         ]
+        self._budget = BUDGET / (SHORTER if len(spike_slab.columns(top.members)[0]) > LONG_SET else 1)
         self._chains, self._done, self._apart = Chains(self._part, richness, chains), 0, other is not top
         for _ in range(BURN):
-            if self._part.work.done < SETTLING * BUDGET and not stop():
+            if self._part.work.done < SETTLING * self._budget and not stop():
                 self._chains.settle()
 
     @property
@@ -117,15 +120,17 @@ class Sampling:
 
     def posterior(self, rounds: int = ROUNDS) -> Posterior:
         """What the chains say once they agree, or after so many rounds in all."""
-        least = (
-            (rounds + 1) // 2 if self._apart else 1
-        )  # a region is not weighed before its chain has settled
-        budget = BUDGET * (SETTLING + (1.0 - SETTLING) * rounds / ROUNDS)
+        # a region is not weighed before its chain has settled
+        least = (rounds + 1) // 2 if self._apart else 1
+        budget = self._budget * (SETTLING + (1.0 - SETTLING) * rounds / ROUNDS)
         while self._done < least or (self._done < rounds and self._chains.disagreement > AGREED):
+            round_over = self._part.work.done + self._budget / ROUNDS
             for _ in range(ROUND):
                 over = self._part.work.done > budget or self._stop()
                 if over and self._chains.sweeps >= FEWEST:
                     return _gathered(self._part, self._index, self._chains, cut=True)
+                if self._part.work.done > round_over and self._chains.sweeps >= FEWEST:
+                    break  # long sweeps: it is asked more often whether the chains agree
                 self._chains.run()
             self._done += 1
         return _gathered(self._part, self._index, self._chains, cut=False)

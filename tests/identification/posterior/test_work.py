@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from support.linear_problems import RICHNESS, UNKNOWNS, random_problem, single
 from truepose.identification.posterior import mode as ascending
@@ -20,6 +21,7 @@ from truepose.identification.posterior.state import State, best_point
 from truepose.identification.posterior.terms import Terms
 from truepose.identification.prior import SIZES
 
+Array = NDArray[np.float64]
 BUDGET = 3e7
 """A few sweeps of the problems here."""
 START = GridPoint((1, 0), 0, 0)
@@ -29,8 +31,9 @@ def rounded(seed: int, terms: int, width: int, readings: int) -> SpikeSlab:
     """Readings that are rounded: no term explains them, and every one a little."""
     dense = random_problem(seed, readings=readings, width=terms * width)
     rng = np.random.default_rng(seed)
-    errors = 8.0 * (np.abs(rng.uniform(-1.0, 1.0, readings)) > 0.5) * np.sign(dense.g[:, 0])
-    design = type(dense)(np.asarray(errors, dtype=np.float64), dense.kind, dense.a, dense.g, dense.always, UNKNOWNS).design
+    far = np.abs(rng.uniform(-1.0, 1.0, readings)) > 0.5
+    errors: Array = np.where(far, 8.0 * np.sign(dense.g[:, 0]), 0.0)
+    design = type(dense)(errors, dense.kind, dense.a, dense.g, dense.always, UNKNOWNS).design
     return SpikeSlab(design, UNKNOWNS, single(*[width] * terms, sizes=SIZES), SIZES)
 
 
@@ -62,7 +65,7 @@ def test_chains_end_with_their_budget_and_say_so(problem: SpikeSlab) -> None:
     sweep = (sampling.work - settled) / max(found.sweeps, 1)
     assert sampling.work <= BUDGET + (2 * drawing.FEWEST + 8) * sweep
     assert found.sweeps >= 2 * drawing.FEWEST
-    assert not found.cut or found.disagreement > drawing.AGREED
+    assert not found.cut or sampling.work > BUDGET
     assert sum(share for _, share in found.states) == pytest.approx(1.0)
 
 
