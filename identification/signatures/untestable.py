@@ -62,9 +62,10 @@ def missing_inputs(machine: Machine, recording: Recording) -> tuple[Missing, ...
 
 def missing_length(machine: Machine) -> list[Missing]:
     """Return the common scale of all lengths, where nothing measures a length."""
-    if any(sensor.measures_length for sensor in machine.sensors):
-        return []
     slides = [a.reading for a in machine.mechanism.actuators if a.unit == "mm"]
+    has_lengths = slides or any(p.unit == "mm" and p.tolerance > 0.0 for p in machine.parameters)
+    if not has_lengths or any(sensor.measures_length for sensor in machine.sensors):
+        return []
     what = ("actuator-scale", f" of {', '.join(slides)} and") if slides else ("wrong-constant", " of")
     why = f"no sensor measures a length, so a common scale{what[1]} all lengths changes no reading"
     sockets = any(sensor.type == "socket" for sensor in machine.sensors)

@@ -16,6 +16,7 @@ from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import catalogue
 from truepose.identification.signatures.untestable import (
     missing_inputs,
+    missing_length,
     of_such_machines,
     still_sources,
     unloaded,
@@ -153,6 +154,16 @@ def test_a_load_that_nothing_can_have_is_told_by_what_is_stated(tmp_path: Path) 
     assert unloaded(heavy) == "no `masses:` in the machine file; state what links and tool weigh"
     whole = arm(tmp_path, GRAVITY + MASSES)
     assert unloaded(whole) == "its own elastic legs carry the weight"
+
+
+def test_a_scale_of_lengths_is_asked_of_machines_that_have_free_lengths_alone(tmp_path: Path) -> None:
+    machines = read_machines(tmp_path / "machines")
+    for name, one in machines.items():
+        lengths = any(p.unit == "mm" and p.tolerance > 0.0 for p in one.parameters)
+        slides = any(a.unit == "mm" for a in one.mechanism.actuators)
+        blind = replace(one, sensors=machines["mount"].sensors)
+        assert bool(missing_length(blind)) is (lengths or slides) is (name != "mount")
+    assert not missing_length(machines["arm"])
 
 
 def test_what_bends_telescopes_is_asked_of_machines_that_point(tmp_path: Path) -> None:
