@@ -234,3 +234,15 @@ def test_nothing_is_a_function_of_what_hardly_varies(
     warm = [c for c in catalogue(machine, recording).candidates if "temperature.air" in "".join(c.drivers)]
     assert bool(warm) is (digits > 0)
     assert free is not bool(still)
+
+
+@pytest.mark.parametrize(
+    ("levels", "free"), [((20, 26, 32), True), ((20, 23), True), ((20, 21, 26), False), ((20,), False)]
+)
+def test_levels_that_were_set_are_no_coarse_digits(
+    tmp_path: Path, levels: tuple[int, ...], free: bool
+) -> None:
+    """Temperatures that a plan asks for may be whole kelvins; neighbouring values of a coarse thermometer differ by one."""
+    machine = arm(tmp_path)
+    recording = poses(machine, {"temperature.air": np.resize(np.array(levels, dtype=float), ROWS)})
+    assert ("temperature.air" not in still_sources(machine, recording)) is free
