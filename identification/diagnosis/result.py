@@ -65,9 +65,14 @@ class Replication:
     shown: tuple[bool, bool] = (True, True)
 
     @property
+    def least(self) -> float:
+        """Smallest probability among the halves that could show it; 1 where none could."""
+        return min((p for p, seen in zip(self.halves, self.shown, strict=True) if seen), default=1.0)
+
+    @property
     def replicated(self) -> bool:
         """True if each half that could show it names it, and the amplitudes agree."""
-        return self.agree and all(p >= NAMED for p, seen in zip(self.halves, self.shown, strict=True) if seen)
+        return self.agree and self.least >= NAMED
 
 
 @dataclass(frozen=True)

@@ -99,10 +99,9 @@ def _left_out(applied: Applied, where: str) -> list[str]:
             f"With all that was found, readings that were not fitted get worse (rms {significant(applied.whole_ratio)}"
             f" of plain calibration's): {held}."
         ]
-    if applied.pose is not None and applied.whole_pose is not None:
-        return [
-            f"Held out, that is {measure(applied.whole_pose.model, 'mm')} with all that was found: {held}."
-        ]
+    whole, pose = applied.whole_pose, applied.pose
+    if applied.model != "plain" and whole is not None and pose is not None and whole.model > pose.model:
+        return [f"Held out, that is {measure(whole.model, 'mm')} with all that was found: {held}."]
     return [
         f"With all that was found geometry leaves its tolerances, or predicts held-out rows less well: {held}."
     ]

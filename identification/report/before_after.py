@@ -62,9 +62,8 @@ def sensor_unit(size: float, unit: str) -> tuple[float, str]:
 
 
 def _in_turn(ratio: float) -> str:
-    return (
-        f"; held out in turn, rms falls to {significant(ratio)} of it" if known(ratio) and ratio < 1.0 else ""
-    )
+    falls = f"; held out in turn, rms falls to {significant(ratio)} of plain calibration's"
+    return falls if known(ratio) and ratio < 1.0 else ""
 
 
 __all__ = ["HELD_OUT", "before_after_words", "better_baseline", "rms_words", "sensor_unit"]

@@ -12,6 +12,7 @@ from truepose.identification.report.level_words import (
     lead_words,
     level_of,
     levels_words,
+    unreplicated_words,
     with_article,
 )
 from truepose.identification.report.misfit_words import misfit_clause
@@ -163,11 +164,8 @@ def against_words(finding: Finding) -> list[str]:
     halves = finding.replication
     if halves is None or halves.replicated:
         return []
-    if not halves.agree:
-        return ["Not replicated: the halves of the recording do not agree on its amplitude."]
-    return [
-        f"Not replicated: one half of the rows alone would not name it (probability {percent(min(halves.halves))})."
-    ]
+    alone = f" (probability {percent(halves.least)})" if halves.agree else ""
+    return [f"Not replicated: {unreplicated_words(halves)}{alone}."]
 
 
 def separating_experiment(finding: Finding) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from truepose.identification.diagnosis.result import NAMED, Finding, Lead, Together
+from truepose.identification.diagnosis.result import NAMED, Finding, Lead, Replication, Together
 from truepose.identification.report.numbers import percent
 from truepose.models.driver import DriverKind
 from truepose.models.effects.base import effects
@@ -87,11 +87,13 @@ def driver_clauses(findings: Sequence[Finding]) -> list[str]:
 def known_words(finding: Finding) -> tuple[str, str]:
     """A finding at the deepest level that is known, and how sure that is: ``compliant joint at q2``, ``98 %``; or ``q5 errs in
     waves of its own position``, ``over 99.9 %; which law is open``."""
-    where = ", ".join(finding.place) or "the recording"
     if not finding.nameless and (level_of(finding) == "law" or not finding.levels.driver):
+        where = shortened(finding.place, PLACES) or "the recording"
         return f"{title(finding.effect)} at {where}", percent(finding.probability)
-    sure = percent(finding.levels.driver)
-    return f"{where} {_ONE[finding.levels.kind]}", f"{sure}; {open_law(finding)}"
+    kind, place = finding.levels.kind, _erring(finding)
+    errs = _MANY[kind] if len(place) > 1 else _ONE[kind]
+    where = shortened(place, PLACES) or "the recording"
+    return f"{where} {errs}", f"{percent(finding.levels.driver)}; {open_law(finding)}"
 
 
 def open_law(finding: Finding) -> str:
@@ -100,7 +102,7 @@ def open_law(finding: Finding) -> str:
         return "no law of the catalogue"
     halves = finding.replication
     if halves is not None and not halves.replicated:
-        return "its law is not replicated: one half of the rows alone would not name it"
+        return f"its law is not replicated: {unreplicated_words(halves)}"
     likely = (
         f", {title(finding.effect)} with {percent(finding.probability)}"
         if finding.probability > NAMED
@@ -109,12 +111,24 @@ def open_law(finding: Finding) -> str:
     return f"which law is open{likely}"
 
 
+def unreplicated_words(halves: Replication) -> str:
+    """Return why the halves of the rows do not replicate a law."""
+    if not halves.agree:
+        return "the halves of the recording do not agree on its amplitude"
+    return "one half of the rows alone would not name it"
+
+
 def together_words(one: Together) -> str:
     """``q2, link2 or base gives way under the load that it carries (over 99.9 %), which of them is not known``."""
     places = shortened(list(one.places), PLACES) if len(one.places) > PLACES else joined(one.places, "or")
     return (
         f"{places} {_ONE[one.driver]} ({percent(one.probability)} that at least one does), which is not known"
     )
+
+
+def _erring(finding: Finding) -> list[str]:
+    """Return the places where the error is: of joints that are coupled the first, which is driven."""
+    return list(finding.place[:1] if finding.levels.kind == "coupling" else finding.place)
 
 
 def _untested(finding: Finding) -> bool:
@@ -189,8 +203,7 @@ def spanned(values: Sequence[float]) -> str:
 def levels_words(finding: Finding) -> str:
     """All three levels of a finding in one sentence."""
     levels = finding.levels
-    # of two joints that are coupled the first is driven: there the error is
-    where = joined(list(finding.place[:1] if levels.kind == "coupling" else finding.place)) or "the recording"
+    where = joined(_erring(finding)) or "the recording"
     said = (
         f"Probability {percent(levels.place)} that something is at {where}, {percent(levels.driver)} that it follows"
         f" {NAMES[levels.kind]}"
@@ -220,5 +233,6 @@ __all__ = [
     "spanned",
     "title",
     "together_words",
+    "unreplicated_words",
     "with_article",
 ]

@@ -95,7 +95,7 @@ def _verdict(result: Diagnosis, refused: str) -> list[str]:
 
 def _worth(result: Diagnosis) -> list[str]:
     """Before and after, and what it is worth to the tool."""
-    readings = [line for text in before_after_words(result) for line in wrapped(text, most=1)]
+    readings = [line for text in before_after_words(result) for line in wrapped(text, most=2)]
     told = [*applied_words(result.applied), *mount_words(result.after)]
     return [*readings, *(line for text in told for line in wrapped(text))]
 

@@ -34,6 +34,8 @@ GRAVITY_LINE = f"gravity: [0, 0, -{g}]"
 HEAT, PLAY, DRIFT, FLEXURE = "thermal-expansion", "backlash", "mount-drift", "axis-flexure"
 STEPS, LEAST_TRAVEL = 20.0, 1e-3
 """Smallest variation that anything may be a function of: steps of a thermometer's last digit, share of a joint's range."""
+SET = 3.0
+"""Steps between all neighbouring values of a thermometer from which on they are levels that were set: 20, 26 and 32 degC."""
 RARE = frozenset({"screw-windup"})
 """Effects of weight that few machines have."""
 
@@ -62,9 +64,10 @@ def missing_inputs(machine: Machine, recording: Recording) -> tuple[Missing, ...
 
 def missing_length(machine: Machine) -> list[Missing]:
     """Return the common scale of all lengths, where nothing measures a length."""
-    if any(sensor.measures_length for sensor in machine.sensors):
-        return []
     slides = [a.reading for a in machine.mechanism.actuators if a.unit == "mm"]
+    has_lengths = slides or any(p.unit == "mm" and p.tolerance > 0.0 for p in machine.parameters)
+    if not has_lengths or any(sensor.measures_length for sensor in machine.sensors):
+        return []
     what = ("actuator-scale", f" of {', '.join(slides)} and") if slides else ("wrong-constant", " of")
     why = f"no sensor measures a length, so a common scale{what[1]} all lengths changes no reading"
     sockets = any(sensor.type == "socket" for sensor in machine.sensors)
@@ -137,10 +140,12 @@ def still_sources(machine: Machine, recording: Recording) -> frozenset[str]:
 
 
 def _resolution(values: NDArray[np.float64]) -> float:
-    """Return the step of the last decimal digit that any of the values uses."""
-    return next(
+    """Return the step of the last decimal digit that any of the values uses; 0 where all are levels that were set."""
+    gaps = np.diff(np.unique(values))
+    step = next(
         (10.0**-k for k in range(9) if np.allclose(values, np.round(values, k), rtol=0.0, atol=1e-9)), 0.0
     )
+    return 0.0 if gaps.size and np.min(gaps) >= SET * step - 1e-9 else step
 
 
 def why_untestable(

@@ -85,9 +85,7 @@ class ThermalExpansion(Effect):
         """Every thermometer that says something else than the place's own, without a lag and with few."""
         lags = [0.0, *(lag for lag in LAGS_ELSEWHERE if lag < span(seen))]
         names = others(machine, own_columns([_part(machine, name) for name in place], seen), seen)
-        if place[0] in _slides(
-            machine
-        ):  # scales and screws are right at 20 degC (ISO 1): no constant bears an offset
+        if place[0] in _slides(machine):  # right at 20 degC (ISO 1): no constant bears an offset
             return [{"lag": lag, f"{FROM}{name}": REFERENCE} for name in names for lag in lags]
         return [{"lag": lag, **from_settings(name, seen)} for name in names for lag in lags]
 
@@ -110,7 +108,8 @@ class ThermalExpansion(Effect):
         )
 
     def explain(self, machine: Machine, place: Place) -> str:
-        return f"{_growing(machine, place)} in proportion to their temperature above 20 degC."
+        whose = "its" if place[0] in _slides(machine) else "their"
+        return f"{_growing(machine, place)} in proportion to {whose} temperature above 20 degC."
 
 
 def _slides(machine: Machine) -> list[str]:

@@ -42,7 +42,7 @@ def test_a_finding_is_told_with_its_numbers_on_one_line_and_its_rivals(parameter
         else "    a0, 0 rms; 5 orders, 7.87 mm rms"
     )
     assert "    could also be: friction-hysteresis at q2; something without a name" in lines
-    assert "  chi2 per degree of freedom: before 12, after 1.01" in lines
+    assert "  chi2 per degree of freedom: free 1, before 12, after 1.01" in lines
     assert lines[-1] == f"report: {Path('out') / 'report.html'}"
 
 
@@ -56,7 +56,7 @@ def test_what_has_no_name_is_told_by_what_it_follows() -> None:
     (at,) = (k for k, line in enumerate(lines) if line.startswith("  remainder follows temperature.air: "))
     form = f"{lines[at]} {lines[at + 1].strip()}"
     assert "linear in temperature.air; explains 40 % of the remainder; hypothesised" in form
-    assert "  rows left out as outliers: 3, 17" in lines
+    assert "  2 rows excluded as outliers: rows 3, 17" in lines
 
 
 def test_what_speaks_against_a_name_and_what_else_is_likely_is_told() -> None:

@@ -69,7 +69,7 @@ def said(*findings: Finding, verdict: str = "missing-physics", **more: Any) -> s
         ),
         (
             [named("backlash", "q1"), named("empirical", "q5", levels=Levels(0.99, "coupling", 0.95))],
-            "leaves out backlash at q1 and does not hold that q5 follows the position of other joints.",
+            "leaves out backlash at q1 and misses that q5 follows the position of other joints.",
         ),
     ],
 )
@@ -156,19 +156,23 @@ def test_the_form_of_a_remainder(kind: str, driver: str, told: str) -> None:
 
 
 def test_a_family_and_halves_that_disagree_are_part_of_an_explanation() -> None:
+    """What is not replicated stands first. Halves that could not show it do not count."""
     own = named("backlash", "q1")
     assert explanation(own) == "They have play."
     more = explanation(replace(own, family="backlash"))
     assert more.startswith("They have play. It was found at more places of this kind")
-    for halves, agree, said_ in (
-        ((0.19, 0.9), True, "One half of the recording alone would not name it (probability 19 %)."),
-        ((0.9, 0.05), True, "One half of the recording alone would not name it (probability 5.0 %)."),
-        ((0.21, 0.9), True, ""),
-        ((0.9, 0.9), False, "The halves of the recording do not agree on its amplitude"),
-    ):
-        text = explanation(replace(own, replication=Replication(halves, agree=agree)))
-        assert text.removeprefix("They have play.").strip().startswith(said_)
-        assert bool(said_) is (text != "They have play.")
+    alone = "Not replicated: one half of the rows alone would not name it"
+    for halves, agree, shown, said_ in (
+        ((0.49, 0.9), True, (True, True), f"{alone} (probability 49 %). "),
+        ((0.9, 0.05), True, (True, True), f"{alone} (probability 5.0 %). "),
+        ((0.01, 0.05), True, (False, True), f"{alone} (probability 5.0 %). "),
+        ((0.5, 0.9), True, (True, True), ""),
+        ((0.01, 0.9), True, (False, True), ""),
+        ((0.01, 0.01), True, (False, False), ""),
+        ((0.9, 0.9), False, (True, True), "Not replicated: the halves of the recording do not agree on its amplitude. "),
+    ):  # fmt: skip
+        text = explanation(replace(own, replication=Replication(halves, agree, shown)))
+        assert text == f"{said_}They have play."
 
 
 def test_an_experiment_against_the_likeliest_rival_is_told_beside_its_own() -> None:

@@ -151,6 +151,7 @@ def test_alarms_proofs_leads_and_what_was_applied_are_written(plain: Diagnosis) 
         "held_out": "role",
         "pose": pose,
         "readings_ratio": 0.4,
+        "baselines": None,
         "all_that_was_found": {"pose": None, "readings_ratio": 0.9},
     }
     assert told["proof"]["blocks"] == [{"name": "outermost poses", "rows": 12, "ratio": 0.5}]

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from truepose.identification.diagnosis.result import Alternative, Finding, Lead, Levels
+from truepose.identification.diagnosis.result import Alternative, Finding, Lead, Levels, Replication
 from truepose.identification.report.level_words import (
     driver_clauses,
     known_words,
@@ -115,9 +115,23 @@ def test_a_finding_is_called_by_the_deepest_level_that_is_known() -> None:
     )
     said, sure = known_words(finding("joint-compliance", "q2", 0.007, 0.9995, 0.9995))
     assert said == "q2 gives way under the load that it carries"
-    assert sure == "over 99.9 %; this law 0.7 %"
+    assert sure == "over 99.9 %; which law is open"
     said, sure = known_words(finding("empirical", "q5", 0.0, 0.95, 0.99, "coupling"))
-    assert (said, sure) == ("q5 follows the position of other joints", "95.0 %")
+    assert (said, sure) == ("q5 follows the position of other joints", "95.0 %; no law of the catalogue")
+
+
+@pytest.mark.parametrize(
+    ("law", "halves", "agree", "open_"),
+    [
+        (0.5, (0.9, 0.9), True, "which law is open"),
+        (0.6, (0.9, 0.9), True, "which law is open, compliant joint with 60 %"),
+        (0.5, (0.9, 0.49), True, "its law is not replicated: one half of the rows alone would not name it"),
+        (0.5, (0.9, 0.9), False, "its law is not replicated: the halves of the recording do not agree on its amplitude"),
+    ],
+)  # fmt: skip
+def test_how_open_a_law_is(law: float, halves: tuple[float, float], agree: bool, open_: str) -> None:
+    some = replace(own(law, 0.95, 0.99), replication=Replication(halves, agree=agree))
+    assert known_words(some)[1] == f"95.0 %; {open_}"
 
 
 # -- at the limits -----------------------------------------------------------------------------------
@@ -165,21 +179,24 @@ def test_places_are_pooled_of_one_driver_where_one_place_is_named() -> None:
 
 
 def test_laws_that_lead_at_places_of_one_driver_are_told_with_their_range() -> None:
-    """Each once; and that a form without a name leads elsewhere."""
+    """Each once; and that a form without a name leads elsewhere. Laws that are no likelier than not are open."""
 
     def clause(*some: Finding) -> str:
         (said,) = driver_clauses(some)
         return said
 
     one, two = own(0.3, 0.95, 0.99, "q1"), own(0.6, 0.95, 0.99, "q3")
-    sag, bare = own(0.4, 0.95, 0.99, "q2", "gravity-sag"), own(0.0, 0.95, 0.99, "q4", "empirical")
+    sag, bare = own(0.7, 0.95, 0.99, "q2", "gravity-sag"), own(0.0, 0.95, 0.99, "q4", "empirical")
     many = "give way under the load that they carry"
     assert clause(one, two) == f"q1 and q3 {many} (compliant joint: 30 % to 60 %)"
-    assert clause(one, one) == "q1 gives way under the load that it carries (compliant joint: 30 %)"
-    told = f"compliant joint: 30 %; {title('gravity-sag')}: 40 %"
+    assert clause(two, two) == "q3 gives way under the load that it carries (compliant joint: 60 %)"
+    told = f"compliant joint: 30 %; {title('gravity-sag')}: 70 %"
     assert clause(one, sag) == f"q1 and q2 {many} ({told})"
     assert clause(one, sag, bare) == f"q1, q2 and q4 {many} ({told}; else a form without a name)"
     assert clause(bare, own(0.0, 0.95, 0.99, "q5", "empirical")) == f"q4 and q5 {many}"
+    half = own(0.5, 0.95, 0.99, "q3")
+    assert clause(one, half) == f"q1 and q3 {many} (which law is open)"
+    assert clause(half, bare) == f"q3 and q4 {many} (which law is open)"
 
 
 def test_clauses_stand_by_how_deep_they_are_known() -> None:
@@ -204,7 +221,7 @@ def test_clauses_stand_by_how_deep_they_are_known() -> None:
 def test_what_has_no_place_is_the_sensor_s_or_the_recording_s() -> None:
     nowhere = replace(own(0.1, 0.95, 0.99, "x"), place=(), levels=Levels(0.99, "sensor", 0.95))
     assert driver_clauses([replace(nowhere, effect="empirical")]) == ["the sensor errs by itself"]
-    assert known_words(nowhere) == ("the recording errs by itself", "95.0 %; this law 10 %")
+    assert known_words(nowhere) == ("the recording errs by itself", "95.0 %; which law is open")
     assert lead_words(Lead("latency", (), Levels(0.4, "time", 0.3), 0.2)) == (
         "latency (20 %; something follows time there: 30 %)"
     )

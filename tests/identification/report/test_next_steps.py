@@ -131,7 +131,11 @@ def test_a_command_that_no_line_holds_has_nothing_but_what_it_needs() -> None:
 # -- what improved.yaml holds --------------------------------------------------------------------------
 
 WHERE = "on the validation rows, after a rigid refit"
-GAINED = f"The tool's position, {WHERE}: 500 µm with plain calibration, 200 µm with improved.yaml."
+GAINED = f"Error of the tool's position, {WHERE}: 500 µm with plain calibration, 200 µm with improved.yaml."
+BOTH = GAINED.replace(
+    "500 µm with plain calibration", "900 µm with the ordinary fit, 500 µm held to the drawing"
+)
+HELD = "improved.yaml holds effects with a name alone."
 
 
 @pytest.mark.parametrize(
@@ -139,6 +143,7 @@ GAINED = f"The tool's position, {WHERE}: 500 µm with plain calibration, 200 µm
     [
         (None, []),
         (WHOLE, [GAINED]),
+        (replace(WHOLE, baselines={"ordinary": 0.9, "drawing": 0.5}), [BOTH]),
         (replace(WHOLE, pose=None), ["Whether the tool's pose gains is not judged: no sensor reads its position."]),
         (replace(WHOLE, model="names", whole_pose=None, whole_ratio=NAN), [GAINED]),
         (replace(WHOLE, model="names"), [GAINED]),
@@ -154,8 +159,16 @@ GAINED = f"The tool's position, {WHERE}: 500 µm with plain calibration, 200 µm
         ),
         (
             replace(WHOLE, model="names", whole_ratio=0.9),
-            [GAINED, "All that was found moves constants out of their tolerances:"
-             " improved.yaml holds effects with a name alone."],
+            [GAINED, f"With all that was found geometry leaves its tolerances, or predicts held-out rows less well: {HELD}"],
+        ),
+        (
+            replace(WHOLE, model="names", whole_pose=PoseError(0.5, 0.3)),
+            [GAINED, f"Held out, that is 300 µm with all that was found: {HELD}"],
+        ),
+        (
+            replace(PLAIN, whole_pose=PoseError(0.5, 0.5), whole_ratio=0.9),
+            ["With all that was found geometry leaves its tolerances, or predicts held-out rows less well:"
+             " improved.yaml holds plain calibration."],
         ),
         (
             PLAIN,
@@ -226,29 +239,31 @@ def judged(before: float, after: float, held: float | None = None, **more: Any) 
             rms={"position": size},
             validation_rms=None if held is None else {"position": held * size},
         )
-        for name, size in (("before", before), ("after", after))
+        for name, size in (("free", 0.9 * before), ("before", before), ("after", after))
     }
     return diagnosis("missing-physics", fits=fits, **{"terms": ("one",), **more})
 
 
 def test_what_was_held_out_in_turn_is_told_where_there_are_no_other_rows() -> None:
     fell = Proof("blocks", (), 0.42, (0.3, 0.5), None, None, None)
-    in_turn = "; held out in turn, rms falls to 0.420 of it"
-    line = "position: 0.300 mm before, 0.200 mm after on the fitted rows"
+    in_turn = "; held out in turn, rms falls to 0.420 of plain calibration's"
+    line = "position: 0.270 mm with the ordinary fit, 0.300 mm held to the drawing, 0.200 mm after on the fitted rows"
     assert before_after_words(judged(0.3, 0.2)) == [line]
     assert before_after_words(judged(0.3, 0.2, proof=fell)) == [line + in_turn]
     for ratio in (1.0, 1.2, NAN):
         assert before_after_words(judged(0.3, 0.2, proof=replace(fell, ratio=ratio))) == [line]
     assert before_after_words(judged(0.3, 0.2, 2.0, proof=fell)) == [
-        "position: 0.600 mm before, 0.400 mm after on held-out rows"
+        "position: 0.540 mm with the ordinary fit, 0.600 mm held to the drawing, 0.400 mm after on held-out rows"
     ]
     assert before_after_words(judged(0.3, 0.2, proof=fell, terms=())) == [
         "position: 0.200 mm rms on the fitted rows"
     ]
-    mixed = judged(0.3, 0.2, 2.0)
-    mixed.fits["after"].validation_rms = None  # type: ignore[misc]
-    assert before_after_words(mixed) == [line]  # held-out rows of one fit alone are beside nothing
-    assert before_after_words(judged(NAN, 0.02))[0].startswith("position: - before, 20.0 µm after")
+    for name in ("free", "before", "after"):
+        mixed = judged(0.3, 0.2, 2.0)
+        mixed.fits[name].validation_rms = None  # type: ignore[misc]
+        assert before_after_words(mixed) == [line]  # held-out rows of some fits alone are beside nothing
+    (unknown,) = before_after_words(judged(NAN, 0.02))
+    assert unknown.startswith("position: - with the ordinary fit, - held to the drawing, 20.0 µm after")
 
 
 @pytest.mark.parametrize(
@@ -285,13 +300,15 @@ def test_a_calibration_is_good_where_misfit_and_constants_are_those_of_a_true_mo
     ]
     machine = cast(Machine, SimpleNamespace(name="arm", residual_units={"position": "mm"}, channels=channels))
     line, fine = calibrated_headline(machine, told)
-    assert fine is good and line.startswith(
-        "arm is calibrated: it misses the position of rows that were not fitted by 13.0 µm;"
+    outcome = "is calibrated" if good else "was fitted, but the fit leaves more than noise"
+    assert fine is good and said.startswith(f"arm {outcome}: ")
+    assert line.startswith(
+        f"arm {outcome}: it misses the position of rows that were not fitted by 13.0 µm;"
         " the instrument alone makes 17.3 µm."
     )
     assert line.endswith(" Something may be missing.") is not good
     fitted, _ = calibrated_headline(machine, replace(told, validation_rms=None))
-    assert fitted.startswith("arm is calibrated: it misses the position by 12.0 µm; the instrument alone")
+    assert fitted.startswith(f"arm {outcome}: it misses the position by 12.0 µm; the instrument alone")
     assert calibrated_headline(machine, replace(told, rms={}, validation_rms=None)) == calibrated_words(
         "arm", replace(told, rms={}, validation_rms=None)
     )

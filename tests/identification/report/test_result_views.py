@@ -89,14 +89,15 @@ def test_a_diagnosis_says_what_was_gained_what_was_left_out_and_what_is_open(mac
         f"before: rms {position}; after: {position}",
         "chi2 per degree of freedom: free 1.02, before 9.00, after 1.01",
         "concealed: an ordinary fit would have looked good",
-        "rows left out as outliers: 7, 19",
+        "2 rows excluded as outliers: rows 7, 19",
     ]
     assert "cannot be tested: thermal-expansion: no temperature.link1 column" in facts
     calm = view(replace(found, terms=(), concealed=False, outlier_rows=()))
     assert calm.facts[0] == f"rms {position}"
-    assert not [fact for fact in calm.facts if fact.startswith(("concealed", "rows left out"))]
+    assert not [fact for fact in calm.facts if fact.startswith("concealed") or "excluded" in fact]
     many = view(replace(found, outlier_rows=tuple(range(1, 15)), noise=2.0))
-    assert "rows left out as outliers: 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12 and 2 more" in many.facts
+    rows = "1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12 and 2 more"
+    assert f"14 rows excluded as outliers: rows {rows}" in many.facts
     assert "note: without effects the readings scatter 2 times the stated sigma" in many.facts
 
 

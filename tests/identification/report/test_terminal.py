@@ -116,14 +116,16 @@ def test_before_and_after_are_told_in_the_unit_of_the_sensor() -> None:
         name: SimpleNamespace(
             chi2_per_dof=1.0, rms={"position": size}, validation_rms={"position": 2 * size}, **WORST
         )
-        for name, size in (("before", 0.219), ("after", 0.0575))
+        for name, size in (("free", 0.2), ("before", 0.219), ("after", 0.0575))
     }
     held = diagnosis("missing-physics", finding(0.99, 1), fits=fits, terms=("one",))
-    assert "  position: 0.438 mm before, 0.115 mm after on held-out rows" in diagnosis_lines(held, OUT)
+    sizes = "0.400 mm with the ordinary fit, 0.438 mm held to the drawing, 0.115 mm after"
+    assert f"  position: {sizes} on held-out rows" in diagnosis_lines(held, OUT)
     for fit in fits.values():
         fit.validation_rms = None
     fitted = diagnosis("missing-physics", finding(0.99, 1), fits=fits, terms=("one",))
-    assert "  position: 0.219 mm before, 0.0575 mm after on the fitted rows" in diagnosis_lines(fitted, OUT)
+    sizes = "0.200 mm with the ordinary fit, 0.219 mm held to the drawing, 0.0575 mm after"
+    assert f"  position: {sizes} on the fitted rows" in diagnosis_lines(fitted, OUT)
     nothing = diagnosis("adequate", fits=fits)
     assert "  position: 57.5 µm rms on the fitted rows" in diagnosis_lines(nothing, OUT)
 

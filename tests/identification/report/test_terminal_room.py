@@ -32,6 +32,7 @@ GOOD = PoseError(0.5, 0.2)
 APPLIED = Applied("whole", "role", GOOD, 0.4, GOOD, 0.4)
 LOAD = Levels(0.99, "load", 0.95)
 LONG = "word " * 60
+STANDS = "stand where they do by the side from which they arrived (97.0 %; which law is open); fitted as"
 SETS = tuple(SetOfEffects(((f"e{k}", ("q1",)),), 0.25) for k in range(4))
 
 
@@ -58,10 +59,9 @@ def test_a_diagnosis_is_told_in_this_order() -> None:
     )
     starts = [
         "arm: physics is missing, though the ordinary fit looked good",
-        "  position: 30.0 µm before, 30.0 µm after on the fitted rows",
-        "  The tool's position, on the validation rows, after a rigid refit: 500 µm with plain calibration, 200 µm with",
-        "  backlash at q1, q2, 50 %: They have play.",
-        "    sure of: its place 98.0 %, that it follows the side of arrival 97.0 %, its law 50 %",
+        "  position: 30.0 µm with the ordinary fit, 30.0 µm held to the drawing, 30.0 µm after on the fitted rows",
+        "  Error of the tool's position, on the validation rows, after a rigid refit: 500 µm with plain calibration,",
+        f"  q1, q2 {STANDS}",
         "    a0 = 0 +- 0.01, a1 = 1.5 +- 0.01 mm",
         "    could also be: friction-hysteresis at q2; something without a name",
         "  together: q1 or q2 gives way under the load that it carries (98.0 % that at least one does), which is not",
@@ -69,13 +69,17 @@ def test_a_diagnosis_is_told_in_this_order() -> None:
         "  against it: Probabilities are known to 20 % only",
         "  likeliest sets: e0 at q1 (25 %) | e1 at q1 (25 %) | e2 at q1 (25 %)",
         "  could not be tested: latency: no `time`; add it",
-        "  rows left out as outliers: 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12 and 2 more",
-        "  chi2 per degree of freedom: before 12, after 1.01",
+        "  14 rows excluded as outliers: rows 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12 and 2 more",
+        "  chi2 per degree of freedom: free 1, before 12, after 1.01",
         "next: tell them apart: truepose plan MACHINE -n 40 -o poses.csv",
         "then: truepose codegen out/improved.yaml -o controller",
         "report: out/report.html",
     ]
-    told = [line for line in told if line not in ("    improved.yaml.", "    known")]  # ends of two sentences
+    told = [
+        line
+        for line in told
+        if line not in ("    backlash: They have play.", "    200 µm with improved.yaml.", "    known")
+    ]  # ends of two sentences
     assert len(told) == len(starts)
     for line, start in zip(told, starts, strict=True):
         assert line.startswith(start)
@@ -92,10 +96,19 @@ def test_the_verdict_stands_first(verdict: str, said: str) -> None:
     assert lines(verdict=verdict)[0] == said
 
 
-def test_a_law_that_is_known_is_told_without_its_levels() -> None:
-    sure = replace(play(), probability=0.99)
-    assert not [line for line in lines(sure) if "sure of: " in line]
-    assert not [line for line in lines(play(levels=Levels())) if "sure of: " in line]
+def test_a_law_that_is_known_is_told_by_its_name_and_one_that_is_open_after_what_it_follows() -> None:
+    for known in (replace(play(), probability=0.99), play(levels=Levels())):
+        assert [line for line in lines(known) if line.startswith("  backlash at q1, q2, ")]
+    (bent,) = [line for line in lines(play(levels=LOAD)) if "fitted as" in line]
+    assert bent.startswith(
+        "  q1, q2 give way under the load that they carry (95.0 %; which law is open); fitted as"
+    )
+    coupled = play(levels=Levels(0.98, "coupling", 0.97))  # the second joint drives
+    assert [
+        line
+        for line in lines(coupled)
+        if line.startswith("  q1 follows the position of other joints (97.0 %")
+    ]
     assert not [line for line in lines(play(parameters={})) if line.startswith("    a0 ")]
 
 
@@ -106,7 +119,7 @@ def test_four_rivals_and_six_places_are_named_each_rival_once() -> None:
     places = tuple(f"q{k}" for k in range(1, 9))
     wide = lines(play(place=places, equivalents=(Alternative("e", places, 0.1, 1.0),)))
     six = "q1, q2, q3, q4, q5, q6 and 2 more"
-    assert any(line.startswith(f"  backlash at {six}, 50 %: ") for line in wide)
+    assert any(line.startswith(f"  {six} stand where they do ") for line in wide)
     assert f"    could also be: e at {six}" in wide
     assert not [line for line in lines(play(equivalents=())) if "could also be" in line]
     (bare,) = [
@@ -127,8 +140,8 @@ def test_what_leads_is_told_where_nothing_was_found_a_line_each() -> None:
 
 def test_what_has_no_name_is_told_after_what_has() -> None:
     bare = replace(finding(0.0, 1), effect="empirical", place=("q3",), equivalents=(), levels=LOAD)
-    told = [line for line in lines(bare, play()) if line.startswith(("  backlash", "  without"))]
-    assert [line.split()[0] for line in told] == ["backlash", "without"]
+    told = [line for line in lines(bare, play()) if line.startswith(("  q1", "  without"))]
+    assert [line.split()[0] for line in told] == ["q1,", "without"]
     assert told[1] == "  without a name: q3 gives way under the load that it carries"
 
 
@@ -142,16 +155,16 @@ def test_all_is_told_on_a_screen_that_holds_it_and_less_on_one_that_is_a_line_sh
     own = (play(explanation="talk " * 60),) * count
     whole = lines(*own, most=999, **more)
     assert lines(*own, most=len(whole), **more) == whole
-    for most in range(14, len(whole)):
+    for most in range(13, len(whole)):
         told = lines(*own, most=most, **more)
         assert len(told) <= most and told != whole
-        shown = sum(line.startswith("  backlash at ") for line in told)
+        shown = sum(line.startswith(f"  q1, q2 {STANDS}") for line in told)
         rest = [line for line in told if line.startswith("  and ") and line.endswith("more: see report.html")]
         assert rest == ([] if shown == count else [f"  and {count - shown} more: see report.html"])
         tight = not any("likeliest sets" in line for line in told)
         assert tight or shown == count  # no finding is dropped before all else is short
         assert any("could also be" in line for line in told) is (not tight)
-        explained = [line for line in told if line.startswith("    talk ")]
+        explained = [line for line in told if line.startswith("    backlash: talk ")]
         assert len(explained) == (0 if tight else shown)
 
 
@@ -181,10 +194,10 @@ def test_a_doubt_has_two_lines_and_one_where_there_is_no_room() -> None:
         return told[k : k + 1 + told[k + 1].startswith("    ")]
 
     whole = len(lines(weak, most=999, missing=LACKS, sets=SETS))
-    sizes = [len(doubt(most)) for most in range(whole, 13, -1)]
+    sizes = [len(doubt(most)) for most in range(whole, 12, -1)]
     assert sizes[0] == 2 and sizes[-1] == 1 and sizes == sorted(sizes, reverse=True)
-    assert all(doubt(most)[-1].endswith(" ...") for most in range(14, whole + 1))
-    tight = lines(weak, most=14, missing=LACKS, sets=SETS)
+    assert all(doubt(most)[-1].endswith(" ...") for most in range(13, whole + 1))
+    tight = lines(weak, most=13, missing=LACKS, sets=SETS)
     assert sum("could not be tested" in line for line in tight) == 1
 
 

@@ -16,6 +16,7 @@ from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import catalogue
 from truepose.identification.signatures.untestable import (
     missing_inputs,
+    missing_length,
     of_such_machines,
     still_sources,
     unloaded,
@@ -155,6 +156,16 @@ def test_a_load_that_nothing_can_have_is_told_by_what_is_stated(tmp_path: Path) 
     assert unloaded(whole) == "its own elastic legs carry the weight"
 
 
+def test_a_scale_of_lengths_is_asked_of_machines_that_have_free_lengths_alone(tmp_path: Path) -> None:
+    machines = read_machines(tmp_path / "machines")
+    for name, one in machines.items():
+        lengths = any(p.unit == "mm" and p.tolerance > 0.0 for p in one.parameters)
+        slides = any(a.unit == "mm" for a in one.mechanism.actuators)
+        blind = replace(one, sensors=machines["mount"].sensors)
+        assert bool(missing_length(blind)) is (lengths or slides) is (name != "mount")
+    assert not missing_length(machines["arm"])
+
+
 def test_what_bends_telescopes_is_asked_of_machines_that_point(tmp_path: Path) -> None:
     machines = read_machines(tmp_path / "machines")
     pointing = {
@@ -223,3 +234,15 @@ def test_nothing_is_a_function_of_what_hardly_varies(
     warm = [c for c in catalogue(machine, recording).candidates if "temperature.air" in "".join(c.drivers)]
     assert bool(warm) is (digits > 0)
     assert free is not bool(still)
+
+
+@pytest.mark.parametrize(
+    ("levels", "free"), [((20, 26, 32), True), ((20, 23), True), ((20, 21, 26), False), ((20,), False)]
+)
+def test_levels_that_were_set_are_no_coarse_digits(
+    tmp_path: Path, levels: tuple[int, ...], free: bool
+) -> None:
+    """Temperatures that a plan asks for may be whole kelvins; neighbouring values of a coarse thermometer differ by one."""
+    machine = arm(tmp_path)
+    recording = poses(machine, {"temperature.air": np.resize(np.array(levels, dtype=float), ROWS)})
+    assert ("temperature.air" not in still_sources(machine, recording)) is free

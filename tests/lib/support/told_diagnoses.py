@@ -85,5 +85,6 @@ def fits(after: float) -> dict[str, object]:
         "validation_rms": None,
     }
     return {
-        name: SimpleNamespace(chi2_per_dof=chi2, **one) for name, chi2 in (("before", 12.0), ("after", after))
+        name: SimpleNamespace(chi2_per_dof=chi2, **one)
+        for name, chi2 in (("free", 1.0), ("before", 12.0), ("after", after))
     }
