@@ -55,22 +55,36 @@ class Averaged(Estimate):
         return self.own
 
 
-def averaged(found: Found, likeliest: Estimate) -> Estimate:
-    """Of all visited sets, from the fit of the likeliest one."""
+def averaged(found: Found, likeliest: Estimate, firm: Collection[int] = ()) -> Estimate:
+    """Average over all visited sets that hold the ``firm`` candidates, from the fit of the likeliest one.
+
+    What is more probable than not is in the file with the size that its finding has. Returns the fit itself where no set
+    holds all of it.
+    """
     number = {placed.label: i for i, placed in enumerate(found.catalogue.candidates)}
     held = [number[effect.label] for effect in likeliest.effects]
-    further = _open(found, held)
+    states = [one for one in found.posterior.states if set(firm) <= chosen(found.problem, one[0]).keys()]
+    if not states:
+        return likeliest
+    found = replace(found, posterior=replace(found.posterior, states=_shared(states)))
+    further = _open(found, held, {found.catalogue.cause(i) for i in firm})
     candidates = found.catalogue.candidates
     terms = (*likeliest.effects, *(replace(candidates[i], spread=spread) for i, spread in further.items()))
     return _moved(found, likeliest, terms, _mixture(found, (*held, *further)))
 
 
-def _open(found: Found, held: Collection[int]) -> dict[int, float]:
+def _shared(states: Sequence[tuple[State, float]]) -> list[tuple[State, float]]:
+    """Return states with shares that add up to one."""
+    total = sum(share for _, share in states)
+    return [(state, share / total) for state, share in states]
+
+
+def _open(found: Found, held: Collection[int], firm: Collection[EffectAtPlace]) -> dict[int, float]:
     """Named candidates outside the likeliest set that may well be there, with their largest size; the likeliest ones.
 
     A form without a name says nothing beyond the rows that were seen: a few chances in ten are no reason to carry it there.
     What the likeliest set holds and its fit does not, because bounds left nothing of it, stays out; so do other settings of
-    what it holds, where one excludes the other: one effect has one entry, and one size.
+    what is ``firm``.
     """
     gone = set(chosen(found.problem, found.mode)) - set(held)
     share, spread = defaultdict[int, float](float), defaultdict[int, float](float)
@@ -78,33 +92,13 @@ def _open(found: Found, held: Collection[int]) -> dict[int, float]:
         for i, size in chosen(found.problem, state).items():
             share[i] += weight
             spread[i] = max(spread[i], size)
-    gone |= _alternatives(found, held)
-    named = [i for i in share if found.catalogue.named(i) and i not in gone]
+    named = [
+        i
+        for i in share
+        if found.catalogue.named(i) and i not in gone and found.catalogue.cause(i) not in firm
+    ]
     wanted = sorted((i for i in named if i not in held and share[i] >= LEADING), key=lambda i: -share[i])
     return {i: spread[i] for i in wanted[:FEW]}
-
-
-def _alternatives(found: Found, held: Collection[int]) -> set[int]:
-    """Return candidates that are a held cause with other settings, and stand in place of it."""
-    cat = found.catalogue
-    by_cause = defaultdict[EffectAtPlace, list[int]](list)
-    for i in held:
-        by_cause[cat.cause(i)].append(i)
-    return {
-        i
-        for i, placed in enumerate(cat.candidates)
-        if i not in held and any(_excludes(placed, cat.candidates[k]) for k in by_cause.get(cat.cause(i), ()))
-    }
-
-
-def _excludes(one: PlacedEffect, other: PlacedEffect) -> bool:
-    """Return True if two settings of one cause are not there together: they do not add, or differ by a continuous one alone."""
-    adding = all(placed.effect.adds(placed.settings_map) for placed in (one, other))
-    discrete = [
-        {name: value for name, value in placed.settings if name not in placed.effect.continuous}
-        for placed in (one, other)
-    ]
-    return not adding or (bool(one.effect.continuous) and discrete[0] == discrete[1])
 
 
 @dataclass(frozen=True)
@@ -164,8 +158,7 @@ def _lift(found: Found, kept: Sequence[int]) -> sp.csr_array:
 def _without_rare(found: Found, kept: Collection[int]) -> list[tuple[State, float]]:
     """Return visited states that hold nothing but ``kept`` candidates; where these are few, all states without what is rare.
 
-    What is rare may stand in for what is not: a state is better left out than robbed of it. None is robbed of an alternative
-    to what is kept.
+    What is rare may stand in for what is not: a state is better left out than robbed of it.
     """
     every = [(_kept(found, state, kept), share) for state, share in found.posterior.states]
     whole = [
@@ -173,15 +166,7 @@ def _without_rare(found: Found, kept: Collection[int]) -> list[tuple[State, floa
         for one, (state, _) in zip(every, found.posterior.states, strict=True)
         if len(one[0].members) == len(state.members)
     ]
-    if sum(share for _, share in whole) >= ENOUGH:
-        return whole
-    other, candidates = _alternatives(found, kept), found.problem.candidates
-    complete = [
-        one
-        for one, (state, _) in zip(every, found.posterior.states, strict=True)
-        if not other.intersection(candidates[term] for term, _ in state.members)
-    ]
-    return complete or every
+    return whole if sum(share for _, share in whole) >= ENOUGH else every
 
 
 def _kept(found: Found, state: State, kept: Collection[int]) -> State:

@@ -71,14 +71,16 @@ def concluded(fits: Fits, found: Found) -> Diagnosis:
         there = replace(found, fit=model.fit, linearisation=found.signatures.linearise(model.fit))
         found = replace(found, linearisation=there.linearisation)  # and only its columns are asked for
     halves = partial(replications, found, rms=fits.rms)
-    supported = keep_supported(summarised(there, model.fit), there, model.fit, halves)
+    said = summarised(there, model.fit)
+    supported = keep_supported(said, there, model.fit, halves)
     summary, nameless = supported.summary, model.nameless(there)
     choice = Choice.of(there, fits, _sure(summary, NAMED))
     quiet = _quiet(fits, found, supported, choice)
     if quiet.verdict == "adequate":
         return quiet
     whole, names = choice.compared(model.fit), _names(fits, there, model)
-    after, applied = _applied(choice, model, names, summary, whole)
+    firm = tuple(i for n in said.laws if n.probability > NAMED for i in n.candidates)
+    after, applied = _applied(choice, model, names, summary, whole, firm)
     gain = _gain(choice, names, whole) if nameless else {}
     left = alarms_of(after, after, there.linearisation, recording)
     main = next((i for n in summary.laws for i in n.candidates), None)
@@ -154,12 +156,13 @@ def _summaries(fits: Fits, after: Estimate, held_out: Mask) -> dict[str, FitSumm
 def _findings(
     found: Found, supported: Supported, likeliest: Estimate, after: Estimate
 ) -> tuple[Finding, ...]:
-    """Return the findings, with the sizes that the deployed fit has, or the likeliest set's where that is without them."""
+    """Return the findings; what is more probable than not has the size that the deployed fit has, where it has any."""
     machine, cat, names = found.signatures.machine, found.catalogue, supported.summary.names
     inferred, deployed = found.signatures.recording.inferred, {e.label for e in after.effects}
 
     def fit_of(one: Named) -> Estimate:
-        return after if {cat.candidates[i].label for i in one.candidates} <= deployed else likeliest
+        firm = one.probability >= NAMED
+        return after if firm and {cat.candidates[i].label for i in one.candidates} <= deployed else likeliest
 
     return tuple(
         finding(machine, cat, fit_of(one), one, flip_inflation(found, one), half, inferred)
@@ -208,13 +211,18 @@ def _names(fits: Fits, found: Found, model: Model) -> Model | None:
 
 
 def _applied(
-    choice: Choice, model: Model, names: Model | None, summary: Summary, whole: Comparison
+    choice: Choice,
+    model: Model,
+    names: Model | None,
+    summary: Summary,
+    whole: Comparison,
+    firm: Sequence[int],
 ) -> tuple[Estimate, Applied]:
-    """What is applied: averaged over explanations where all that was found may be, else the largest model that may."""
+    """Return what is deployed: averaged over sets with the ``firm`` candidates where that is all that was found."""
     label, less, held = chosen_model(choice, model, names, _sure(summary), whole)
     if less is None or label != WHOLE:
         return choice.baseline if less is None else less.fit, _told(choice, label, held, whole)
-    after = averaged(choice.found, model.fit)
+    after = averaged(choice.found, model.fit, firm)
     seen = choice.as_it_is(after)
     if seen is None or seen.worse:
         return after if seen is None else model.fit, _told(choice, label, held, whole)
