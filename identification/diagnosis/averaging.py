@@ -63,20 +63,21 @@ def averaged(found: Found, likeliest: Estimate, firm: Collection[int] = ()) -> E
     """
     number = {placed.label: i for i, placed in enumerate(found.catalogue.candidates)}
     held = [number[effect.label] for effect in likeliest.effects]
-    states = [one for one in found.posterior.states if set(firm) <= chosen(found.problem, one[0]).keys()]
-    if not states:
-        return likeliest
-    found = replace(found, posterior=replace(found.posterior, states=_shared(states)))
+    if firm:
+        states = [one for one in found.posterior.states if set(firm) <= chosen(found.problem, one[0]).keys()]
+        if not states:
+            return likeliest
+        found = replace(found, posterior=replace(found.posterior, states=_shared(states)))
     further = _open(found, held, {found.catalogue.cause(i) for i in firm})
     candidates = found.catalogue.candidates
     terms = (*likeliest.effects, *(replace(candidates[i], spread=spread) for i, spread in further.items()))
     return _moved(found, likeliest, terms, _mixture(found, (*held, *further)))
 
 
-def _shared(states: Sequence[tuple[State, float]]) -> list[tuple[State, float]]:
+def _shared(states: Sequence[tuple[State, float]]) -> tuple[tuple[State, float], ...]:
     """Return states with shares that add up to one."""
     total = sum(share for _, share in states)
-    return [(state, share / total) for state, share in states]
+    return tuple((state, share / total) for state, share in states)
 
 
 def _open(found: Found, held: Collection[int], firm: Collection[EffectAtPlace]) -> dict[int, float]:

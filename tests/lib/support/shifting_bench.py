@@ -112,7 +112,8 @@ def clock(rows: int, step: float = 60.0) -> Array:
 def the_only(diagnosis: Diagnosis, effect: str, *place: str, alike: tuple[str, ...] = ()) -> Finding:
     """The one finding; ``alike``: effects that such a recording cannot tell from it, all together less likely than it.
 
-    What is only like it, and has no name, takes less than a third beside it, whatever the form of the effect.
+    What is only like it, and has no name, takes less than a third beside it, whatever the form of the effect, and half where one
+    half of the rows would not name it.
     """
     assert diagnosis.verdict == "missing-physics"
     names = [(f.effect, f.place) for f in diagnosis.findings]
@@ -121,7 +122,8 @@ def the_only(diagnosis: Diagnosis, effect: str, *place: str, alike: tuple[str, .
     rivals = {other.effect: other.probability for other in finding.equivalents}
     only_alike = rivals.pop(UNNAMED, 0.0)
     assert set(rivals) <= set(alike)
-    assert only_alike < 1 / 3
+    replicated = finding.replication is None or finding.replication.replicated
+    assert only_alike < (1 / 3 if replicated else 0.5)
     assert finding.probability > (sum(rivals.values()) if rivals else 0.9 - only_alike)
     assert finding.probability + sum(rivals.values()) + only_alike > 0.9
     assert finding.explanation
