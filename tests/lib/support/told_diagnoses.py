@@ -46,6 +46,8 @@ def diagnosis(verdict: str, *findings: Finding, **others: object) -> Diagnosis:
     quiet |= {
         "proof": None,
         "disagreement": 0.0,
+        "budget_spent": False,
+        "stopped": False,
         "noise": 1.0,
         "structure": Alarm(0.1, 0.5),
     }
