@@ -112,7 +112,7 @@ def clock(rows: int, step: float = 60.0) -> Array:
 def the_only(diagnosis: Diagnosis, effect: str, *place: str, alike: tuple[str, ...] = ()) -> Finding:
     """The one finding; ``alike``: effects that such a recording cannot tell from it, all together less likely than it.
 
-    What is only like it, and has no name, takes less than a third beside it, whatever the form of the effect, and half where one
+    What is only like it, and has no name, takes less than a third beside it, whatever the form of the effect; half where one
     half of the rows would not name it.
     """
     assert diagnosis.verdict == "missing-physics"
