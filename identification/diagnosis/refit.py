@@ -34,6 +34,7 @@ from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.problem import Prior, prior_of
 from truepose.identification.fit.summary import worst_allowed
 from truepose.identification.fit.tolerance_classes import WEIGHED, part_classes
+from truepose.identification.posterior.posterior import LONG_SET
 from truepose.identification.posterior.state import moments
 from truepose.models.effects.base import PlacedEffect
 
@@ -295,10 +296,13 @@ def chosen_model(
     """Return the label of what is applied, its model (None: plain calibration), and how it was held out.
 
     It is the best of all that may be applied, and the largest of those that are as good. ``whole``: all that was found
-    (``model``), held out.
+    (``model``), held out. Long sets take long to fit: where all that was found may be applied, only names are tried beside it.
     """
-    tried = [(WHOLE, model, whole)]
-    tried += [(label, less, choice.compared(less.fit)) for label, less in choice.others(model, names, sure)]
+    tried, less = [(WHOLE, model, whole)], choice.others(model, names, sure)
+    long = len(model.fit.prior.free) > LONG_SET
+    if long and names is not None and choice.may_be_applied(model, names, whole):
+        less = iter([("names", names)] if model.nameless(choice.found) else [])
+    tried += [(label, other, choice.compared(other.fit)) for label, other in less]
     allowed = [one for one in tried if choice.may_be_applied(one[1], names, one[2])]
     if not allowed:
         return "plain", None, choice.plain.against(choice.plain)
