@@ -96,7 +96,7 @@ def seated(goal: np.ndarray, swing: float) -> np.ndarray:
     """Return joint angles, rad, that put the ball at a point with the wrist swung."""
 
     def missed(q: np.ndarray) -> np.ndarray:
-        return ball(np.append(q, swing)) - goal
+        return np.asarray(ball(np.append(q, swing)) - goal)
 
     found = least_squares(missed, [0.0, -0.7, 1.4])
     assert found.cost < 1e-12
