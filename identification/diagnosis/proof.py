@@ -20,7 +20,7 @@ from truepose.identification.diagnosis.findings import NOTABLE
 from truepose.identification.diagnosis.holdout import Comparison, ratio_interval
 from truepose.identification.diagnosis.outliers import CHANCE
 from truepose.identification.diagnosis.posterior_summary import Named
-from truepose.identification.diagnosis.result import Proof, Replication
+from truepose.identification.diagnosis.result import NAMED, Proof, Replication
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.selection_problem import selection_problem
 from truepose.identification.fit.estimate import Estimate
@@ -113,10 +113,12 @@ def _simulated(design: Design, columns: slice, amplitude: Array, noises: Sequenc
 
 @dataclass(frozen=True)
 class _InHalf:
-    """Of one name: its probability in a half, its coefficients there (k,) with their covariance; whether it would be seen."""
+    """Of one name: its probability in a half, its coefficients there (k,) with their covariance; whether it would be seen, and
+    the log prior odds of it beside the others."""
 
     probability: float
     shown: bool
+    log_prior: float
     mean: Array
     covariance: Array
 
@@ -164,7 +166,9 @@ def _half(spike_slab: SpikeSlab, found: Found, names: Sequence[Named]) -> list[_
         said = float(min(sum(shares[spike_slab.terms.cause == k].sum() for k in causes), 1.0))
         at = [place[c] for c in found.linearisation.indices(name.candidates)]
         shown = any(spike_slab.noticeable[size, term] for term, size in own)
-        out.append(_InHalf(said, shown, mean[at], covariance[np.ix_(at, at)]))
+        odds = sum(slot_odds(found.problem.richness, len(rest) + k) for k in range(len(own)))
+        log_prior = spike_slab.terms.log_prior_of(members) - spike_slab.terms.log_prior_of(rest) + odds
+        out.append(_InHalf(said, shown, float(log_prior), mean[at], covariance[np.ix_(at, at)]))
     return out
 
 
@@ -172,7 +176,18 @@ def _replicated(first: _InHalf, second: _InHalf) -> Replication:
     difference, spread = first.mean - second.mean, first.covariance + second.covariance
     statistic = float(difference @ np.linalg.lstsq(spread, difference, rcond=1e-10)[0])
     agree = bool(chi2.sf(statistic, len(difference)) > CHANCE)
-    return Replication((first.probability, second.probability), agree, (first.shown, second.shown))
+    shown = _could_show(first, second), _could_show(second, first)
+    return Replication((first.probability, second.probability), agree, shown)
+
+
+def _could_show(half: _InHalf, other: _InHalf) -> bool:
+    """Return False where a half would not name what the other one names, although it were there: its driver hardly varies.
+
+    The log Bayes factor to expect of the other half's amplitude is then less than the prior odds against the name.
+    """
+    precision = np.linalg.pinv(half.covariance, hermitian=True)
+    expected = 0.5 * float(other.mean @ precision @ other.mean) + half.log_prior
+    return half.shown and not (expected < 0.0 and other.probability >= NAMED)
 
 
 def flip_inflation(found: Found, one: Named) -> float | None:
