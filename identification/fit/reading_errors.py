@@ -29,16 +29,16 @@ SETTLED = 1e-2
 NEWTON_STEPS = 3
 STEP = 1e-4
 """Step of a central difference by a reading: mm, rad."""
-LEAST_MOVEMENT = 0.05
+LEAST_MOVEMENT = 0.2
 """Share of the largest singular value below which joints cannot have moved the prediction: noise along it is not theirs."""
 
 
 def estimate_reading_errors(machine: Machine, recording: Recording) -> Recording:
-    """Return the recording with the estimated errors of its joint readings; itself where readings are measured.
+    """Return the recording with the estimated errors of its joint readings; itself where a length is measured.
 
     Raises ConvergenceError where the machine cannot be fitted.
     """
-    if not any(sensor.compares_itself for sensor in machine.sensors):
+    if not _can_shrink(machine):
         return recording
     predictor = Predictor(machine, recording, machine.effects, visits=FIT)
     start = p = aligned_start(predictor)
@@ -50,6 +50,13 @@ def estimate_reading_errors(machine: Machine, recording: Recording) -> Recording
         here, before = predictor.over(corrected), noise
         p = estimate(machine, corrected, machine.effects, start=p, loss="huber", predictor=here).p
     return corrected
+
+
+def _can_shrink(machine: Machine) -> bool:
+    """Return True if a model may shrink what is compared: nothing measures a length, or not along every slide."""
+    own = [sensor for sensor in machine.sensors if sensor.compares_itself]
+    slides = any(actuator.unit == "mm" for actuator in machine.mechanism.actuators)
+    return bool(own) and (slides or not any(sensor.measures_length for sensor in machine.sensors))
 
 
 def _correct(predictor: Predictor, p: Array, stated: Array) -> tuple[Recording, Array]:
