@@ -14,14 +14,14 @@ from truepose.models.effects.base import effects
 
 POSITION: tuple[DriverKind, ...] = ("position", "position-periodic")
 """One driver: the part's own position."""
-LIBRARY: Mapping[str, DriverKind] = {
+LIBRARY: Mapping[str, DriverKind | None] = {
     "joint-compliance": "load",
     "link-bending": "load",
     "leg-compliance": "load",
     "gravity-sag": "load",
     "screw-windup": "load",
     "axis-flexure": "load",
-    "platform-deformation": "coupling",
+    "platform-deformation": None,  # the legs' load, or the travel of the actuators
     "actuator-scale": "position",
     "axis-straightness": "position",
     "flexure-shift": "position",

@@ -48,6 +48,8 @@ def aligned_start(predictor: Predictor) -> Array:
     for mount in predictor.machine.mounts:
         if _wide(predictor.machine, mount.name):
             _align_mount(predictor, p, mount.name)
+    known = [k for k, parameter in enumerate(predictor.machine.parameters) if not parameter.free]
+    p[known] = predictor.model.p_home[known]  # what is exactly known stays, although its frame moves
     return p
 
 

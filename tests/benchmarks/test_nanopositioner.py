@@ -266,7 +266,9 @@ def test_inverse_undoes_forward_with_every_constant_off(path: Path) -> None:
     found = solver.inverse(poses)
     assert good.all() and found.solved.all()
     again, _ = solver.forward(found.q)
-    assert np.abs(again - poses).max() < 1e-9 * solver.size
+    missed = np.abs(again - poses)
+    counted = missed if len(ranges) >= 6 else missed[:, solver.task.along, 3]
+    assert counted.max() < 1e-9 * solver.size
 
 
 def test_inverse_says_why_a_pose_is_not_met(machine: Machine) -> None:

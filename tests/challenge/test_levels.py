@@ -27,7 +27,7 @@ from truepose.models.effects.of_rows import OF_ROWS
 
 SURE, FAINT = 0.95, 0.6
 DRIVERS = {
-    "load": "joint-compliance link-bending leg-compliance platform-deformation gravity-sag screw-windup axis-flexure",
+    "load": "joint-compliance link-bending leg-compliance gravity-sag screw-windup axis-flexure",
     "position-periodic": "transmission-error encoder-eccentricity axis-wobble joint-runout screw-periodic",
     "position": "actuator-scale axis-straightness flexure-shift",
     "arrival": "backlash friction-hysteresis piezo-hysteresis early-reading",
@@ -39,6 +39,7 @@ DRIVERS = {
     "sensor": "sensor-scale sensor-periodic air-refraction lens-distortion latency",
 }
 BY_SLUG = {slug: kind for kind, slugs in DRIVERS.items() for slug in slugs.split()}
+BY_SLUG |= {"platform-deformation": None}  # the legs' load, or the travel of the actuators
 FAULT = Truth("fault", "wrong-constant", ("leg3.a.x",), 2.0, 1.0, 0.5, 20.0)
 COUPLED = Truth("coupled", "axis-coupling", ("q2", "q1"), 2.0, 1.0, 0.5, 20.0)
 HEAT = Truth("heated-zero", "", ("q2",), 2.0, 1.0, 0.5, 20.0)
