@@ -91,3 +91,16 @@ def test_known_frames_stay_where_the_file_has_them(machines: Mapping[str, Machin
     machine, rng = machines["arm"], np.random.default_rng(16)
     recording = simulated(machine, manufactured(machine, rng), rng)
     np.testing.assert_array_equal(aligned_start(Predictor(machine, recording)), nominal(machine))
+
+
+def test_what_is_exactly_known_of_a_frame_stays_where_it_is_aligned(tmp_path: Path) -> None:
+    """A base that may be anywhere and turn about two axes: the third is that of the file, whatever the readings say."""
+    known = UNKNOWN.replace("rpy: .inf", "rpy: [.inf, .inf, 0]", 1)
+    assert known != UNKNOWN
+    machine = written(tmp_path, known + ARM + POSE)
+    recording = simulated(machine, nominal(machine), np.random.default_rng(3))
+    predictor = Predictor(machine, recording)
+    p = aligned_start(predictor)
+    fixed = [k for k, parameter in enumerate(machine.parameters) if not parameter.free]
+    assert machine.parameters[predictor.model.names.index("base.rz")].tolerance == 0.0
+    np.testing.assert_array_equal(p[fixed], predictor.model.p_home[fixed])
