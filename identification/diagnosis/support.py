@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from truepose.identification.diagnosis.naming import Summary
@@ -22,6 +23,7 @@ from truepose.identification.signatures.untestable import Untestable
 from truepose.models.effects.empirical import Empirical
 from truepose.models.placed import EffectAtPlace
 
+Array = NDArray[np.float64]
 Replications = Callable[[Sequence[Named]], tuple[Replication | None, ...]]
 """What the halves of the rows say of names."""
 CHANCE = 0.0027
@@ -29,6 +31,8 @@ CHANCE = 0.0027
 UNREPLICATED = 0.5
 """Most that a law is believed that one half of the rows would not name. Of 64 results that a second sample did not show by
 itself, 32 stood in both together (Open Science Collaboration 2015, Science 349:aac4716: 36 and 68 of 100)."""
+WEIGHTS = ("mass", "centre")
+"""Classes of constants that say how heavy a part is, and where."""
 UNSEEN = 0.9
 """Share of its prior 1-sigma that a coefficient keeps where readings say nothing of it."""
 
@@ -74,13 +78,23 @@ def _determination(found: Found, fit: Estimate, one: Named) -> tuple[float, floa
     if not free.size:
         return np.inf, 0.0  # held at a bound: nothing to judge
     index = fit.prior.free[free]
-    sigma, covariance = fit.prior.sigma[index], fit.covariance_among(free)
+    sigma, covariance = fit.prior.sigma[index], _with_known_weights(fit, free)
     scale = np.sqrt(np.diag(covariance))
     value = fit.p[index] / scale
     statistic = float(value @ np.linalg.pinv(covariance / scale[:, None] / scale, hermitian=True) @ value)
     kept = np.minimum((scale / (sigma * fit.noise)) ** 2, 1.0)
     known = max(float(np.sum(1.0 - kept)), 1.0)  # of a long series the readings determine a few coefficients
     return statistic / float(chi2.isf(CHANCE, known)), float(np.sqrt(np.min(kept)))
+
+
+def _with_known_weights(fit: Estimate, free: NDArray[np.intp]) -> Array:
+    """Return the covariance of some free entries as if all masses were known: what yields is seen although its load is not."""
+    weights = np.flatnonzero(np.isin(np.array(fit.prior.parts)[fit.prior.free], WEIGHTS))
+    covariance, n = fit.covariance_among(np.concatenate([free, weights])), len(free)
+    own, across = covariance[:n, :n], covariance[:n, n:]
+    scale = np.sqrt(np.maximum(np.diag(covariance)[n:], 1e-300))
+    inverse = np.linalg.pinv(covariance[n:, n:] / scale[:, None] / scale, hermitian=True)
+    return np.asarray(own - (across / scale) @ inverse @ (across / scale).T)
 
 
 def cap_law(one: Named, half: Replication | None) -> Named:
