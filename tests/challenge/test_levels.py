@@ -38,7 +38,7 @@ DRIVERS = {
     "constant": "wrong-constant target-offset",
     "sensor": "sensor-scale sensor-periodic air-refraction lens-distortion latency",
 }
-BY_SLUG = {slug: kind for kind, slugs in DRIVERS.items() for slug in slugs.split()}
+BY_SLUG: dict[str, str | None] = {slug: kind for kind, slugs in DRIVERS.items() for slug in slugs.split()}
 BY_SLUG |= {"platform-deformation": None}  # the legs' load, or the travel of the actuators
 FAULT = Truth("fault", "wrong-constant", ("leg3.a.x",), 2.0, 1.0, 0.5, 20.0)
 COUPLED = Truth("coupled", "axis-coupling", ("q2", "q1"), 2.0, 1.0, 0.5, 20.0)
@@ -115,7 +115,7 @@ def test_a_driver_of_another_explanation_counts_only_where_that_is(tmp_path: Pat
 @given(st.sampled_from(sorted(BY_SLUG)), st.sampled_from(["q1", "leg1", "rho1.b", "q2"]), st.floats(0.9, 1.0))
 def test_the_very_truth_is_right_at_every_level(slug: str, part: str, p: float) -> None:
     solution = key(Truth("kind", slug, (part,), 2.0, 1.0, 0.5, 20.0))
-    found = Found(Said(slug, (part,), p), (), p, 1.0, Levels(p, BY_SLUG[slug], p))
+    found = Found(Said(slug, (part,), p), (), p, 1.0, Levels(p, BY_SLUG[slug] or "load", p))
     told = judged(Judge(solution), Reply("missing-physics", False, (found,), {}, leveled=True), (found,))
     for said in (told.places, told.drivers, told.laws):
         assert [(s.probability, s.right) for s in said] == [(p, True)]
