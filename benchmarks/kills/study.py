@@ -121,6 +121,8 @@ def _untrue(case: Case, ended: Ended, found: str, number: int) -> list[str]:
     """What was said wrongly of an end: one line, 130 or 143, and which result is there."""
     if ended.code == case.code:
         return []  # it was done before
+    if (ended.code, found) == (-number, "new") and "error:" not in ended.said:
+        return []  # it was done, and only its process was left to be ended
     lines = [line for line in ended.said.splitlines() if line.startswith("error: stopped")]
     others = [
         line

@@ -30,9 +30,10 @@ def main(run: Callable[[], object]) -> None:
             if hasattr(stream, "reconfigure"):  # a name or a unit that the terminal has no letters for
                 stream.reconfigure(errors="backslashreplace")
         code = ended(run)
+        stopping.over()  # here too: until it has ended a signal is heard
     except KeyboardInterrupt:
         code = stopped()
-    stopping.over()
+        stopping.over()
     _flushed()
     sys.exit(code)
 

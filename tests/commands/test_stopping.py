@@ -163,3 +163,51 @@ def test_where_results_can_be_concluded_a_first_signal_asks_and_a_second_ends(
     done = ran(GENTLE, times, sent)
     assert (done.returncode, done.stdout.strip()) == (code, said)
     assert done.stderr.startswith("ends soon") == (times > 0 and sent == "SIGINT")
+
+
+ANYWHERE = """
+import os, signal, sys
+from truepose import faults, stopping
+
+left = 0
+
+def trace(frame, event, _):
+    global left
+    if frame.f_code.co_filename not in (faults.__file__, stopping.__file__):
+        return None
+    left -= 1
+    if left == 0:
+        os.kill(os.getpid(), signal.SIGINT)
+    return trace
+
+def ended(after):
+    global left
+    left = after
+    sys.settrace(trace)
+    faults.main(lambda: 0)
+
+for after in range(1, 100):
+    child = os.fork()
+    if child == 0:
+        try:
+            ended(after)
+        except SystemExit as exc:
+            sys.settrace(None)
+            os._exit(exc.code)
+        except BaseException:
+            os._exit(99)
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+"""
+
+
+def test_whichever_line_of_the_beginning_and_the_end_it_comes_at() -> None:
+    """Until nothing is left to be done it is told; then it ends the process as the system does; after the end it never came."""
+    done = ran(ANYWHERE)
+    codes = [int(line) for line in done.stdout.split()]
+    heard = next(k for k, code in enumerate(codes) if code == 130)
+    late = codes.index(0)
+    before, told, after = codes[:heard], codes[heard:late], codes[late:]
+    assert set(before) <= {-2, 99}, codes  # nobody listens yet: KeyboardInterrupt of Python's own
+    assert set(told) <= {130, -2} and told.count(130) > 10, codes
+    assert set(after) == {0}, codes
+    assert done.stderr.count("error: stopped; nothing was written\n") == codes.count(130)
