@@ -196,13 +196,11 @@ def projector(fit: Estimate, recording: Recording) -> Callable[[Array], Array]:
     predictor = Predictor(fit.nominal, recording, fit.effects)
     # of A = J'J + prior one factor serves all draws; the fit's own factor has J'J
     root = fit.known.step_root
-    rows = [
-        fit.by_steps(block)[fit.used[block.rows]] @ root for block in predictor.blocks(fit.p, fit.x, fit.used)
-    ]
-    turned = np.concatenate(rows).reshape(-1, root.shape[1])
+    rows = [fit.by_steps(block)[fit.used[block.rows]] for block in predictor.blocks(fit.p, fit.x, fit.used)]
+    slopes = np.concatenate(rows).reshape(-1, len(root))
 
     def left(noise: Array) -> Array:
-        each = noise.reshape(-1, len(turned)).T
-        return np.asarray((each - turned @ (turned.T @ each)).T.reshape(noise.shape))
+        each = noise.reshape(-1, len(slopes)).T
+        return np.asarray((each - slopes @ (root @ (root.T @ (slopes.T @ each)))).T.reshape(noise.shape))
 
     return left

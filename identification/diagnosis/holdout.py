@@ -14,12 +14,13 @@ from scipy.stats import norm
 
 from truepose.errors import ConvergenceError, InputError
 from truepose.identification.diagnosis.result import BlockProof, PoseError
-from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.estimate import Ended, Estimate, fit_other_rows
 from truepose.identification.fit.tool_pose import tool_points
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.driver import PAYLOAD, Driver
 from truepose.models.machine_file import NO_WORSE
+from truepose.threads import in_order, one_thread
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -181,36 +182,29 @@ def trial(
     """
     name, blocks = split
     predictor = Predictor(model.nominal, recording, model.effects, visits=FIT)
-    found: dict[str, Held] = {}
-    for block in blocks:
-        exclude = outliers | block.rows
-        fit = model if block.name == VALIDATION else _without(model, predictor, exclude)
-        rows = block.rows & ~outliers
-        if fit is not None and rows.any():
-            found[block.name] = _held(fit, predictor, rows, silent)
+
+    def tried(block: Block) -> Held | None:
+        with one_thread():  # blocks are tried beside each other
+            rows = block.rows & ~outliers
+            fit = model if block.name == VALIDATION else _without(model, predictor, outliers | block.rows)
+            return _held(fit, predictor, rows, silent) if fit is not None and rows.any() else None
+
+    every = zip((block.name for block in blocks), in_order(tried, blocks), strict=True)
+    found = {block: held for block, held in every if held is not None}
     return Trial(name, found, _held(model, predictor, model.used, silent))
 
 
-def _held(fit: Estimate, predictor: Predictor, rows: Mask, silent: Collection[str]) -> Held:
+def _held(fit: Estimate | Ended, predictor: Predictor, rows: Mask, silent: Collection[str]) -> Held:
     seen = rows & np.isfinite(fit.residual).all(axis=1)
     squares = np.sum(fit.residual[rows] ** 2, axis=1)
     points = tool_points(predictor, fit.p, fit.x, silent).squares(fit.used, seen)
     return Held(np.where(seen[rows], squares, np.nan), points)
 
 
-def _without(model: Estimate, predictor: Predictor, exclude: Mask) -> Estimate | None:
-    """The model fitted without some rows; None where too little is left."""
+def _without(model: Estimate, predictor: Predictor, exclude: Mask) -> Ended | None:
+    """Return where the model ends fitted without some rows; None where too little is left."""
     try:
-        return estimate(
-            model.nominal,
-            predictor.recording,
-            model.effects,
-            start=model.p,
-            exclude=exclude,
-            prior=model.prior,
-            predictor=predictor,
-            tolerance=LEFT,
-        )
+        return fit_other_rows(model, predictor, exclude, LEFT)
     except (ConvergenceError, InputError):
         return None
 

@@ -7,8 +7,9 @@ of a recording say the same, for what is physics is there in both, and how wide 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,7 @@ from truepose.identification.posterior.state import slot_odds
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Linearisation
 from truepose.identification.signatures.signatures import Signatures
+from truepose.threads import in_order, one_thread
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -127,28 +129,32 @@ def replications(found: Found, names: Sequence[Named], rms: float) -> tuple[Repl
     """For each name; None where a half has fewer readings than the model has unknowns."""
     if not names:
         return ()
-    halves = list[list[_InHalf]]()
-    for lin in _halves(found):
-        if lin.n_observations <= lin.free + len(found.problem.spike_slab.columns(found.mode.members)[0]):
-            return (None,) * len(names)
-        problem = selection_problem(lin, found.catalogue, rms)
-        del lin  # a large matrix: the problem has its own
-        if not problem.spike_slab.holds(found.mode.members):
-            return (None,) * len(names)
-        halves.append(_half(problem.spike_slab, found, names))
+    halves = [half for half in in_order(partial(_weighed, found, names, rms), range(2)) if half is not None]
+    if len(halves) < 2:
+        return (None,) * len(names)
     return tuple(_replicated(*pair) for pair in zip(*halves, strict=True))
 
 
-def _halves(found: Found) -> Iterator[Linearisation]:
-    """The first and the second half of the fitted rows, in the order of acquisition."""
+def _weighed(found: Found, names: Sequence[Named], rms: float, number: int) -> list[_InHalf] | None:
+    """Return what one half of the rows says of each name; None where it has fewer readings than the model has unknowns."""
+    with one_thread():  # both halves are weighed beside each other
+        lin = _of_half(found, number)
+        if lin.n_observations <= lin.free + len(found.problem.spike_slab.columns(found.mode.members)[0]):
+            return None
+        problem = selection_problem(lin, found.catalogue, rms)
+        del lin  # a large matrix: the problem has its own
+        holds = problem.spike_slab.holds(found.mode.members)
+        return _half(problem.spike_slab, found, names) if holds else None
+
+
+def _of_half(found: Found, number: int) -> Linearisation:
+    """Return the linearisation of the first or the second half of the fitted rows, in the order of acquisition."""
     if found.halves is not None:
-        yield from found.halves
-        return
+        return found.halves[number]
     fit = found.fit
-    for part in np.array_split(found.signatures.recording.in_time(fit.used), 2):
-        used = np.zeros(len(fit.used), dtype=bool)
-        used[part] = True
-        yield found.signatures.linearise(replace(fit, used=used))
+    used = np.zeros(len(fit.used), dtype=bool)
+    used[np.array_split(found.signatures.recording.in_time(fit.used), 2)[number]] = True
+    return found.signatures.linearise(replace(fit, used=used))
 
 
 def _half(spike_slab: SpikeSlab, found: Found, names: Sequence[Named]) -> list[_InHalf]:

@@ -11,7 +11,7 @@ may not leave its tolerances to meet them.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import accumulate
 
 import numpy as np
@@ -186,6 +186,8 @@ class Choice:
     plain: Trial
     trials: Mapping[str, Trial]
     known: frozenset[str]
+    tried: list[tuple[Estimate, Comparison]] = field(default_factory=list, repr=False, compare=False)
+    """What was held out before: every trial takes as many fits as there are blocks."""
 
     @classmethod
     def of(cls, found: Found, fits: Fits, sure: Collection[int]) -> Choice:
@@ -207,7 +209,11 @@ class Choice:
 
     def compared(self, fit: Estimate) -> Comparison:
         """A model held out beside plain calibration."""
-        return self._tried(fit, self.split[1])
+        known = next((held for one, held in self.tried if one is fit), None)
+        if known is None:
+            known = self._tried(fit, self.split[1])
+            self.tried.append((fit, known))
+        return known
 
     def as_it_is(self, fit: Estimate) -> Comparison | None:
         """A model on validation rows, never fitted, beside plain calibration; None where there are none."""

@@ -88,12 +88,12 @@ def first(
     if np.array_equal(again, fits.outliers) or stop():
         return fits, near
     fits = refitted(machine, recording, fits, again)
-    # a short one is quick from nothing
+    # a short one is quick from nothing; a long one stays where it is: chains climb from there, too
     start = None if near.short else near.without(again, fits.before, fits.rms)
     del near
-    return fits, search(signatures, cat, fits.before, again, fits.rms, stop) if start is None else settled(
-        start
-    )
+    if start is not None:
+        return fits, Expansion(start)
+    return fits, search(signatures, cat, fits.before, again, fits.rms, stop)
 
 
 def further(

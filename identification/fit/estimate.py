@@ -7,7 +7,7 @@ against outliers. Parameters are scaled by their tolerance, readings by sigma, b
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -115,10 +115,40 @@ def _tries(
     ]
 
 
+@dataclass(frozen=True)
+class Ended:
+    """Where a fit ended: p (np,), x (n, nx), residual (n, m) and used (n,) rows, as ``Estimate`` has them."""
+
+    p: Array
+    x: Array
+    residual: Array
+    used: NDArray[np.bool_]
+
+
+def fit_other_rows(
+    model: Estimate, predictor: Predictor, exclude: NDArray[np.bool_], tolerance: float
+) -> Ended:
+    """Fit what ``model`` holds, from where it is, to all calibration rows but ``exclude`` (n,).
+
+    What the fit knows of itself is not worked out, for that takes a pass over the rows. ``predictor`` is that of the model's
+    effects. Raises InputError for too few rows and ConvergenceError where no minimum is found.
+    """
+    used = ~model.recording.validation & ~exclude
+    problem = Problem(predictor, model.prior, model.p.astype(float), used, slim=True)
+    solution = _first_that_ends(problem, "gauss", _tries(problem, False, None, None, tolerance))
+    p, x = _there(problem, solution)
+    return Ended(p, x, problem.residuals(p, x), problem.used)
+
+
+def _there(problem: Problem, solution: Solution) -> tuple[Array, Array]:
+    """Parameters (np,) and passive coordinates (n, nx) of a solution."""
+    p = wrapped(problem.predictor.machine, problem.at(solution.t))
+    return p, problem.predictor.assemble(p, problem.x)[0]
+
+
 def result(problem: Problem, solution: Solution, effects: tuple[PlacedEffect, ...]) -> Estimate:
     """What a solution says of the parameters, with the readings' factor and all residuals there."""
-    p = wrapped(problem.predictor.machine, problem.at(solution.t))
-    x, _ = problem.predictor.assemble(p, problem.x)
+    p, x = _there(problem, solution)
     groups = list(channel_groups(problem.predictor.machine).values())
     columns = len(problem.nothing) + 1
     parts = triangular_parts(problem.data(p, x), columns, groups)
@@ -167,4 +197,16 @@ def blame(solution: Solution, prior: Prior) -> str:
     )
 
 
-__all__ = ["Estimate", "Prior", "Solver", "Status", "blame", "estimate", "prior_of", "result", "wrapped"]
+__all__ = [
+    "Ended",
+    "Estimate",
+    "Prior",
+    "Solver",
+    "Status",
+    "blame",
+    "estimate",
+    "fit_other_rows",
+    "prior_of",
+    "result",
+    "wrapped",
+]

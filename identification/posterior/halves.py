@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from scipy.linalg.blas import dtrsm
 from scipy.linalg.lapack import dpotrf
 
+from truepose.identification.posterior.large import LARGE, solve_large
+
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
@@ -89,8 +91,11 @@ def taken(among: Array, scores: Array, sizes: Array) -> tuple[Array, Array, floa
 def cholesky(matrix: Array) -> Array:
     """Lower triangular factor of a symmetric matrix, which is written over.
 
-    Small matrices are many here: LAPACK itself, without what scipy wraps around it; its own order of entries saves a copy.
+    Small matrices are many here: LAPACK itself, without what scipy wraps around it; its own order of entries saves a copy. Of
+    large ones numpy's lets other threads go on.
     """
+    if len(matrix) ** 3 > 3.0 * LARGE:
+        return np.asfortranarray(np.linalg.cholesky(matrix))
     factor, failed = dpotrf(matrix.T, lower=1, overwrite_a=1)
     if failed:
         raise np.linalg.LinAlgError(f"pivot {failed} is not positive")
@@ -101,6 +106,8 @@ def solved(factor: Array, right: Array) -> Array:
     """A lower triangular factor's solution of ``right`` (r,) or (r, k), row by row in memory as it came."""
     if not right.size:
         return right
+    if right.ndim > 1 and len(factor) * right.size > LARGE:
+        return solve_large(factor, right)
     rows = right.reshape(len(factor), -1)
     return np.asarray(dtrsm(1.0, factor, rows.T, side=1, lower=1, trans_a=1).T.reshape(right.shape))
 

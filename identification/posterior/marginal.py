@@ -22,7 +22,9 @@ from numpy.typing import NDArray
 
 from truepose.identification.posterior.design import Design, GridPoint, Unknowns
 from truepose.identification.posterior.halves import Halves, cholesky, half_log_det, solved, taken
+from truepose.identification.posterior.large import side_by_side
 from truepose.identification.posterior.terms import SameSize, Terms
+from truepose.identification.prior import LONG
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -173,11 +175,12 @@ class Marginal:
     @cached_property
     def blocks(self) -> tuple[Array, ...]:
         """(c, k, k) diagonal blocks of M of the terms of each width."""
-        groups = zip(self.terms.by_size, self._above.blocks, strict=True)
-        return tuple(above + self._sign * self._product(group) for group, above in groups)
+        half, groups = self._beside.all, self.terms.by_size
+        products = side_by_side(lambda group: self._product(half, group), groups, half.size * LONG)
+        pairs = zip(products, self._above.blocks, strict=True)
+        return tuple(above + self._sign * product for product, above in pairs)
 
-    def _product(self, group: SameSize) -> Array:
-        half = self._beside.all
+    def _product(self, half: Array, group: SameSize) -> Array:
         part = half.take(group.columns.ravel(), axis=1).reshape(len(half), *group.columns.shape)
         turned = _without(part, group.there).transpose(1, 0, 2)
         return np.asarray(turned.transpose(0, 2, 1) @ turned)

@@ -216,8 +216,8 @@ def _better(
     value: float,
 ) -> tuple[GridPoint, float, bool]:
     """The best of some points and the present one, its log evidence, and whether it is another one."""
-    found = [(spike_slab.log_evidence(p, members), k) for k, p in enumerate(points)]
-    top, at = max(found, default=(-np.inf, 0))
+    found = spike_slab.log_evidences(points, members)
+    top, at = max(((value, k) for k, value in enumerate(found)), default=(-np.inf, 0))
     return (points[at], top, True) if top > value else (best, value, False)
 
 

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.posterior.design import GridPoint, Unknowns
+from truepose.identification.posterior.large import side_by_side
+from truepose.identification.posterior.marginal import Marginal
 from truepose.identification.posterior.sampler import Reach
 from truepose.identification.posterior.spike_slab import Members, SpikeSlab
 from truepose.identification.posterior.state import LOUDER, State, slot_odds
@@ -85,12 +87,19 @@ def _without_each(
         (m,): spike_slab.log_prior([k for k in state.members if k != m]) - spike_slab.log_prior(state.members)
         for m in state.members
     }
-    for point in _around(spike_slab.unknowns, state.point):
-        there = part.root(point).including(columns, sizes)
-        out[()][point] = there.log_evidence - own
-        for k, member in enumerate(state.members):
-            gone = there.without(np.flatnonzero(owner == k)).log_evidence - own
-            out[member,][point] = gone + prior[member,] - slot_odds(richness, len(state.members) - 1)
+    points = _around(spike_slab.unknowns, state.point)
+    roots, width = [part.root(point) for point in points], len(columns)
+
+    def weighed(root: Marginal) -> tuple[float, list[float]]:
+        there = root.including(columns, sizes)
+        each = (there.without(np.flatnonzero(owner == k)) for k in range(len(state.members)))
+        return there.log_evidence - own, [without.log_evidence - own for without in each]
+
+    every = side_by_side(weighed, roots, width**2 * (2.0 * width + part.design.n))
+    for point, (whole, gone) in zip(points, every, strict=True):
+        out[()][point] = whole
+        for member, value in zip(state.members, gone, strict=True):
+            out[member,][point] = value + prior[member,] - slot_odds(richness, len(state.members) - 1)
     return out
 
 

@@ -12,6 +12,7 @@ from scipy.linalg import block_diag
 
 from truepose.identification.posterior.conditional import log_gains, plausibility
 from truepose.identification.posterior.design import Design, GridPoint, Unknowns
+from truepose.identification.posterior.large import side_by_side
 from truepose.identification.posterior.marginal import Marginal, marginal, nbytes
 from truepose.identification.posterior.memory import REMEMBERED, Memory
 from truepose.identification.posterior.terms import Term, Terms
@@ -268,13 +269,26 @@ class SpikeSlab:
 
     def log_evidence(self, point: GridPoint, members: Sequence[Member]) -> float:
         """Log evidence of a point with its members, and the point's log prior, up to a constant."""
-        key = (point, tuple(sorted(members)))
-        return self._evidences.get_or(key, lambda: self._log_evidence(point, members))
+        return self.log_evidences([point], members)[0]
 
-    def _log_evidence(self, point: GridPoint, members: Sequence[Member]) -> float:
-        base, taken = self.base(point), sum(len(self.terms.columns[term]) for term, _ in members)
-        self.work.count_taken(taken, taken)
-        return base.log_evidence + (base.gain(*self.columns(members, self._open)) if members else 0.0)
+    def log_evidences(self, points: Sequence[GridPoint], members: Sequence[Member]) -> list[float]:
+        """The same of several points."""
+        own = self.columns(members, self._open)
+        width = len(own[0])
+
+        def made(new: Sequence[int]) -> list[float]:
+            bases = [self.base(points[k]) for k in new]
+            for _ in new:
+                self.work.count_taken(width, width)
+            if not members:
+                return [base.log_evidence for base in bases]
+            gains = side_by_side(
+                lambda base: base.gain(*own), bases, width**2 * (width / 3.0 + self.design.n)
+            )
+            return [base.log_evidence + gain for base, gain in zip(bases, gains, strict=True)]
+
+        rest = tuple(sorted(members))
+        return self._evidences.get_all([(point, rest) for point in points], made)
 
     def log_bounds(self, point: GridPoint, members: Sequence[Member]) -> float:
         """Log factor of the physical signs and bounds of members (and of what is given) together, at a point; 0 where none
