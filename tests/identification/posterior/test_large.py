@@ -32,7 +32,7 @@ def test_digits_do_not_depend_on_threads(monkeypatch: pytest.MonkeyPatch) -> Non
     for threads in ("1", "3"):
         monkeypatch.setenv(VARIABLE, threads)
         found.append(solve_large(factor, right))
-    assert np.array_equal(*found)
+    assert np.array_equal(found[0], found[1])
 
 
 @pytest.mark.parametrize("multiplications", [0.0, 2.0 * LARGE])
