@@ -25,7 +25,6 @@ from truepose.identification.diagnosis.search import Found, chosen, start_from
 from truepose.identification.fit.bounded import coefficient_bounds
 from truepose.identification.fit.estimate import Estimate, result
 from truepose.identification.fit.problem import Prior, Problem, prior_of
-from truepose.identification.posterior.posterior import LONG_SET
 from truepose.identification.posterior.state import State, moments, typical
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.models.effects.base import PlacedEffect
@@ -133,7 +132,7 @@ class _Mixture:
 def _mixture(found: Found, kept: Sequence[int]) -> _Mixture:
     spike_slab = found.problem.spike_slab
     turn = _turn(found, kept)
-    long = len(spike_slab.columns(found.mode.members)[0]) > LONG_SET
+    long = spike_slab.is_long(found.mode.members)
     states = _without_rare(found, kept)
     means, shares = [], []
     within = np.zeros((turn.shape[0], turn.shape[0]))

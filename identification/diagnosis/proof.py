@@ -160,7 +160,8 @@ def _of_half(found: Found, number: int) -> Linearisation:
 def _half(spike_slab: SpikeSlab, found: Found, names: Sequence[Named]) -> list[_InHalf]:
     """What half of the rows says of each name beside the mode's other members, at its likeliest point."""
     members = found.mode.members  # the same catalogue: the same numbers
-    point = nearest_top(spike_slab, spike_slab.unknowns.nearest(found.mode.point), members)
+    point = spike_slab.unknowns.nearest(found.mode.point)
+    point = nearest_top(spike_slab, point, members, thorough=not spike_slab.is_long(members))
     columns, sizes = spike_slab.columns(members)
     mean, covariance = spike_slab.root(point).posterior(columns, sizes)
     place, out = {int(c): k for k, c in enumerate(columns)}, list[_InHalf]()

@@ -34,7 +34,7 @@ from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.problem import Prior, prior_of
 from truepose.identification.fit.summary import worst_allowed
 from truepose.identification.fit.tolerance_classes import WEIGHED, part_classes
-from truepose.identification.posterior.posterior import LONG_SET
+from truepose.identification.posterior.spike_slab import LONG_SET
 from truepose.identification.posterior.state import moments
 from truepose.models.effects.base import PlacedEffect
 

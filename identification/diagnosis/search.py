@@ -16,7 +16,8 @@ from truepose.identification.diagnosis.finer_settings import refined
 from truepose.identification.diagnosis.selection_problem import SelectionProblem, selection_problem
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.posterior.mode import climbed
-from truepose.identification.posterior.posterior import LONG_SET, ROUNDS, Posterior, Sampling, mode
+from truepose.identification.posterior.posterior import ROUNDS, Posterior, Sampling, mode
+from truepose.identification.posterior.spike_slab import LONG_SET
 from truepose.identification.posterior.state import State
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Linearisation

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -20,6 +19,7 @@ from scipy.sparse import csr_array
 
 from truepose.identification.prediction.by_ports import Part
 from truepose.identification.prediction.gram_sum import GramSum
+from truepose.threads import Cached
 
 Array = NDArray[np.float64]
 Rows: TypeAlias = Array | Part
@@ -250,7 +250,7 @@ class Linear:
         k, s = self._rank(least), self._s
         return np.asarray(-((self._inside[:k] * s[:k] / (s[:k] ** 2 + mu)) @ self._vt[:k]) / self._norms)
 
-    @cached_property
+    @Cached
     def decrement(self) -> float:
         """Half the squared length of r inside the span of J: what an undamped step would gain."""
         if self._wide:
@@ -258,7 +258,7 @@ class Linear:
         inside = self._inside[: self._rank(1e-13)]
         return 0.5 * float(inside @ inside)
 
-    @cached_property
+    @Cached
     def _sums(self) -> tuple[Array, Array]:
         """(n, n) a'a and (n,) a'r."""
         return self._a.T @ self._a, self._a.T @ self._r

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -21,6 +20,7 @@ from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.fit.leastsquares import Rows
 from truepose.identification.prediction.by_ports import ByPorts, Part
 from truepose.identification.prediction.sensor_rows import Block
+from truepose.threads import Cached
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -38,12 +38,12 @@ class Turn:
     plain: Index
     series: tuple[tuple[Index, Array], ...]
 
-    @cached_property
+    @Cached
     def matrix(self) -> sp.csr_array:
         """(n, k), orthonormal columns."""
         return self._placed([turn for _, turn in self.series], np.ones(len(self.plain)))
 
-    @cached_property
+    @Cached
     def rest(self) -> sp.csr_array:
         """(n, n - k) the other directions, which readings do not see."""
         turns = [np.linalg.qr(turn, mode="complete")[0][:, turn.shape[1] :] for _, turn in self.series]
@@ -181,12 +181,12 @@ class Turned(Decomposition):
         rows = self.own.singular[:, None] * self.own.directions
         return np.asarray(np.linalg.norm(rows @ self.turn.matrix.T, axis=0))
 
-    @cached_property
+    @Cached
     def unknown(self) -> Array:
         """(k, n) orthonormal directions that neither readings nor prior determine."""
         return np.asarray(self.own.unknown @ self.turn.matrix.T)
 
-    @cached_property
+    @Cached
     def root(self) -> Array:
         """(n, k) F with covariance F F' in steps; without the directions that nothing determines."""
         return self._beside_rest(self.own.root)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.blas import dtrsm
 from scipy.linalg.lapack import dpotrf
 
 from truepose.identification.posterior.large import LARGE, solve_large
+from truepose.threads import Cached
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -40,14 +39,14 @@ class Halves:
             self._own, self._turn, self._of = self._turn @ self._of.all, None, None
         return self._own
 
-    @cached_property
+    @Cached
     def all(self) -> Array:
         """(r, w) of all columns; the rows that it follows from are not asked for again, and are let go."""
         found = solved(self._factor, self._rows)
         self._own = found[:0]
         return found
 
-    @cached_property
+    @Cached
     def _root(self) -> Array:
         """(r, r) inverse of the factor."""
         return solved(self._factor, np.eye(len(self._factor)))

@@ -15,8 +15,6 @@ which costs no more than the member is wide.
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,6 +23,7 @@ from truepose.identification.posterior.halves import Halves, cholesky, half_log_
 from truepose.identification.posterior.large import side_by_side
 from truepose.identification.posterior.terms import SameSize, Terms
 from truepose.identification.prior import LONG
+from truepose.threads import Cached
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -48,7 +47,7 @@ class Own:
         """Return the same products by the columns ``left`` (w,) alone, by which ``terms`` count theirs."""
         return Own(self._design, terms, self._weights, self._at[left])
 
-    @cached_property
+    @Cached
     def score(self) -> Array:
         """(w,) products with e."""
         return self.scores(np.arange(len(self._at)))
@@ -71,7 +70,7 @@ class Own:
         at, seen = self._at[columns], self._seen[columns]
         return _without(self._sum(at[:, None], at), seen[:, None], seen)
 
-    @cached_property
+    @Cached
     def blocks(self) -> tuple[Array, ...]:
         """(c, k, k) diagonal blocks of the terms of each width."""
         return tuple(self._block(group) for group in self._terms.by_size)
@@ -124,7 +123,7 @@ class Told:
         """(k, k) entries of M."""
         return np.asarray(self._matrix.ravel().take(columns[:, None] * len(self._matrix) + columns))
 
-    @cached_property
+    @Cached
     def blocks(self) -> tuple[Array, ...]:
         """(c, k, k) diagonal blocks of the terms of each width."""
         return tuple(
@@ -153,7 +152,7 @@ class Marginal:
         self._above, self._beside, self._sign = above, beside, sign
         self._rows: dict[int, Array] = {}
 
-    @cached_property
+    @Cached
     def score(self) -> Array:
         """(w,) scores t."""
         return np.asarray(self._above.score + self._sign * (self._beside.all.T @ self._beside.turned))
@@ -172,7 +171,7 @@ class Marginal:
             self._rows.update(zip(new, made, strict=True))
         return np.array([self._rows[int(c)] for c in columns])
 
-    @cached_property
+    @Cached
     def blocks(self) -> tuple[Array, ...]:
         """(c, k, k) diagonal blocks of M of the terms of each width."""
         half, groups = self._beside.all, self.terms.by_size

@@ -35,6 +35,7 @@ def plausible(spike_slab: SpikeSlab, richness: Richness, states: Sequence[State]
 
     The rival of a term is another term, or a departure of the grid from what is stated.
     """
+    long = spike_slab.is_long(states[0].members)
     interest = np.full(len(spike_slab.terms), -np.inf)
     reach: dict[str, set[int]] = {axis: set() for axis in Reach._fields}
     certain = set.intersection(*(set(state.members) for state in states))
@@ -43,7 +44,7 @@ def plausible(spike_slab: SpikeSlab, richness: Richness, states: Sequence[State]
         alive = {p for row in table.values() for p, log in row.items() if log > -CERTAIN}
         for leaving, row in table.items():
             rest = [m for m in state.members if m not in leaving]
-            for point in _stated(state.point, row) if not leaving else _likely(state.point, row):
+            for point in _stated(state.point, row) if not leaving else _likely(state.point, row, long):
                 odds = np.logaddexp.reduce(spike_slab.log_odds(point, rest, leaving), axis=0)
                 odds += row[point] + slot_odds(richness, len(rest))
                 np.maximum(interest, odds, out=interest)
@@ -65,9 +66,9 @@ def _stated(point: GridPoint, row: Mapping[GridPoint, float]) -> set[GridPoint]:
     return {point, *quieter} | {p for p in row if p in (point.at("widening", 0), point.at("remainder", 0))}
 
 
-def _likely(point: GridPoint, row: Mapping[GridPoint, float]) -> set[GridPoint]:
-    """A point, and where the grid is likeliest."""
-    return {point, point.at("remainder", 0), max(row, key=lambda p: row[p])}
+def _likely(point: GridPoint, row: Mapping[GridPoint, float], long: bool) -> set[GridPoint]:
+    """A point, where the grid is likeliest, and without a remainder; of a ``long`` set, which takes long, only where it is."""
+    return {point} if long else {point, point.at("remainder", 0), max(row, key=lambda p: row[p])}
 
 
 def _without_each(

@@ -30,8 +30,8 @@ RARE = 0.1
 """Probability up to which a cause is mostly not there."""
 CLASS, CLEAR = 5, 0.8
 """Most causes of a class, and probability that these hold a slot together for it to be one."""
-LONG_SET, SHORTER = 150, 3
-"""Columns of a set beyond which all that follows takes long, and by how much the budget of chains is smaller then."""
+SHORTER = 3
+"""By how much the budget of chains is smaller for a long set."""
 BUDGET, SETTLING, FEWEST = 24e9, 0.2, 4
 """Operations after which chains end whether they agree or not, the share of them in which chains settle, and sweeps that
 count at least."""
@@ -107,7 +107,7 @@ class Sampling:
             Chain(self._part, richness, around.reach, point, members, seed + k)
             for k, (point, members) in enumerate(starts)
         ]
-        self._budget = BUDGET / (SHORTER if len(spike_slab.columns(top.members)[0]) > LONG_SET else 1)
+        self._budget = BUDGET / (SHORTER if spike_slab.is_long(top.members) else 1)
         self._chains, self._done, self._apart = Chains(self._part, richness, chains), 0, other is not top
         for _ in range(BURN):
             if self._part.work.done < SETTLING * self._budget and not stop():

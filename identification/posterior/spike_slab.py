@@ -35,6 +35,8 @@ FEWER = 0.9
 HELD, LONGEST = 2, 3
 """Readings that each coefficient of a set needs at least, as far as they see it, and that each one of a long series needs: the
 readings of a row see one place of it."""
+LONG_SET = 150
+"""Columns of a set beyond which all that follows takes long."""
 SETS = 200_000
 """Evidences that are kept."""
 
@@ -197,6 +199,10 @@ class SpikeSlab:
     def holds(self, members: Sequence[Member]) -> bool:
         """Return True if the readings hold the coefficients of all members together."""
         return int(sum(self.ranks[term] for term, _ in members)) <= self.capacity
+
+    def is_long(self, members: Sequence[Member]) -> bool:
+        """Return True if the members have so many columns that all that follows takes long."""
+        return sum(len(self.terms.columns[term]) for term, _ in members) > LONG_SET
 
     def base(self, point: GridPoint) -> Marginal:
         """With what is given, at a point."""

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.prediction.by_ports import ByPorts, Part
+from truepose.threads import Cached
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -36,12 +36,12 @@ class Block:
     at: Index | None = None
     ports: ByPorts | None = None
 
-    @cached_property
+    @Cached
     def here(self) -> Array:
         """(n, k, np) all columns."""
         return written_out(self.dense, self.at, self.ports)
 
-    @cached_property
+    @Cached
     def jacobian(self) -> Array:
         """(n, m, np) derivative of the residual by p."""
         return self.changes(self.here)

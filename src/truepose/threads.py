@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextvars import ContextVar
-from typing import TypeVar
+from typing import Any, Generic, TypeVar, overload
 
 import joblib
 
@@ -70,6 +70,25 @@ def in_order(work: Callable[[T], R], items: Sequence[T]) -> Iterator[R]:
             yield waiting.popleft().result()
 
 
+class Cached(Generic[R]):
+    """A property that is worked out once. Until Python 3.12 ``functools.cached_property`` lets one thread at a time do so, of
+    all objects of a class; here two that ask for the same one may both work it out."""
+
+    def __init__(self, work: Callable[[Any], R]) -> None:
+        self._work, self.__doc__ = work, work.__doc__
+
+    @overload
+    def __get__(self, instance: None, owner: type) -> Cached[R]: ...
+    @overload
+    def __get__(self, instance: object, owner: type) -> R: ...
+    def __get__(self, instance: object, owner: type) -> Cached[R] | R:
+        """Return what is worked out, which takes the property's place in the object."""
+        if instance is None:
+            return self
+        value = instance.__dict__[self._work.__name__] = self._work(instance)
+        return value
+
+
 def all_done(work: Callable[[T], None], items: Sequence[T]) -> None:
     """``work`` of every item, which do not touch each other's results, shared out among the threads."""
     threads = min(processors(), len(items))
@@ -82,4 +101,4 @@ def all_done(work: Callable[[T], None], items: Sequence[T]) -> None:
         pass
 
 
-__all__ = ["all_done", "cores", "in_order", "one_thread", "processors"]
+__all__ = ["Cached", "all_done", "cores", "in_order", "one_thread", "processors"]

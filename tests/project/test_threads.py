@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truepose.errors import InputError
-from truepose.threads import VARIABLE, all_done, in_order, one_thread, processors
+from truepose.threads import VARIABLE, Cached, all_done, in_order, one_thread, processors
 
 
 @given(st.lists(st.integers(), max_size=30), st.integers(1, 5))
@@ -83,3 +83,27 @@ def test_two_threads_work_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
     all_done(met, range(2))
     assert sorted(done) == [0, 1]
+
+
+class Waiting:
+    """Each value is worked out while the other one is."""
+
+    def __init__(self, barrier: threading.Barrier) -> None:
+        self.barrier, self.times = barrier, 0
+
+    @Cached
+    def value(self) -> int:
+        """Worked out once."""
+        self.times += 1
+        self.barrier.wait(timeout=10.0)
+        return self.times
+
+
+def test_values_of_two_objects_are_worked_out_beside_each_other_and_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv(VARIABLE, "2")
+    both = [Waiting(barrier) for barrier in [threading.Barrier(2)] * 2]
+    assert list(in_order(lambda one: one.value, both)) == [1, 1]
+    assert [one.value for one in both] == [1, 1] and [one.times for one in both] == [1, 1]
+    assert Waiting.value.__doc__ == "Worked out once."
