@@ -35,6 +35,7 @@ from truepose.identification.compensation.rows import (
 from truepose.identification.recording.recording import Recording
 from truepose.models.given import MachineLike, as_machine
 from truepose.models.machine import Machine
+from truepose.models.singular import FARTHEST
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -46,6 +47,8 @@ BLOCK = 8192
 _NEAR = 0.05
 """Largest correction that is taken from the C as it is, part of the machine's size or rad; beyond it lie other
 assemblies."""
+_CALM = 0.5 * FARTHEST
+"""The same where a joint may swing: which rows are met nearly is decided in numpy."""
 _PROBES = 8
 _COLUMNS = ("command", "target", "before", "after", "not_asked", "eased")
 
@@ -127,7 +130,8 @@ class _Way:
         seen = self._seen(target)
         (before, _), (after, rest) = (follower.split(seen, self._seen(poses)) for poses in (now, then))
         good = meant & reached & stands & met & follower.within(command).all(axis=1)
-        good &= np.max(np.abs(command - q) / follower.reach, axis=1) <= _NEAR
+        near = _CALM if follower.swings else _NEAR
+        good &= np.max(np.abs(command - q) / follower.reach, axis=1) <= near
         good &= np.max(np.abs(after[:, :3]), axis=1) <= MET * follower.size
         good &= np.max(np.abs(after[:, 3:]), axis=1) <= MET
         whole.command[rows], whole.target[rows, :3] = command, seen
