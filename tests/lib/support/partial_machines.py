@@ -164,11 +164,12 @@ PARTIAL = {
 }
 
 
-def partial_machine(directory: Path, name: str) -> Machine:
-    """Return a machine as drawn."""
+def partial_machine(directory: Path, name: str, more: str = "") -> Machine:
+    """Return a machine as drawn; ``more``: further lines of its file."""
     own = PARTIAL[name]
     path = directory / f"{name}.yaml"
-    path.write_text(HEAD.format(name=name, mechanism=own.mechanism, stated=own.stated), encoding="utf-8")
+    text = HEAD.format(name=name, mechanism=own.mechanism, stated=own.stated + more)
+    path.write_text(text, encoding="utf-8")
     return load_machine(path)
 
 
