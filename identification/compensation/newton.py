@@ -50,14 +50,14 @@ def solve_rows(gap: BatchFunction, problem: Problem, start: Array | None = None)
     u = (problem.start if start is None else start).copy()
     rows, left = np.arange(len(u)), np.full((len(u), 3), np.inf)
     for _ in range(_NEWTON):
+        if not len(rows):
+            break
         value, slope = problem.evaluate(gap, u[rows], rows)
         step = least_steps(slope, value)
         step /= np.maximum(1.0, np.max(np.abs(step), axis=1, keepdims=True) / _LONGEST)
         u[rows] -= step
         left[rows] = left_of(value)
         rows = rows[~(np.max(np.abs(step), axis=1) < _SETTLED * (1 + np.max(np.abs(u[rows]), axis=1)))]
-        if not len(rows):
-            break
     return u, left
 
 

@@ -173,12 +173,16 @@ class Follower:
     def _readings(self, block: Rows, target: Array, p: Array, x: Array) -> tuple[Array, Mask]:
         """(n, nq) readings that put the tool of constants ``p`` at ``target`` (n, 4, 4), and which meet turns nearly."""
         problem, nq = self._problem(block, target, p, x), len(self.readings)
-        (u, left), eased = solve_rows(self._gap, problem), np.zeros(len(block), dtype=bool)
+        u, left, eased = problem.start.copy(), np.zeros((len(block), 3)), np.zeros(len(block), dtype=bool)
+        others = np.ones(len(block), dtype=bool)
         if self._easing is not None:
             near = self._easing.ease(problem)
-            held = self._met(near.left)  # else the position is what is singular there
+            held = self._met(near.left)  # else it is the position that is singular there
             some = near.rows[held]
             u[some], left[some], eased[some] = near.u[held], near.left[held], near.nearly[held]
+            others[some] = False
+        rest = np.flatnonzero(others)
+        u[rest], left[rest] = solve_rows(self._gap, problem.some(rest))
         self._check_met(left, block)
         return np.asarray(u[:, :nq] * self._unit[:nq]), eased
 
