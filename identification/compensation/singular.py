@@ -87,10 +87,12 @@ class Easing:
         reaches = np.abs(left) <= most * np.abs(rate)
         moved = u.copy()
         moved[every, held] += np.where(reaches, left, most**2 * rate) / np.where(reaches, rate, left)
-        exact, rest = solve_rows(self.gap, near, moved)
-        far = np.abs(exact - near.start)[every, held] > 2 * most
-        is_exact = reaches & ~far & (rest[:, :2] <= _MET).all(axis=1)
-        return np.where(is_exact[:, None], exact, self._hold(near, moved, held, open_turn)[0])
+        out, some = self._hold(near, moved, held, open_turn)[0], np.flatnonzero(reaches)
+        exact, rest = solve_rows(self.gap, near.some(some), moved[some])
+        far = np.abs(exact - near.start[some])[np.arange(len(some)), held[some]] > 2 * most[some]
+        is_exact = ~far & (rest[:, :2] <= _MET).all(axis=1)
+        out[some[is_exact]] = exact[is_exact]
+        return out
 
     def _system(self, problem: Problem, u: Array, rows: Rows) -> tuple[Array, Array]:
         """Return the rows of the gap that count, positions, turns and loops (k, m), and their derivative (k, m, nu)."""
