@@ -96,6 +96,19 @@ def free_joints(model: SymbolicModel, task: Task) -> tuple[int, ...]:
     return tuple(free) if np.min(least) < _AS_WELL * np.max(least) else ()
 
 
+def judged_axes(model: SymbolicModel) -> tuple[int, ...]:
+    """Return the axes of the base along which errors of the tool's position count.
+
+    Those of a stated task. Else those along which the readings move the tool: not the one across a planar arm. All where that
+    leaves none.
+    """
+    stated, every = stated_task(model.machine), (0, 1, 2)
+    if stated is not None or _holds_all(model.machine):
+        return (stated or WHOLE).along or every
+    sizes = np.max(np.abs(_motions(model)[0][:, :3]), axis=(0, 2))
+    return tuple(k for k in every if sizes[k] >= _CHOSEN * np.max(sizes)) or every
+
+
 def _holds_all(machine: Machine) -> bool:
     """Return True if the whole pose is the task, without a look at the geometry."""
     stated = stated_task(machine)
@@ -197,4 +210,4 @@ def _ranges(model: SymbolicModel) -> tuple[Array, Array]:
     return low, high
 
 
-__all__ = ["free_joints", "machine_task", "stated_task", "task_of"]
+__all__ = ["free_joints", "judged_axes", "machine_task", "stated_task", "task_of"]

@@ -2,8 +2,8 @@
 
 Readings are not the purpose; the tool's pose is. What a model says of its sensor (a volume that warps) makes readings
 agree and moves no tool, so it does not count here. Frames that nobody measured do not count either: predicted points
-are moved onto the fitted rows' readings as one rigid body. Nor does the part of the position that the machine's task leaves
-free: a planar arm is not judged by what leads out of its plane.
+are moved onto the fitted rows' readings as one rigid body. Nor does the part of the position that the machine's stated task
+leaves free, or that no joint moves: a planar arm is not judged by what leads out of its plane.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from truepose.identification.fit.estimate import Estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
-from truepose.models.controllability import stated_task, task_of
+from truepose.models.controllability import judged_axes
 from truepose.models.kinematics import SymbolicModel
 from truepose.models.machine_file import ExpectedPose
 
@@ -80,15 +80,13 @@ def tool_points(predictor: Predictor, p: Array, x: Array, silent: Collection[str
     shape = (len(recording), count, 3)
     predicted = values[:, columns].reshape(shape) if count else np.zeros(shape)
     positions = np.column_stack(read).reshape(shape) if count else np.zeros(shape)
-    return ToolPoints(predicted, positions, _axes_of_task(model, p))
+    return ToolPoints(predicted, positions, _axes(model, p))
 
 
-def _axes_of_task(model: SymbolicModel, p: Array) -> Array:
-    """Return the axes (a, 3) of the base along which the task counts the position, in the sensor's frame; all where it counts
-    none: then the tool is judged as a whole."""
-    along = list((stated_task(model.machine) or task_of(model)).along) or [0, 1, 2]
+def _axes(model: SymbolicModel, p: Array) -> Array:
+    """Return the axes (a, 3) of the base along which errors count, in the sensor's frame."""
     turns = [p[model.names.index(f"base.r{axis}")] for axis in "xyz"]
-    return np.asarray(lie.rpy_matrix(np.array(turns))[:, along].T)
+    return np.asarray(lie.rpy_matrix(np.array(turns))[:, list(judged_axes(model))].T)
 
 
 def calibrated_pose(fit: Estimate, recording: Recording, than: str = "the drawing") -> ExpectedPose | None:

@@ -18,10 +18,19 @@ from truepose.models.load import load_machine
 BASE = "base: {in: world, xyz: [500, -40, 90], rpy: [20, -35, 70]}"
 
 
-@pytest.mark.parametrize(("name", "counted"), [("planar2", False), ("gantry", True), ("pan_tilt", True)])
-def test_the_tool_is_judged_by_what_its_task_counts(name: str, counted: bool, tmp_path: Path) -> None:
-    """What leads out of a planar arm's plane is no error of it; a task without a position counts all of it."""
-    more = "sensor: {type: position, sigma: {xyz: 0.01}}\n"
+@pytest.mark.parametrize(
+    ("name", "task", "counted"),
+    [
+        ("planar2", "", False),
+        ("gantry", "", True),
+        ("gantry", "task: [x, y]\n", False),
+        ("pan_tilt", "", True),
+        ("pan_tilt", "task: [axis]\n", True),
+    ],
+)
+def test_the_tool_is_judged_by_what_counts_of_it(name: str, task: str, counted: bool, tmp_path: Path) -> None:
+    """What leads out of a planar arm's plane, or out of a stated task, is no error; a task without a position counts all."""
+    more = f"sensor: {{type: position, sigma: {{xyz: 0.01}}}}\n{task}"
     machine = partial_machine(tmp_path, name, more)
     assert machine.file
     text = machine.file.path.read_text(encoding="utf-8")
@@ -43,5 +52,5 @@ def test_the_tool_is_judged_by_what_its_task_counts(name: str, counted: bool, tm
     fitted = np.arange(len(q)) < 40
     squares = tool_points(predictor, p, predictor.assemble(p)[0]).squares(fitted, ~fitted)
     assert np.sqrt(np.mean(squares)) == pytest.approx(
-        np.std(up[~fitted]) if counted else 0.0, rel=0.2, abs=1e-3
+        np.std(up[~fitted]) if counted else 0.0, rel=0.2, abs=2e-2
     )
