@@ -26,7 +26,7 @@ from truepose.codegen.printer import Real, literal
 from truepose.codegen.pruning import pruned
 from truepose.codegen.reference import slopes_of, strain_of
 from truepose.codegen.six_joints import six_joints
-from truepose.codegen.task_blocks import task_context
+from truepose.codegen.task_blocks import easing_context, task_context
 from truepose.codegen.texts import environment
 from truepose.codegen.trigonometry import trigonometry
 from truepose.codegen.wrappers import wrappers
@@ -147,6 +147,7 @@ def _context(
         "drawn": blocks.kept(ideal, model.z_home.tolist()),
         "nominal": ideal,
         **offered(features, model, layout, blocks, ideal),
+        "easing": easing_context(layout, single=real == "float"),
         "held": left_out_words(left_out(model.machine, features)),
     }
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from truepose.codegen.printer import Real
 from truepose.codegen.reference import Reference
 from truepose.errors import InputError
-from truepose.models.controllability import task_of
+from truepose.models.controllability import free_joints, task_of
 from truepose.models.kinematics import SymbolicModel
 from truepose.models.machine import FRAME_OF, Machine
 from truepose.models.mechanism import COORDINATES, Actuator
@@ -47,6 +47,7 @@ class Layout:
     near (nq,)             readings at the home assembly, where iterations start: to nine decimals
     home (nx,)             passive coordinates there, likewise
     task                   which components of the pose the inverse meets
+    free                   joints that turn the tool while the others hold its position; empty where none may have to swing
     position, rotation     tolerances of a solved pose, mm and rad; ``closure`` in mm
     share, tight           shares of the tolerances: within which a pose is solved, at which iterations stop
     """
@@ -63,6 +64,7 @@ class Layout:
     near: Array
     home: Array
     task: Task
+    free: tuple[int, ...]
     position: float
     rotation: float
     closure: float
@@ -92,6 +94,7 @@ def layout_of(model: SymbolicModel, real: Real) -> Layout:
     low, high = _allowed(machine.mechanism.actuators, unknown, position, rotation * reach)
     bounded = _bounded(model)
     start, width = _starts(machine, *sampled)
+    task = task_of(model)
     return Layout(
         reach=reach,
         unknown=unknown,
@@ -104,7 +107,8 @@ def layout_of(model: SymbolicModel, real: Real) -> Layout:
         turns=tuple(a.unit == "rad" and a.gain is None for a in machine.mechanism.actuators),
         near=near,
         home=_steady(model.home),
-        task=task_of(model),
+        task=task,
+        free=free_joints(model, task),
         position=position,
         rotation=rotation,
         closure=_KEPT_SHARE * position if single else 1e-8,

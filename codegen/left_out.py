@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 from truepose.codegen.features import ALL, Features
 from truepose.codegen.memory import followed
-from truepose.models.controllability import machine_task
+from truepose.models.controllability import free_joints, machine_task
 from truepose.models.driver import STEP, Driver
-from truepose.models.kinematics import driver_default, driver_names
+from truepose.models.kinematics import driver_default, driver_names, symbolic_model
 from truepose.models.machine import Machine
 from truepose.models.placed import PlacedEffect
 from truepose.models.task import WHOLE, Task
@@ -21,7 +21,7 @@ class LeftOut:
     """calibrated: whether the file came from a fit; stated: whether it has effects; sensor: labels of effects that move no
     tool; memory: labels of effects that depend on what was before, which is not followed; frames: further ones of the
     machine; drivers: value and unit where the controller gives none; followed: those of them that ``NAME_state`` works out;
-    task: which components of a pose its inverse meets."""
+    task: which components of a pose its inverse meets; near: whether it has commands next to singular poses."""
 
     calibrated: bool
     stated: bool
@@ -31,6 +31,7 @@ class LeftOut:
     drivers: Mapping[str, tuple[float, str]]
     followed: tuple[str, ...] = ()
     task: Task = WHOLE
+    near: bool = False
 
 
 def left_out(machine: Machine, features: Features = ALL) -> LeftOut:
@@ -46,7 +47,8 @@ def left_out(machine: Machine, features: Features = ALL) -> LeftOut:
     calibrated = machine.file is not None and bool(machine.file.nominal)
     frames = tuple(mount.name for mount in machine.mounts)
     stated, task = bool(machine.effects), machine_task(machine)
-    return LeftOut(calibrated, stated, tuple(sensor), tuple(memory), frames, drivers, tuple(own), task)
+    near = not task.is_whole and bool(free_joints(symbolic_model(machine, machine.effects), task))
+    return LeftOut(calibrated, stated, tuple(sensor), tuple(memory), frames, drivers, tuple(own), task, near)
 
 
 def left_out_words(found: LeftOut) -> list[str]:
@@ -60,6 +62,10 @@ def left_out_words(found: LeftOut) -> list[str]:
         said.append(
             f"Of a pose ik and compensate meet {found.task.words}; code 0 says nothing of the rest."
             + (" Next to a singular pose a joint may move far for it." if found.task.position else "")
+        )
+    if found.near:
+        said.append(
+            "There compensate returns 1; compensate_near meets the position, and says how much of the turn is left."
         )
     if found.sensor:
         said.append(f"Left out, because it moves no tool: {joined(found.sensor)}.")

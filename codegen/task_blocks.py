@@ -6,8 +6,10 @@ from typing import Any
 
 import casadi as ca
 
+from truepose.codegen.layout import Layout
 from truepose.codegen.loop_blocks import Writer
 from truepose.models import lie
+from truepose.models.singular import CALM, FARTHEST, NOTHING
 from truepose.models.task import Task
 
 
@@ -23,6 +25,21 @@ def write_turns(writer: Writer, task: Task) -> None:
     ]
     title = "Turns that take T to the target about the tool's axes, about rad, and their rates by a turn in the base frame."
     writer.function(title, "turns_left", (("target", "T"), ("e", "S")), targets)
+
+
+def easing_context(layout: Layout, *, single: bool) -> dict[str, Any] | None:
+    """Return what commands next to singular poses read; None where no joint has to swing for a turn."""
+    if not layout.free:
+        return None
+    return {
+        "free": layout.free,
+        "holders": [k for k in range(len(layout.near)) if k not in layout.free],
+        "calm": CALM,
+        "farthest": FARTHEST,
+        "nothing": max(NOTHING, layout.share * layout.rotation),
+        "steps": 12,
+        "settled": 1e-6 if single else 1e-12,
+    }
 
 
 def task_context(task: Task) -> dict[str, Any]:
@@ -41,4 +58,4 @@ def task_context(task: Task) -> dict[str, Any]:
     }
 
 
-__all__ = ["task_context", "write_turns"]
+__all__ = ["easing_context", "task_context", "write_turns"]

@@ -196,7 +196,7 @@ def levels(found: Runs) -> Figure:
         bars = right.bar(np.arange(2) - 0.2 + 0.4 * k, errors, 0.36, color=colour)
         right.bar_label(bars, fmt="%.0f", fontsize=8.5, color=INK, padding=4)
     left.set(yticks=at, yticklabels=names, xlabel="probability", xlim=(0, 1.02))
-    noise = 1e3 * example.NOISE * np.sqrt(3)
+    noise = 1e3 * example.NOISE * np.sqrt(2)  # of the plane that the arm moves in
     right.axhline(noise, color=INK, lw=1.0, ls="--")
     right.text(1.01, noise, "noise", transform=right.get_yaxis_transform(), va="center", fontsize=8.5)
     right.set(

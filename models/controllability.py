@@ -32,6 +32,8 @@ _LOW = 0.1
 _CHOSEN, _STATED = 0.02, 1e-6
 """Smallest singular value, in parts of the largest, at which components count as independent: by default, and stated."""
 _NOTHING = 1e-300
+_AS_WELL = 0.5
+"""Share of the fastest turn by the free joints at which a slower one counts as none next to a singular pose."""
 _SPLITS = {
     5: ((3, 2), (2, 3)),
     4: ((3, 1), (2, 2), (1, 3)),
@@ -59,7 +61,7 @@ def task_of(model: SymbolicModel) -> Task:
     if _holds_all(model.machine):
         return WHOLE
     stated = stated_task(model.machine)
-    samples = _samples(model)
+    samples = _in_parts(*_motions(model))
     if stated is None:
         return _chosen(samples, _pointed(model.machine))
     if _independence(samples, stated.rows) < _STATED:
@@ -68,6 +70,43 @@ def task_of(model: SymbolicModel) -> Task:
             f"{', '.join(model.readings)} move independently, as {list(_chosen(samples, _pointed(model.machine)).components)}"
         )
     return stated
+
+
+def free_joints(model: SymbolicModel, task: Task) -> tuple[int, ...]:
+    """Return the places of the readings that turn the tool while the others hold its position, where one may have to swing.
+
+    Empty where a task has no position or no turns, where there are joints to spare, where one of those joints slides, and
+    where they turn the tool as well in all samples: nothing is singular there but the position.
+    """
+    every = range(len(model.readings))
+    if task.position is None or len(every) != len(task.rows):
+        return ()
+    (motions, reach), along = _motions(model), list(task.along)
+    samples = _in_parts(motions, reach)
+    some = max(combinations(every, len(along)), key=lambda at: _independence(samples[:, :, list(at)], along))
+    holders, free = list(some), [k for k in every if k not in some]
+    if any(model.machine.mechanism.actuators[k].unit != "rad" for k in free):
+        return ()
+    position, turns = motions[:, along], motions[:, list(task.rows[len(along) :])]
+    made = (
+        turns[:, :, free]
+        - turns[:, :, holders] @ np.linalg.pinv(position[:, :, holders]) @ position[:, :, free]
+    )
+    least = np.linalg.svd(made, compute_uv=False)[:, -1]
+    return tuple(free) if np.min(least) < _AS_WELL * np.max(least) else ()
+
+
+def judged_axes(model: SymbolicModel) -> tuple[int, ...]:
+    """Return the axes of the base along which errors of the tool's position count.
+
+    Those of a stated task. Else those along which the readings move the tool: not the one across a planar arm. All where that
+    leaves none.
+    """
+    stated, every = stated_task(model.machine), (0, 1, 2)
+    if stated is not None or _holds_all(model.machine):
+        return (stated or WHOLE).along or every
+    sizes = np.max(np.abs(_motions(model)[0][:, :3]), axis=(0, 2))
+    return tuple(k for k in every if sizes[k] >= _CHOSEN * np.max(sizes)) or every
 
 
 def _holds_all(machine: Machine) -> bool:
@@ -115,11 +154,9 @@ def _independence(samples: Array, rows: Sequence[int]) -> float:
     return round(float(np.quantile(sizes[:, -1] / largest, _LOW)), 9)  # rounding must not choose among equals
 
 
-def _samples(model: SymbolicModel) -> Array:
-    """Return (m, 6, nq) twists by the readings: velocity along axes of the base, turn about axes of the tool.
-
-    In parts of the largest motion by each reading; rad count at the tool's distance from the base.
-    """
+def _motions(model: SymbolicModel) -> tuple[Array, float]:
+    """Return (m, 6, nq) twists by the readings, and how far (mm) the tool is from the base: velocity along axes of the base,
+    turn about axes of the tool."""
     y = ca.vertcat(model.q, model.x)
     by_y, by_loops = twists(model.pose, y), ca.jacobian(model.equations, y)
     by_y[3:, :] = model.pose[:3, :3].T @ by_y[3:, :]
@@ -131,8 +168,12 @@ def _samples(model: SymbolicModel) -> Array:
         passive = np.linalg.lstsq(loops[:, nq:], loops[:, :nq], rcond=None)[0]
         found.append(by[:, :nq] - by[:, nq:] @ passive)
         reach.append(float(np.linalg.norm(place)))
-    out = np.array(found)
-    out[:, 3:] *= max(reach)
+    return np.array(found), max(reach)
+
+
+def _in_parts(motions: Array, reach: float) -> Array:
+    """Return twists (m, 6, nq) in parts of the largest motion by each reading; rad count at the reach (mm)."""
+    out = motions * np.repeat([1.0, reach], 3)[:, None]
     sizes = np.max(np.linalg.norm(out, axis=1), axis=0)
     return np.asarray(out / np.where(sizes > 0, sizes, 1.0))
 
@@ -169,4 +210,4 @@ def _ranges(model: SymbolicModel) -> tuple[Array, Array]:
     return low, high
 
 
-__all__ = ["machine_task", "stated_task", "task_of"]
+__all__ = ["free_joints", "judged_axes", "machine_task", "stated_task", "task_of"]

@@ -15,8 +15,11 @@ NO_WORSE: Final = 1.02
 
 @dataclass(frozen=True)
 class ExpectedPose:
-    """Rms error of the tool's position, mm, after a rigid refit: ``before`` of the model that ``than`` names (``drawing`` or
-    ``plain calibration``), ``after`` of this file's, on ``rows`` (in words)."""
+    """Rms error of the tool's position, mm, in what counts of it (``judged_axes``), after a rigid refit.
+
+    ``before`` is that of the model that ``than`` names (``drawing`` or ``plain calibration``), ``after`` that of this file's;
+    ``rows`` says on which rows.
+    """
 
     than: str
     before: float
@@ -33,7 +36,7 @@ class ExpectedPoseSection(Section):
     than: str
     """What it was compared with: `drawing` or `plain calibration`."""
     before: Annotated[Number, In("mm")] = Field(ge=0.0)
-    """Rms error of the tool's position with that model, after a rigid refit."""
+    """Rms error of the tool's position, in what a stated task counts of it, with that model, after a rigid refit."""
     after: Annotated[Number, In("mm")] = Field(ge=0.0)
     """The same with this file's model."""
     unit: Literal["mm"] = "mm"

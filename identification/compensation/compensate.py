@@ -122,17 +122,24 @@ class _Way:
         kinematics, follower = self._kinematics, self._follower
         q, z = follower.nominal[rows], follower.z[rows]
         target, meant = self._meant(q)
-        command, reached = kinematics.ik(target, q, z)
+        command, turned, reached = self._commands(target, q, z)
         (now, stands), (then, met) = kinematics.fk(q, z), kinematics.fk(command, z)
         seen = self._seen(target)
         (before, _), (after, rest) = (follower.split(seen, self._seen(poses)) for poses in (now, then))
         good = meant & reached & stands & met & follower.within(command).all(axis=1)
         good &= np.max(np.abs(command - q) / follower.reach, axis=1) <= _NEAR
         good &= np.max(np.abs(after[:, :3]), axis=1) <= MET * follower.size
-        good &= np.max(np.abs(after[:, 3:]), axis=1) <= MET
-        whole.command[rows], whole.target[rows, :3] = command, seen
+        good &= (np.max(np.abs(after[:, 3:]), axis=1) <= MET) | (turned > 0.0)
+        whole.eased[rows], whole.command[rows], whole.target[rows, :3] = turned > 0.0, command, seen
         whole.before[rows], whole.after[rows], whole.not_asked[rows] = before, after, rest
         return np.asarray(good)
+
+    def _commands(self, target: Array, q: Array, z: Array) -> tuple[Array, Array, Mask]:
+        """Return commands (k, nq), the turn (k,) that each leaves next to a singular pose, and which rows have one."""
+        if self._follower.swings:
+            return self._kinematics.near(q, z)
+        command, reached = self._kinematics.ik(target, q, z)
+        return command, np.zeros(len(q)), reached
 
     def _meant(self, q: Array) -> tuple[Array, Mask]:
         """Poses (k, 3, 4) that nominal readings mean; the drawing has no effects, and no need of drivers."""

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 _NAME = "path"
 """In the C, whatever the machine is called: its own name need not be one of C's."""
-_POINTERS = {"fk_n": 3, "ik_n": 4}
+_POINTERS = {"fk_n": 3, "ik_n": 4, "compensate_near_n": 4}
 """Of a function, behind the number of rows."""
 
 
@@ -43,13 +43,17 @@ class CompiledKinematics:
     def __init__(self, machine: Machine, task: Task) -> None:
         if len(machine.mechanism.readings) > len(task.rows):
             raise NotCompiledError("more joints than components of the pose to meet")
+        drawing = machine.file.nominal if machine.file else {}
+        mechanism = {parameter.name for parameter in machine.mechanism.parameters}
+        nominal = {name: value for name, value in drawing.items() if name in mechanism}
         try:
-            texts = render(replace(machine, name=_NAME), "double")
+            texts = render(replace(machine, name=_NAME), "double", nominal=nominal)
         except (InputError, NotImplementedError) as exc:  # a machine that has no C
             raise NotCompiledError(str(exc)) from None
         own = {name: text for name, text in texts.items() if name.startswith(f"{_NAME}_")}
-        self._library = load(own, [f"{_NAME}_{name}" for name in _POINTERS])
-        for name, pointers in _POINTERS.items():
+        there = {name: n for name, n in _POINTERS.items() if f"{_NAME}_{name}(" in own[f"{_NAME}_batch.h"]}
+        self._library = load(own, [f"{_NAME}_{name}" for name in there])
+        for name, pointers in there.items():
             function = getattr(self._library, f"{_NAME}_{name}")
             function.argtypes = [ctypes.c_void_p] * 2 + [ctypes.c_int] + [ctypes.c_void_p] * pointers
             function.restype = ctypes.c_int
@@ -70,6 +74,15 @@ class CompiledKinematics:
         code = np.zeros(len(q), dtype=np.intc)
         self._call("ik_n", p, z, _rows(poses), _rows(guess), q, code)
         return q, code == 0
+
+    def near(self, q: Array, z: Array | None = None) -> tuple[Array, Array, Mask]:
+        """Return commands (n, nq) for nominal readings (n, nq), the turn (n,) rad that each leaves, and which rows have one.
+
+        For machines that may come to a singular pose.
+        """
+        command, left, code = np.array(q, order="C"), np.zeros(len(q)), np.zeros(len(q), dtype=np.intc)
+        self._call("compensate_near_n", None, z, _rows(q), command, left, code)
+        return command, left, code == 0
 
     def _call(self, name: str, p: Array | None, z: Array | None, *arrays: NDArray[np.generic]) -> None:
         given = [None if p is None else _rows(p), self._told(z)]

@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 from truepose.errors import InputError
 from truepose.identification.compensation.compiled import base_frame
 from truepose.identification.compensation.inverse import MET, loop_scales, pose_gap
-from truepose.identification.compensation.newton import Problem, ease_rows, solve_rows
+from truepose.identification.compensation.newton import Problem, solve_rows
+from truepose.identification.compensation.singular import Easing
 from truepose.identification.prediction.predict import predictor_for
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
-from truepose.models.controllability import stated_task, task_of
+from truepose.models.controllability import free_joints, task_of
 from truepose.models.driver import STEP, Driver
 from truepose.models.home import coordinate_scale
 from truepose.models.kinematics import SymbolicModel
@@ -35,8 +36,6 @@ Mask = NDArray[np.bool_]
 Rows = NDArray[np.intp]
 Method = Literal["exact", "first-order"]
 _BLOCK = 8192
-_CALM = 0.5
-"""Share of a joint's swing that is left at most where turns are met nearly; else the swing is for the position."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -46,7 +45,7 @@ class Compensation(Shown):
     target (n, 4, 4): the sensor-frame poses that are meant. before, after (n, 6): twists [mm, rad] from the target to
     where the calibrated machine stands with nominal commands, and with the corrected ones; of them what ``task`` asks for.
     not_asked (n, 6): the rest of the twist with the corrected commands. eased (n,): rows next to a singular pose, where a turn
-    that no file asks for would make a joint swing; there the position is met, and turns nearly. ``solved_by`` says how.
+    would make a joint swing; there the position is met, and turns nearly. ``solved_by`` says how.
     """
 
     readings: tuple[str, ...]
@@ -100,15 +99,19 @@ class Follower:
         scale = coordinate_scale(machine, len(model.home), model.gap.numel())
         lengths = [abs(p.nominal) for p in machine.parameters if p.unit == "mm"]
         self.size = max([1.0, *lengths, *scale.size])
-        units = [a.reading_unit for a in machine.mechanism.actuators]
         share, unknown = loop_scales(machine, model, self.size)
-        self._unit = np.array([self.size if unit == "mm" else 1.0 for unit in units] + [*unknown])
+        self._unit = np.array([*self.reach, *unknown])
         self._closed = max(scale.gap if np.isfinite(scale.gap) else 0.0, MET * self.size)
         self.task = task_of(model)
         self._base = base_frame(machine)[:3, :3]
         self._gap = pose_gap(model, self.task, self.size, share)
-        position = self.task.position if stated_task(machine) is None else None
-        self._position = pose_gap(model, position, self.size, share) if position else None
+        free = free_joints(model, self.task)
+        self._easing = Easing(self._gap, self.task, free) if free else None
+
+    @property
+    def swings(self) -> bool:
+        """True if a joint may have to swing for a turn of the tool, next to a singular pose."""
+        return self._easing is not None
 
     @property
     def reach(self) -> Array:
@@ -169,16 +172,17 @@ class Follower:
 
     def _readings(self, block: Rows, target: Array, p: Array, x: Array) -> tuple[Array, Mask]:
         """(n, nq) readings that put the tool of constants ``p`` at ``target`` (n, 4, 4), and which meet turns nearly."""
-        found, nq = solve_rows(self._gap, self._problem(block, target, p, x)), len(self.readings)
-        u, left, eased = found.u, found.left, np.zeros(len(block), dtype=bool)
-        some = np.flatnonzero(found.swings | ~self._met(left))
-        if self._position is not None and len(some):
-            problem = self._problem(block[some], target[some], p, x[some])
-            near = solve_rows(self._position, problem, ease_rows(self._gap, problem))
-            moved = np.max(np.abs(near.u - problem.start)[:, :nq], axis=1)
-            calmer = ~self._met(left[some]) | (moved < _CALM * found.moved[some])
-            some, near_u, near_left = some[calmer], near.u[calmer], near.left[calmer]
-            u[some], left[some], eased[some] = near_u, near_left, True
+        problem, nq = self._problem(block, target, p, x), len(self.readings)
+        u, left, eased = problem.start.copy(), np.zeros((len(block), 3)), np.zeros(len(block), dtype=bool)
+        others = np.ones(len(block), dtype=bool)
+        if self._easing is not None:
+            near = self._easing.ease(problem)
+            held = self._met(near.left)  # else it is the position that is singular there
+            some = near.rows[held]
+            u[some], left[some], eased[some] = near.u[held], near.left[held], near.nearly[held]
+            others[some] = False
+        rest = np.flatnonzero(others)
+        u[rest], left[rest] = solve_rows(self._gap, problem.some(rest))
         self._check_met(left, block)
         return np.asarray(u[:, :nq] * self._unit[:nq]), eased
 

@@ -2,13 +2,14 @@
 
 Readings are not the purpose; the tool's pose is. What a model says of its sensor (a volume that warps) makes readings
 agree and moves no tool, so it does not count here. Frames that nobody measured do not count either: predicted points
-are moved onto the fitted rows' readings as one rigid body.
+are moved onto the fitted rows' readings as one rigid body. Nor does the part of the position that the machine's stated task
+leaves free, or that no joint moves: a planar arm is not judged by what leads out of its plane.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,9 @@ from truepose.identification.fit.align import rigid_motion
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
+from truepose.models import lie
+from truepose.models.controllability import judged_axes
+from truepose.models.kinematics import SymbolicModel
 from truepose.models.machine_file import ExpectedPose
 
 Array = NDArray[np.float64]
@@ -30,11 +34,12 @@ FEWEST = 3
 class ToolPoints:
     """Points of the tool, predicted and read: (n, k, 3) each, mm, in the sensor's frame; k is 0 where none are read.
 
-    A point of which a reading was lost is NaN.
+    A point of which a reading was lost is NaN. ``axes`` (a, 3): directions of which distances count, orthonormal.
     """
 
     predicted: Array
     read: Array
+    axes: Array = field(default_factory=lambda: np.eye(3))
 
     @property
     def known(self) -> bool:
@@ -55,7 +60,8 @@ class ToolPoints:
         rotation, shift = rigid_motion(self.predicted[own], self.read[own])
         held = held & whole.any(axis=1)
         off = self.predicted[held] @ rotation.T + shift - self.read[held]
-        return np.asarray(np.nanmean(np.sum(off**2, axis=2), axis=1))
+        counted = off if len(self.axes) == off.shape[2] else off @ self.axes.T
+        return np.asarray(np.nanmean(np.sum(counted**2, axis=2), axis=1))
 
 
 def tool_points(predictor: Predictor, p: Array, x: Array, silent: Collection[str] = ()) -> ToolPoints:
@@ -73,7 +79,14 @@ def tool_points(predictor: Predictor, p: Array, x: Array, silent: Collection[str
     count = len(at) // 3
     shape = (len(recording), count, 3)
     predicted = values[:, columns].reshape(shape) if count else np.zeros(shape)
-    return ToolPoints(predicted, np.column_stack(read).reshape(shape) if count else np.zeros(shape))
+    positions = np.column_stack(read).reshape(shape) if count else np.zeros(shape)
+    return ToolPoints(predicted, positions, _axes(model, p))
+
+
+def _axes(model: SymbolicModel, p: Array) -> Array:
+    """Return the axes (a, 3) of the base along which errors count, in the sensor's frame."""
+    turns = [p[model.names.index(f"base.r{axis}")] for axis in "xyz"]
+    return np.asarray(lie.rpy_matrix(np.array(turns))[:, list(judged_axes(model))].T)
 
 
 def calibrated_pose(fit: Estimate, recording: Recording, than: str = "the drawing") -> ExpectedPose | None:

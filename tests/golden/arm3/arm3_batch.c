@@ -41,3 +41,13 @@ int arm3_compensate_n(const real *p, const real *z, int n, const real *q_nominal
     }
     return failed;
 }
+
+int arm3_compensate_near_n(const real *p, const real *z, int n, const real *q_nominal, real *q, real *left, int *code)
+{
+    int failed = 0;
+    for (; n > 0; --n, q_nominal += arm3_N, q += arm3_N, ++left) {
+        failed += done(&code, arm3_compensate_near(p, z, q_nominal, q, left));
+        z = z ? z + arm3_NZ : 0;
+    }
+    return failed;
+}

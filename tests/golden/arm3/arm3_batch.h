@@ -23,6 +23,10 @@ int arm3_ik_n(const arm3_real *p, const arm3_real *z, int n, const arm3_real *T,
 int arm3_compensate_n(const arm3_real *p, const arm3_real *z, int n, const arm3_real *q_nominal,
     arm3_real *q, int *code);
 
+/* The same of compensate_near, with what is left of the turns (n), rad. */
+int arm3_compensate_near_n(const arm3_real *p, const arm3_real *z, int n, const arm3_real *q_nominal,
+    arm3_real *q, arm3_real *left, int *code);
+
 #ifdef __cplusplus
 }
 #endif

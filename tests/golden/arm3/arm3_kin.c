@@ -1090,8 +1090,191 @@ int arm3_jac(const real *p, const real *z, const real q[arm3_N], real J[6 * arm3
     return p || z ? derivative_with(p, z, q, J) : derivative(&usual, q, J);
 }
 
+/* ---- commands next to singular poses, where one joint would have to swing for a small turn of the tool ---- */
+
+#define NOTHING (1e-06f * REACH) /* rad, as mm at REACH: a turn below this is met as it is */
+#define CALM 0.2f /* turn of the tool by a turn of a joint, from which no pose is next to a singular one */
+#define FARTHEST (0.05f * REACH) /* rad, as mm at REACH, that a joint may move for a turn that it makes slowly */
+
+/* Joints that are free for the turns while the others meet the position, and these; rows of the position. */
+static const unsigned char free_joint[ABOUT] = { 2 };
+static const unsigned char holder[ALONG] = { 0, 1 };
+static const unsigned char row_along[ALONG] = { 0, 1 };
+
+/* What is left at the joints q of what counts of the target, positions and turns, and its rates: all in millimetres. */
+static int left_at(const model *m, const real *target, const real *q, real *r, real *J)
+{
+    real T[12], G[6 * NQ], e[ABOUT], S[3 * ABOUT];
+    int i, j, code = forward(m, q, 0, T);
+    if (code == 0) {
+        code = derivative(m, q, G);
+    }
+    if (code != 0) {
+        return code;
+    }
+    turns_left(m, target, T, e, S);
+    for (i = 0; i < ALONG; ++i) {
+        r[i] = target[4 * row_along[i] + 3] - T[4 * row_along[i] + 3];
+        for (j = 0; j < NQ; ++j) {
+            J[i * NQ + j] = G[row_along[i] * NQ + j] * unknown[j];
+        }
+    }
+    for (i = 0; i < ABOUT; ++i) {
+        const real *by = S + 3 * i;
+        r[ALONG + i] = REACH * e[i];
+        for (j = 0; j < NQ; ++j) {
+            J[(ALONG + i) * NQ + j] = REACH * unknown[j] * (by[0] * G[3 * NQ + j] + by[1] * G[4 * NQ + j] + by[2] * G[5 * NQ + j]);
+        }
+    }
+    return 0;
+}
+
+/* Which joint to hold: the one whose turn is least of its own; -1 where the others do not hold the position. open: the turn
+   that no other joint makes; rate: how much of it that joint makes. */
+static int choose_joint(const real *J, real *open, real *rate)
+{
+    real H[ALONG * ALONG], F[ALONG * ABOUT], column[3][3] = { { 1.0f }, { 0.0f, 1.0f }, { 0.0f, 0.0f, 1.0f } };
+    real largest = 0.0f;
+    int i, j, k, best = -1;
+    for (i = 0; i < ALONG; ++i) {
+        for (j = 0; j < ALONG; ++j) {
+            H[i * ALONG + j] = J[i * NQ + holder[j]];
+        }
+        for (j = 0; j < ABOUT; ++j) {
+            F[i * ABOUT + j] = J[i * NQ + free_joint[j]];
+        }
+    }
+    if (!lu_solve(H, ALONG, F, ABOUT)) {
+        return -1;
+    }
+    for (i = 0; i < ABOUT; ++i) {
+        for (j = 0; j < ABOUT; ++j) {
+            column[j][i] = J[(ALONG + i) * NQ + free_joint[j]];
+            for (k = 0; k < ALONG; ++k) {
+                column[j][i] -= J[(ALONG + i) * NQ + holder[k]] * F[k * ABOUT + j];
+            }
+        }
+    }
+    for (j = 0; j < ABOUT; ++j) {
+        const real *a = column[(j + 1) % 3], *b = column[(j + 2) % 3];
+        const real normal[3] = { a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0] };
+        const real size = norm3(normal);
+        if (size > largest) {
+            largest = size;
+            best = j;
+            *rate = 0.0f;
+            for (i = 0; i < ABOUT; ++i) {
+                open[i] = normal[i] / size;
+                *rate += open[i] * column[j][i];
+            }
+        }
+    }
+    return best < 0 ? -1 : free_joint[best];
+}
+
+/* Newton's method for the other joints, from q: they meet all but what is open. left: of that, mm; rate: by the held joint.
+   Without a joint to hold (-1) all move, and meet everything. */
+static int meet_held(const model *m, const real *target, int held, const real *open, real *q, real *left, real *rate)
+{
+    real r[NQ], J[NQ * NQ], b[2 * NQ];
+    int i, j, k;
+    for (k = 0; k < 12; ++k) {
+        real largest = 0.0f;
+        const int code = left_at(m, target, q, r, J);
+        if (code != 0) {
+            return code;
+        }
+        for (i = 0; i < NQ; ++i) {
+            b[2 * i] = r[i];
+            b[2 * i + 1] = held < 0 ? 0.0f : J[i * NQ + held];
+            if (held >= 0) {
+                J[i * NQ + held] = i < ALONG ? 0.0f : open[i - ALONG];
+            }
+        }
+        if (!lu_solve(J, NQ, b, 2)) {
+            return 1;
+        }
+        for (j = 0; j < NQ; ++j) {
+            if (j == held) {
+                *left = b[2 * j];
+                *rate = b[2 * j + 1];
+            } else {
+                q[j] += b[2 * j] * unknown[j];
+                largest = fmaxf(largest, fabsf(b[2 * j]));
+            }
+        }
+        if (largest < 1e-06f * REACH) {
+            break;
+        }
+    }
+    return 0;
+}
+
+/* Whether the position is met at q, and what is left of the turns, mm at REACH. */
+static int position_met(const model *m, const real *target, const real *q, real *turned)
+{
+    real r[NQ], J[NQ * NQ];
+    if (left_at(m, target, q, r, J) != 0) {
+        return 0;
+    }
+    *turned = norm_of(r + ALONG, ABOUT);
+    return norm_of(r, ALONG) <= TIGHT;
+}
+
+/* The command near q_nominal with the held joint where its turn, or as much of it as it may move for, takes it: y, which comes
+   with the joint at q_nominal and the others so that they meet all but what is open, of which `left` is left. */
+static int swing_held(const model *m, const real *target, const real *q_nominal, int held, const real *open, real left, real rate, real *y)
+{
+    const real most = fmaxf(FARTHEST, 2.0f * fabsf(left) / CALM);
+    const int reaches = fabsf(left) <= most * fabsf(rate);
+    real exact[NQ], turned;
+    y[held] = q_nominal[held] + unknown[held] * (reaches ? left / rate : most * most * rate / left);
+    if (reaches) {
+        copy(y, exact, NQ);
+        if (meet_held(m, target, -1, open, exact, &left, &rate) == 0 && position_met(m, target, exact, &turned) && turned <= TURN &&
+            fabsf(exact[held] - q_nominal[held]) <= 2.0f * most * unknown[held]) {
+            copy(exact, y, NQ);
+            return 0;
+        }
+    }
+    return meet_held(m, target, held, open, y, &left, &rate);
+}
+
+/* The joints near q_nominal that meet the target: the position always, and left (rad) of the turns, 0 where all is met. */
+APART int ease(const model *m, const real *target, const real *q_nominal, real *q, real *left)
+{
+    real r[NQ], J[NQ * NQ], y[NQ], open[ABOUT] = { 0.0f }, rate = 0.0f, rest = 0.0f;
+    int held, code;
+    if (!is_pose(target) || !all_finite(q_nominal, NQ)) {
+        return 4;
+    }
+    copy(q_nominal, y, NQ);
+    held = left_at(m, target, y, r, J) == 0 ? choose_joint(J, open, &rate) : -1;
+    if (held >= 0 && fabsf(rate) < CALM && meet_held(m, target, held, open, y, &rest, &rate) == 0) {
+        code = fabsf(rest) <= NOTHING ? 0 : swing_held(m, target, q_nominal, held, open, rest, rate, y);
+        if (code == 0 && position_met(m, target, y, &rest)) {
+            if (!inside(y)) {
+                return 3;
+            }
+            copy(y, q, NQ);
+            *left = rest <= TURN ? 0.0f : 2.0f * arctan(rest / REACH, 2.0f); /* of tangents of half angles */
+            return 0;
+        }
+    }
+    code = inverse(m, target, q_nominal, q);
+    *left = code == 0 ? 0.0f : *left;
+    return code;
+}
+
+APART int ease_with(const real *p, const real *z, const real *T, const real *q_nominal, real *q, real *left)
+{
+    model m;
+    real own[NK];
+    return attach(&m, own, p, z) ? ease(&m, T, q_nominal, q, left) : 4;
+}
+
 /* The same for other parameters or drivers. */
-APART int compensate_with(const real *p, const real *z, const real *q_nominal, real *q)
+APART int compensate_with(const real *p, const real *z, const real *q_nominal, real *q, real *left)
 {
     const real *calibrated = p ? p : arm3_p0;
     real ideal[arm3_NP], T[12];
@@ -1104,16 +1287,27 @@ APART int compensate_with(const real *p, const real *z, const real *q_nominal, r
     ideal[25] = calibrated[25];
     ideal[26] = calibrated[26];
     code = forward_with(ideal, z, q_nominal, 0, T);
-    return code != 0 ? code : inverse_with(calibrated, z, T, q_nominal, q);
+    return code != 0 ? code : ease_with(calibrated, z, T, q_nominal, q, left);
 }
 
-int arm3_compensate(const real *p, const real *z, const real q_nominal[arm3_N], real q[arm3_N])
+int arm3_compensate_near(const real *p, const real *z, const real q_nominal[arm3_N], real q[arm3_N], real *left)
 {
     real T[12];
     int code;
     if (p || z) {
-        return compensate_with(p, z, q_nominal, q);
+        return compensate_with(p, z, q_nominal, q, left);
     }
     code = forward(&drawn, q_nominal, 0, T);
-    return code != 0 ? code : inverse(&usual, T, q_nominal, q);
+    return code != 0 ? code : ease(&usual, T, q_nominal, q, left);
+}
+
+int arm3_compensate(const real *p, const real *z, const real q_nominal[arm3_N], real q[arm3_N])
+{
+    real near[NQ], left = 0.0f;
+    const int code = arm3_compensate_near(p, z, q_nominal, near, &left);
+    if (code != 0 || left > 0.0f) {
+        return code != 0 ? code : 1;
+    }
+    copy(near, q, NQ);
+    return 0;
 }

@@ -9,7 +9,8 @@
    z: drivers, NULL for arm3_z0.
    A new calibration is a new p: nothing is compiled again.
    Of a pose T ik and compensate meet x and y of the tool's position along axes of the base and the turn about the tool's z axis.
-   The rest comes as it will. Next to a singular pose a joint may move far: compare q with q_nominal.
+   The rest comes as it will. Next to a singular pose ik may move a joint far;
+   compensate returns 1 where it would have to, and compensate_near leaves a part of the turn.
 
    Every function is re-entrant, takes no memory but the stack, and returns
       0  solved
@@ -94,9 +95,14 @@ int arm3_jac(const arm3_real *p, const arm3_real *z, const arm3_real q[arm3_N],
     arm3_real J[6 * arm3_N]);
 
 /* The command that puts the real tool where nominal joints and links, with the calibrated tool frame, put it, in what counts;
-   q may be q_nominal. */
+   q may be q_nominal. 1 where a joint would have to swing for a turn, next to a singular pose. */
 int arm3_compensate(const arm3_real *p, const arm3_real *z,
     const arm3_real q_nominal[arm3_N], arm3_real q[arm3_N]);
+
+/* The same; but where a joint would have to swing, the position is met, and the turn as far as joints may move for it. left: what
+   is left of it, rad; 0 where compensate has the command too. */
+int arm3_compensate_near(const arm3_real *p, const arm3_real *z,
+    const arm3_real q_nominal[arm3_N], arm3_real q[arm3_N], arm3_real *left);
 
 #ifdef __cplusplus
 }

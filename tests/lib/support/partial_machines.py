@@ -37,6 +37,18 @@ MILL = """  type: graph
     - {name: X, kind: prismatic, parent: saddle, child: column, axis: [1, 0, 0], actuated: true, range: [-300, 300]}
     - {name: Z, kind: prismatic, parent: column, child: spindle, axis: [0, 0, 1], actuated: true, range: [-300, 300]}
 """
+HEAD_AND_TABLE = """  type: graph
+  bodies: [part, table, bed, saddle, column, ram, head]
+  flange: head
+  joints:
+    - {name: C, kind: revolute, parent: part, child: table, axis: [0, 0, -1], actuated: true, range: [-360, 360]}
+    - {name: mount, kind: fixed, parent: table, child: bed, xyz: [0, 0, -80]}
+    - {name: X, kind: prismatic, parent: bed, child: saddle, axis: [1, 0, 0], actuated: true, range: [-300, 300]}
+    - {name: Y, kind: prismatic, parent: saddle, child: column, axis: [0, 1, 0], actuated: true, range: [-300, 300]}
+    - {name: Z, kind: prismatic, parent: column, child: ram, axis: [0, 0, 1], actuated: true, range: [-300, 300]}
+    - {name: B, kind: revolute, parent: ram, child: head, xyz: [0, 0, 400], axis: [0, 1, 0], actuated: true,
+       range: [-110, 110]}
+"""
 GANTRY = """  type: serial
   joints:
     - {name: X, kind: prismatic, alpha: -90, range: [0, 800]}
@@ -78,8 +90,11 @@ ARM = """  type: serial
 """
 
 
-def _delta() -> str:
-    """Return a printer: three carriages on columns, each with a rod to a platform that does not turn."""
+def _delta(axes: str = "") -> str:
+    """Return a printer: three carriages on columns, each with a rod to a platform that does not turn.
+
+    The platform carries a spindle that turns about each of the ``axes``, one behind the other.
+    """
     joints = [
         f"{{name: p{axis}, kind: prismatic, parent: {parent}, child: {child}, axis: {vector}}}"
         for axis, parent, child, vector in (
@@ -100,22 +115,31 @@ def _delta() -> str:
         ]
         turn = np.rad2deg([np.arctan2(-y, height), np.arcsin(x / length)])
         home += [f"c{k}: {height:.6f}", f"u{k}: [{turn[0]:.6f}, {turn[1]:.6f}]"]
+    spindle = ["platform", *(f"spindle_{axis}" for axis in axes)]
+    for axis, parent, child in zip(axes, spindle, spindle[1:], strict=False):
+        joints.append(
+            f"{{name: turn_{axis}, kind: revolute, parent: {parent}, child: {child}, "
+            f"axis: {[int(axis == a) for a in 'xyz']}, actuated: true, range: [-100, 100]}}"
+        )
     bodies = [
         "frame",
         "sledge",
         "cross",
-        "platform",
+        *spindle,
         *(f"{part}{k}" for k in (1, 2, 3) for part in ("carriage", "rod")),
     ]
     listed = "\n".join(f"    - {joint}" for joint in joints)
     return (
-        f"  type: graph\n  bodies: [{', '.join(bodies)}]\n  flange: platform\n  joints:\n{listed}\n"
+        f"  type: graph\n  bodies: [{', '.join(bodies)}]\n  flange: {spindle[-1]}\n  joints:\n{listed}\n"
         f"  home: {{{', '.join(home)}}}\n"
     )
 
 
 PARTIAL = {
     "mill": Partial(MILL, "", ("x", "y", "z", "axis")),
+    "head_and_table": Partial(
+        HEAD_AND_TABLE, "frames: {tool: {in: flange, xyz: [0, 0, -120]}}\n", ("x", "y", "z", "axis")
+    ),
     "gantry": Partial(GANTRY, "", ("x", "y", "z")),
     "scara": Partial(SCARA, "", ("x", "y", "z", "rz")),
     "pallets": Partial(PALLETS, "", ("x", "y", "z", "rz")),
@@ -131,17 +155,21 @@ PARTIAL = {
         PAN_TILT, "frames: {tool: {in: flange, xyz: [12, -7, 60], rpy: [0, 90, 0]}}\n", ("axis",)
     ),
     "delta": Partial(_delta(), "frames: {tool: {in: flange, xyz: [0, 0, -30]}}\n", ("x", "y", "z")),
+    "delta5": Partial(
+        _delta("zx"), "frames: {tool: {in: flange, xyz: [0, 0, -30]}}\n", ("x", "y", "z", "axis")
+    ),
     "tube": Partial(PAN_TILT, "task: [axis.x]\n", ("axis.x",)),
     "wrist": Partial(PAN_TILT, "task: [ry, rz]\n", ("ry", "rz")),
     "drill": Partial(ARM, TOOL + "task: [x, y, z, axis]\n", ("x", "y", "z", "axis")),
 }
 
 
-def partial_machine(directory: Path, name: str) -> Machine:
-    """Return a machine as drawn."""
+def partial_machine(directory: Path, name: str, more: str = "") -> Machine:
+    """Return a machine as drawn; ``more``: further lines of its file."""
     own = PARTIAL[name]
     path = directory / f"{name}.yaml"
-    path.write_text(HEAD.format(name=name, mechanism=own.mechanism, stated=own.stated), encoding="utf-8")
+    text = HEAD.format(name=name, mechanism=own.mechanism, stated=own.stated + more)
+    path.write_text(text, encoding="utf-8")
     return load_machine(path)
 
 

@@ -34,8 +34,12 @@ def rows_of(built: Built, count: int = 4) -> tuple[Array, Array]:
 
 def python_of(built: Built) -> ModuleType:
     """The module of a machine's Python wrapper."""
-    file = wrapped(built) / f"{built.machine.name}_kin.py"
-    spec = importlib.util.spec_from_file_location(f"{file.stem}_{built.real}", file)
+    return python_at(wrapped(built) / f"{built.machine.name}_kin.py", built.real)
+
+
+def python_at(file: Path, real: str = "double") -> ModuleType:
+    """The module of a Python wrapper's file."""
+    spec = importlib.util.spec_from_file_location(f"{file.stem}_{real}", file)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module

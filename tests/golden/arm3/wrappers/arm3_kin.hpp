@@ -193,6 +193,13 @@ template <class Result>
     return detail::solved(code, q);
 }
 
+/* The same, also where a joint would have to swing: the position is met, and left rad of the turn are left; 0 if none are. */
+[[nodiscard]] inline Code compensate_near(const Joints &nominal, Joints &q, real &left, const Inputs &with = {}) noexcept
+{
+    return static_cast<Code>(
+        arm3_compensate_near(detail::p(with), detail::z(with), nominal.data(), q.data(), &left));
+}
+
 #ifdef arm3_BRANCHES
 
 /* All joints that put the tool at one pose; the first count of them mean something. */
