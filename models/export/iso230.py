@@ -40,11 +40,16 @@ def iso230_text(name: str, table: Table, notes: Sequence[str]) -> str:
     lines.append("axis,joint,position,unit,EX [um],EY [um],EZ [um],EA [urad],EB [urad],EC [urad]")
     for axis in table.axes:
         unit = "mm" if axis.unit == "mm" else "deg"
-        joint = f'"{axis.joint}"' if "," in axis.joint else axis.joint
+        joint = _cell(axis.joint)
         for position, errors in zip(_argument(axis).tolist(), axis.errors, strict=True):
             told = ",".join(f"{clean(v):.6f}" for v in (errors * [1e3, 1e3, 1e3, 1e6, 1e6, 1e6]).tolist())
             lines.append(f"{axis.letter},{joint},{position:.12g},{unit},{told}")
     return "\n".join(lines) + "\n"
+
+
+def _cell(name: str) -> str:
+    """Return a name as a cell of a CSV."""
+    return '"' + name.replace('"', '""') + '"' if set(name) & {",", '"'} else name
 
 
 def isg_text(name: str, table: Table, notes: Sequence[str]) -> str:
@@ -105,7 +110,7 @@ def squareness(table: Table) -> dict[str, float]:
 
 
 def _shown(axis: Axis, value: float) -> str:
-    return f"{value:g} mm" if axis.unit == "mm" else f"{np.degrees(value):g} deg"
+    return f"{value:.15g} mm" if axis.unit == "mm" else f"{np.degrees(value):.15g} deg"
 
 
 __all__ = ["isg_text", "iso230_text", "squareness"]
