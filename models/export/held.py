@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.models.assembly import symbols
-from truepose.models.closure import closed, one_row
 from truepose.models.effect import Site
+from truepose.models.export.closing import closed_pose_function
 from truepose.models.export.tree import Tree
-from truepose.models.home import coordinate_scale
 from truepose.models.kinematics import driver_default, symbolic_model
 from truepose.models.machine import Machine
 from truepose.models.placed import PlacedEffect
@@ -82,7 +81,7 @@ def loss(machine: Machine, tree: Tree, left: tuple[PlacedEffect, ...]) -> Loss:
     """How far the machine with its effects, drivers at their defaults, stands from its rigid links."""
     model = symbolic_model(machine, machine.effects)
     position = ca.Function("position", [model.q, model.z, model.p], [model.pose[:3, 3]])
-    rows = _rows(machine)
+    rows = sample_readings(machine)
 
     def at(p: Array) -> Array:
         return np.array([np.array(position(q, model.z_home, p)).ravel() for q in rows])
@@ -101,30 +100,24 @@ def loss(machine: Machine, tree: Tree, left: tuple[PlacedEffect, ...]) -> Loss:
 def closed_loss(machine: Machine, left: tuple[PlacedEffect, ...]) -> Loss:
     """The same of a machine with closed loops, at those of the poses that it can be assembled at."""
     model = symbolic_model(machine, machine.effects)
-    gap = [model.equations, ca.jacobian(model.equations, model.x), model.gap]
-    closure = ca.Function("closure", [model.x, model.q, model.z, model.p], [ca.densify(g) for g in gap])
-    position = ca.Function("position", [model.x, model.q, model.z, model.p], [model.pose[:3, 3]])
-    scale = coordinate_scale(machine, len(model.home), model.gap.numel())
-    fixed = ca.DM(model.z_home)
+    pose = closed_pose_function(model)
 
     def at(q: Array, p: Array) -> Array:
-        own = ca.Function("at", [model.x], list(closure.call([model.x, ca.DM(q), fixed, ca.DM(p)])))
-        x, good = closed(one_row(own), model.home[None], scale)
-        return np.array(position(x[0], q, fixed, p)).ravel() if good[0] else np.full(3, np.nan)
+        return pose(q, p)[:3, 3]
 
     of_effect = {e.label: np.isin(model.names, e.parameter_names) for e in left}
     bare = np.where(np.any(list(of_effect.values()), axis=0), 0.0, model.p_home)
     ways = [np.where(own, model.p_home, bare) for own in of_effect.values()]
     apart = [np.zeros(len(ways) + 1)]
-    for q in _rows(machine):
+    for q in sample_readings(machine):
         rigid = at(q, bare)
         apart.append(np.array([np.linalg.norm(at(q, p) - rigid) for p in (*ways, model.p_home)]))
     *each, together = np.nanmax(apart, axis=0).tolist()
     return Loss(dict(zip(of_effect, each, strict=True)), together)
 
 
-def _rows(machine: Machine) -> Array:
-    """(n, nq) readings at which the size of what is left out is looked for."""
+def sample_readings(machine: Machine) -> Array:
+    """Return readings (n, nq), mm and rad, at which the size of what is left out is looked for."""
     low, high = np.transpose(
         [a.range or (-_HALF[a.unit], _HALF[a.unit]) for a in machine.mechanism.actuators]
     )

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.models.export.numbers import MM_PER_M
-from truepose.models.export.tree import Tree, TreeJoint
+from truepose.models.export.tree import Tree, TreeJoint, frames_of
 from truepose.models.machine import Machine, Mass
 from truepose.models.mechanism import BASE
 
@@ -38,6 +38,10 @@ class Links:
     def slides(self) -> dict[str, bool]:
         """Of each joint by name, whether it is prismatic."""
         return {joint.name: joint.kind == "prismatic" for joint in self.joints}
+
+    def frames(self, readings: Mapping[str, float]) -> dict[str, Array]:
+        """Return the frames (4, 4) mm of base, links, flange and tool in the base, at readings in mm and rad by joint name."""
+        return frames_of([joint for joint in self.joints if joint.child != BASE], readings)
 
 
 def links_of(machine: Machine, tree: Tree) -> Links:

@@ -59,14 +59,7 @@ class Tree:
 
     def links(self, readings: Mapping[str, float]) -> dict[str, Array]:
         """Frames (4, 4) mm of all links in the nominal frame of the base, at readings in mm and rad by joint name."""
-        links = {BASE: np.eye(4)}
-        for joint in self.joints:
-            reached = links[joint.parent] @ joint.origin
-            moved = readings.get(joint.name, 0.0)
-            if joint.follows is not None:
-                moved = joint.follows[1] * readings.get(joint.follows[0], 0.0)
-            links[joint.child] = reached @ motion(joint, moved)
-        return links
+        return frames_of(self.joints, readings)
 
     def path(self) -> tuple[TreeJoint, ...]:
         """The joints from the base to the flange, in order."""
@@ -109,6 +102,18 @@ def tree_of(machine: Machine, values: Mapping[str, float], what: str) -> Tree:
     at_flange = offsets[mechanism.flange] @ _motion(symbols, "tool") @ _number(frame_of(symbols, "tool"))
     world = _number(frame_of(symbols, "base"))
     return Tree(machine.name, tuple(joints), offsets, mechanism.flange, at_flange, world)
+
+
+def frames_of(joints: Sequence[TreeJoint], readings: Mapping[str, float]) -> dict[str, Array]:
+    """Return the frames (4, 4) mm of all links in the base, at readings in mm and rad; parents come first."""
+    links = {BASE: np.eye(4)}
+    for joint in joints:
+        reached = links[joint.parent] @ joint.origin
+        moved = readings.get(joint.name, 0.0)
+        if joint.follows is not None:
+            moved = joint.follows[1] * readings.get(joint.follows[0], 0.0)
+        links[joint.child] = reached @ motion(joint, moved)
+    return links
 
 
 def motion(joint: TreeJoint, displacement: float) -> Array:

@@ -23,7 +23,7 @@ from truepose.models.lie import inverse_pose
 
 Array = NDArray[np.float64]
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
-_FIELDS = ("x", "y", "z", "roll", "pitch", "yaw")
+FIELDS = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
 def ur_kinematics_text(tree: Tree, notes: Sequence[str]) -> str:
@@ -95,7 +95,7 @@ def _about_z(pose: Array) -> bool:
 
 def _entry(pose: Array) -> dict[str, float]:
     xyz, rpy = xyz_rpy(pose)
-    return dict(zip(_FIELDS, (*xyz, *rpy), strict=True))
+    return dict(zip(FIELDS, (*xyz, *rpy), strict=True))
 
 
 def _inline(pose: Array) -> str:

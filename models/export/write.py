@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Literal
 
 from truepose.errors import InputError
-from truepose.files import atomic_file
+from truepose.files import atomic_write_text
 from truepose.models.export.held import SAMPLES, Held, Loss, closed_loss, held, loss
 from truepose.models.export.iso230 import isg_text, iso230_text
 from truepose.models.export.mjcf import mjcf_text
 from truepose.models.export.mjcf_loops import mjcf_loops_text
-from truepose.models.export.read_back import check_urdf
+from truepose.models.export.read_back import check_export
 from truepose.models.export.standing import standing
 from truepose.models.export.tree import tree_of
 from truepose.models.export.ur_kinematics import ur_kinematics_text
@@ -75,17 +75,16 @@ def export(machine: MachineLike, path: Path | str, format: str | None = None) ->
     the result, in ``notes`` and, in full, in a comment of the file. The same machine gives the same bytes.
 
     Raises InputError for an unknown format, the machine's own file, a machine with loops or passive joints, for
-    ``ur-kinematics`` where the machine is no chain of six revolute joints, and for a table where it has no linear axis.
+    ``ur-kinematics`` where the machine is no chain of six revolute joints, and for a table where it has no linear axis. Raises
+    ReadBackError, and writes nothing, where the text would not be read as the machine.
     """
     machine = as_machine(machine)
     chosen = format_of(path, format)
     if machine.file is not None and Path(path).resolve() == machine.file.path.resolve():
         raise InputError(f"{path}: found the machine file itself, expected another file to write")
     done = render(machine, chosen)
-    with atomic_file(path) as unfinished:
-        unfinished.write_text(done.text, encoding="utf-8", newline="")
-        if chosen == "urdf":
-            check_urdf(unfinished, machine, str(path))
+    check_export(done.text, machine, chosen, str(path))
+    atomic_write_text(path, done.text)
     return done
 
 

@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from support.exported import frame
 from support.moving_machines import written
 from truepose.models.export.numbers import text, xyz_rpy
 from truepose.models.export.write import render
@@ -23,19 +24,13 @@ NUMBERS = ", ".join(f"{field} (\\S+)" for field in ("x", "y", "z", "roll", "pitc
 PLATES = {"along the last axis": "[0, 0, 30], rpy: [0, 0, 20]", "askew": "[0, 82, 1], rpy: [-90, 0, 0.1]"}
 
 
-def frame(xyz: Array, rpy: Array) -> Array:
-    out = np.eye(4)
-    out[:3, :3], out[:3, 3] = Rotation.from_euler("xyz", rpy).as_matrix(), xyz
-    return out
-
-
 def told(text: str, what: str) -> Array | None:
     """(4, 4) mm of a frame in the comments, None where they do not name it."""
     found = re.search(f"^# Not held: {what}: {NUMBERS}$", text, re.M)
     if found is None:
         return None
     values = np.array([float(v) for v in found.groups()])
-    return frame(1000.0 * values[:3], values[3:])
+    return frame(values[:3], values[3:])
 
 
 @pytest.mark.parametrize("plate", PLATES)
@@ -61,9 +56,9 @@ def test_flange_tool_and_world_stand_in_the_comments_where_the_machine_file_has_
     )
     assert (flange is None) == (plate != "askew")
     assert tool is not None and base is not None
-    stated = frame(np.array([3.0, 4.0, 50.0]), np.radians([5, 6, 7]))
+    stated = frame([0.003, 0.004, 0.05], np.radians([5, 6, 7]))
     np.testing.assert_allclose(tool, (np.eye(4) if flange is None else flange) @ stated, atol=1e-9)
-    np.testing.assert_allclose(base, frame(np.array([40.0, -3.0, 700.0]), np.radians([1, 2, 30])), atol=1e-9)
+    np.testing.assert_allclose(base, frame([0.04, -0.003, 0.7], np.radians([1, 2, 30])), atol=1e-9)
 
 
 @pytest.mark.parametrize("pitch", [90.0, -90.0, 89.99999999, 0.0, 180.0])
@@ -73,9 +68,7 @@ def test_roll_pitch_and_yaw_lose_no_digit(pitch: float) -> None:
         rotation = Rotation.from_euler("xyz", [roll, np.radians(pitch), yaw]).as_matrix()
         given = np.eye(4)
         given[:3, :3] = rotation
-        np.testing.assert_allclose(
-            frame(*map(np.array, xyz_rpy(given)))[:3, :3], rotation, rtol=0, atol=2e-15
-        )
+        np.testing.assert_allclose(frame(*xyz_rpy(given))[:3, :3], rotation, rtol=0, atol=2e-15)
 
 
 def test_numbers_read_back_the_same() -> None:

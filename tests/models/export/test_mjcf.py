@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
 
 import casadi as ca
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from support.exported import closed_in_mujoco, mujoco_module, site_pose
 from support.generated_machines import BODIES, HEAD, machine_of
-from support.skips import NO_MUJOCO
 from truepose.identification.compensation.inverse import PoseSolver
 from truepose.models.export.write import export, render
 from truepose.models.kinematics import symbolic_model
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 
-mujoco: Any = pytest.importorskip("mujoco", reason=NO_MUJOCO)
+mujoco = mujoco_module()
 Array = NDArray[np.float64]
 MOUNTED = """frames:
   base: {in: world, xyz: [40, -3, 700], rpy: [1, 2, 30]}
@@ -112,32 +111,9 @@ def test_loops_that_mujoco_closes_put_the_tool_where_the_machine_does(tmp_path: 
     assert good.all()
     for q, pose in zip(rows, poses, strict=True):
         data = closed_in_mujoco(model, machine, q)
-        assert np.max(np.abs(data.site("tool").xpos - pose[:3, 3] / 1000.0)) < 1e-9
-        assert np.max(np.abs(data.site("tool").xmat.reshape(3, 3) - pose[:3, :3])) < 1e-9
+        apart = np.abs(site_pose(data.site("tool")) - pose)
+        assert np.max(apart / [1.0, 1.0, 1.0, 1000.0]) < 1e-9
     assert np.ptp(poses[:, :3, 3], axis=0).max() > 1.0  # mm
-
-
-def closed_in_mujoco(model: Any, machine: Machine, q: Array) -> Any:
-    """MuJoCo's data with driven joints at readings (mm, rad) and its equality constraints met by the others."""
-    data = mujoco.MjData(model)
-    driven = []
-    for actuator, value in zip(machine.mechanism.actuators, q, strict=True):
-        joint = model.joint(actuator.reading)
-        data.qpos[joint.qposadr[0]] = value / (1000.0 if actuator.unit == "mm" else 1.0)
-        driven.append(int(joint.dofadr[0]))
-    free = np.setdiff1d(np.arange(model.nv), driven)
-    gap = np.array([np.inf])
-    for _ in range(50):
-        mujoco.mj_forward(model, data)
-        rows = data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY
-        slope, gap = np.array(data.efc_J).reshape(-1, model.nv)[rows][:, free], np.array(data.efc_pos)[rows]
-        if np.max(np.abs(gap)) < 1e-13:
-            break
-        step = np.zeros(model.nv)
-        step[free] = -np.linalg.lstsq(slope, gap, rcond=None)[0]
-        mujoco.mj_integratePos(model, data.qpos, step, 1.0)
-    assert np.max(np.abs(gap)) < 1e-12
-    return data
 
 
 def test_loops_that_cannot_close_are_said_to_be_strained(tmp_path: Path) -> None:

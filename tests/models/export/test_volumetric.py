@@ -3,11 +3,8 @@ machine's own kinematics do, and what they leave is as large as they say."""
 
 from __future__ import annotations
 
-import csv
-import io
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import casadi as ca
@@ -16,6 +13,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from support.exported import TableReader, read_table
 from support.generated_machines import HEAD, machine_of
 from truepose.errors import InputError
 from truepose.models.export.write import export, render
@@ -53,64 +51,6 @@ def mill(where: Path, *, head: bool = False, effects: str = "") -> Machine:
     return load_machine(where / "mill.yaml")
 
 
-@dataclass
-class Reader:
-    """A table as somebody reads it who has only its file: letters in the chain's order, rows, and the tool at the reference."""
-
-    axes: list[str]
-    rows: dict[str, Array]
-    units: dict[str, str]
-    reversed: set[str]
-    reference: dict[str, float]
-    centre: dict[str, Array]
-    home: Array
-
-    def pose(self, readings: Array) -> Array:
-        """(4, 4) mm at readings in mm and deg, in the chain's order."""
-        out = np.eye(4)
-        for letter, q in zip(self.axes, readings, strict=True):
-            table = self.rows[letter]
-            error = np.array([np.interp(q, table[:, 0], column) for column in table[:, 1:].T])
-            moved = (q - self.reference[letter]) * (-1.0 if letter in self.reversed else 1.0)
-            motion, wrong = np.eye(4), np.eye(4)
-            wrong[:3, 3] = error[:3] / 1000.0
-            wrong[:3, :3] = Rotation.from_rotvec(error[3:] / 1e6).as_matrix()
-            point, back = np.eye(4), np.eye(4)
-            if self.units[letter] == "mm":
-                motion["XYZ".index(letter), 3] = moved
-            else:
-                motion[:3, :3] = Rotation.from_euler(
-                    "xyz"["ABC".index(letter)], moved, degrees=True
-                ).as_matrix()
-                point[:3, 3], back[:3, 3] = self.centre[letter], -self.centre[letter]
-            out = out @ point @ motion @ wrong @ back
-        return out @ self.home
-
-
-def read(text: str) -> Reader:
-    head = [line[2:] for line in text.splitlines() if line.startswith("# ")]
-    body = [line for line in text.splitlines() if not line.startswith("#")]
-    rows: dict[str, list[list[float]]] = {}
-    units = {}
-    columns = [f"E{d} [um]" for d in "XYZ"] + [f"E{d} [urad]" for d in "ABC"]
-    for row in csv.DictReader(io.StringIO("\n".join(body))):
-        rows.setdefault(row["axis"], []).append([float(row[name]) for name in ("position", *columns)])
-        units[row["axis"]] = row["unit"]
-    chain = next(line for line in head if line.startswith("axes from the base"))
-    told = re.findall(r"([XYZABC]) \((\w+)(, reversed)?\)", chain)
-    start = next(line for line in head if line.startswith("reference:"))
-    joints = {joint: float(v) for joint, v in re.findall(r"(\w+) (-?[\d.e+-]+) (?:mm|deg)", start)}
-    home = np.eye(4)
-    (placed,) = [line for line in head if line.startswith("T(reference)")]
-    home[:3] = [[float(v) for v in row.split()] for row in placed.split(", mm: ")[1].split(";")]
-    lines = [m for line in head if (m := re.match(r"axis (\w) turns about a line through (.*) mm", line))]
-    centres = {m[1]: np.array([float(v) for v in m[2].split()]) for m in lines}
-    return Reader(
-        [letter for letter, *_ in told], {k: np.array(v) for k, v in rows.items()}, units,
-        {letter for letter, _, way in told if way}, {letter: joints[joint] for letter, joint, _ in told}, centres, home,
-    )  # fmt: skip
-
-
 def pose_of(machine: Machine) -> Callable[[Array], Array]:
     """The machine's own pose (4, 4) at readings in mm and deg."""
     model = symbolic_model(machine, machine.effects)
@@ -119,7 +59,7 @@ def pose_of(machine: Machine) -> Callable[[Array], Array]:
     return lambda readings: np.array(at(readings * scale, model.z_home, model.p_home))
 
 
-def nodes(reader: Reader, count: int, rng: np.random.Generator) -> Array:
+def nodes(reader: TableReader, count: int, rng: np.random.Generator) -> Array:
     return np.array([[rng.choice(reader.rows[a][:, 0]) for a in reader.axes] for _ in range(count)])
 
 
@@ -137,7 +77,7 @@ def test_at_its_positions_a_table_is_the_machine(tmp_path: Path, head: bool, eff
     """Errors of single axes, straight or not, are held exactly, with the arms that the others give them."""
     machine = mill(tmp_path, head=head, effects=effects)
     export(machine, tmp_path / "mill.csv")
-    reader, own_pose = read((tmp_path / "mill.csv").read_text()), pose_of(machine)
+    reader, own_pose = read_table((tmp_path / "mill.csv").read_text()), pose_of(machine)
     assert reader.axes == ["X", "Y", "Z", "C"][: 3 + head] and reader.reversed == {"Z"}
     assert reader.reference["Y"] == 300.0  # its range does not reach 0
     for readings in nodes(reader, 30, np.random.default_rng(2)):
@@ -149,7 +89,7 @@ def test_at_its_positions_a_table_is_the_machine(tmp_path: Path, head: bool, eff
 
 def test_axes_are_moved_by_amounts_that_matter(tmp_path: Path) -> None:
     """The test above would not see an empty table otherwise."""
-    reader = read(render(mill(tmp_path, effects=OWN), "iso230").text)
+    reader = read_table(render(mill(tmp_path, effects=OWN), "iso230").text)
     assert np.ptp(reader.rows["X"][:, 1]) > 50.0  # um: 8e-5 of 800 mm
     assert np.ptp(reader.rows["Y"][:, 3]) > 10.0 and np.ptp(reader.rows["Y"][:, 4]) > 10.0
 
@@ -158,7 +98,7 @@ def test_axes_are_moved_by_amounts_that_matter(tmp_path: Path) -> None:
 def test_what_a_table_leaves_is_as_large_as_it_says(tmp_path: Path, head: bool, effects: str) -> None:
     machine = mill(tmp_path, head=head, effects=effects)
     done = render(machine, "iso230")
-    reader, own_pose = read(done.text), pose_of(machine)
+    reader, own_pose = read_table(done.text), pose_of(machine)
     apart = [
         np.linalg.norm(reader.pose(q)[:3, 3] - own_pose(q)[:3, 3])
         for q in between(machine, 300, np.random.default_rng(7))
@@ -191,19 +131,11 @@ def test_squareness_is_the_angle_between_the_axes(tmp_path: Path) -> None:
 def test_the_csv_of_isg_kernels_holds_the_same_numbers(tmp_path: Path) -> None:
     machine = mill(tmp_path, head=True, effects=OWN)
     export(machine, tmp_path / "mill.csv", "isg-csv")
-    reader = read(render(machine, "iso230").text)
-    blocks = re.split(r"(?m)^#\n", re.sub(r"(?m)^//.*\n", "", (tmp_path / "mill.csv").read_text()))
-    assert len(blocks) == 4
-    for block, letter in zip(blocks, reader.axes, strict=True):
-        header, *rows = [line.split("\t") for line in block.splitlines()]
-        assert header == [letter, *(f"E{d}{letter}" for d in "XYZABC")]
-        numbers = np.array(rows, dtype=float)
-        assert (np.diff(numbers[:, 0]) > 0).all()
-        if letter in reader.reversed:
-            numbers = numbers[::-1] * ([-1] + 6 * [1])
-        np.testing.assert_allclose(
-            numbers * ([1] + 3 * [1e3] + 3 * [1e6]), reader.rows[letter], rtol=0, atol=2e-6
-        )
+    reader = read_table(render(machine, "iso230").text)
+    again = read_table((tmp_path / "mill.csv").read_text())
+    assert again.axes == reader.axes and again.rows.keys() == reader.rows.keys()
+    for letter, rows in again.rows.items():
+        np.testing.assert_allclose(rows, reader.rows[letter], rtol=0, atol=2e-6)
 
 
 LINEAR = MILL.replace(", head]", "]").replace("\n       ", " ")

@@ -1,0 +1,48 @@
+"""Read an exported kinematics file of a UR arm: six frames and turns about z, and the frames in its comments."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from truepose.models.export.numbers import MM_PER_M
+from truepose.models.export.ur_kinematics import FIELDS, LINKS
+from truepose.models.lie import rpy_matrix
+
+Array = NDArray[np.float64]
+_NUMBERS = ", ".join(rf"{field} (\S+)" for field in FIELDS)
+_NOT_HELD = re.compile(rf"^# Not held: (.+?) to (.+?): {_NUMBERS}$", re.MULTILINE)
+
+
+def read_ur_kinematics(text: str, angles: Sequence[float]) -> dict[str, Array]:
+    """Return the frames (4, 4) mm ``flange`` and ``tool`` in the base, and ``base`` in the world, at six angles (rad)."""
+    section = yaml.safe_load(text)["kinematics"]
+    noted = {found[2]: _frame(map(float, found.groups()[2:])) for found in _NOT_HELD.finditer(text)}
+    at = np.eye(4)
+    for link, angle in zip(LINKS, angles, strict=True):
+        turned = np.eye(4)
+        turned[:3, :3] = rpy_matrix(np.array([0.0, 0.0, angle]))
+        at = at @ _frame(_entry(section[link])) @ turned
+    return {
+        "base": noted.get("base", np.eye(4)),
+        "flange": at @ noted.get("flange", np.eye(4)),
+        "tool": at @ noted["tool"],
+    }
+
+
+def _entry(link: Mapping[str, float]) -> list[float]:
+    return [link[field] for field in FIELDS]
+
+
+def _frame(numbers: Iterable[float]) -> Array:
+    """Return a pose (4, 4) mm of x, y, z (m) and roll, pitch, yaw (rad)."""
+    values, out = np.array(list(numbers)), np.eye(4)
+    out[:3, :3], out[:3, 3] = rpy_matrix(values[3:]), MM_PER_M * values[:3]
+    return out
+
+
+__all__ = ["read_ur_kinematics"]

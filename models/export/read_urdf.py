@@ -1,0 +1,52 @@
+"""Read an exported URDF by ``type: urdf``, with all its links, and where its base stands."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.errors import InputError
+from truepose.models.export.numbers import MM_PER_M
+from truepose.models.lie import rpy_matrix
+from truepose.models.load import build_machine
+from truepose.models.machine import Machine
+from truepose.models.machine_file import SCHEMA, checked_machine
+from truepose.models.mechanism import BASE
+
+Array = NDArray[np.float64]
+
+
+def read_urdf(text: str, tips: Sequence[str]) -> Machine:
+    """Return the machine that leads from the base to the links ``tips``, of which the first is the tool.
+
+    Raises InputError naming the element that cannot be read.
+    """
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "export.urdf"
+        file.write_text(text, encoding="utf-8", newline="")
+        chain = {"type": "urdf", "file": file.name, "base_link": BASE, "tip_link": list(tips)}
+        try:
+            return build_machine(
+                checked_machine(file, {"schema": SCHEMA, "name": "export", "mechanism": chain})
+            )
+        except InputError as exc:
+            raise InputError(str(exc).replace(f"{file}: ", "")) from exc
+
+
+def read_base(text: str) -> Array:
+    """Return the base (4, 4) mm in the link that carries it; the identity where it is the first link."""
+    out = np.eye(4)
+    for joint in ElementTree.fromstring(text).findall("joint"):
+        child, origin = joint.find("child"), joint.find("origin")
+        if child is not None and origin is not None and child.get("link") == BASE:
+            xyz, rpy = ([float(v) for v in origin.get(name, "0 0 0").split()] for name in ("xyz", "rpy"))
+            out[:3, :3], out[:3, 3] = rpy_matrix(np.array(rpy)), np.multiply(xyz, MM_PER_M)
+    return out
+
+
+__all__ = ["read_base", "read_urdf"]

@@ -1,0 +1,201 @@
+"""Exported machines read by others: by this package's own URDF, xacro and MuJoCo, and by a few lines of numpy."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from support.skips import NO_MUJOCO
+from truepose.identification.compensation.inverse import PoseSolver
+from truepose.models.load import build_machine
+from truepose.models.machine import Machine
+from truepose.models.machine_file import SCHEMA, checked_machine
+
+Array = NDArray[np.float64]
+Pose = Callable[[Array], Array]
+"""Readings (nq,) mm and rad to the tool (4, 4) mm."""
+LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+
+
+def tool_of(machine: Machine, file: Path, format: str) -> Pose:
+    """Return where the tool is by an exported file: in the world by an MJCF, in the base by the others."""
+    text = file.read_text(encoding="utf-8")
+    if format == "mjcf":
+        model = mujoco_module().MjModel.from_xml_path(str(file))
+        return lambda q: site_pose(closed_in_mujoco(model, machine, q).site(0))
+    if format in ("iso230", "isg-csv"):
+        table, turns = read_table(text), [a.unit == "rad" for a in machine.mechanism.actuators]
+        return lambda q: table.pose(np.where(turns, np.degrees(q), q))
+    if format == "ur-kinematics":
+        return lambda q: ur_pose(text, q)
+    if format == "xacro":
+        xacro: Any = pytest.importorskip("xacro")
+        file = file.with_suffix(".urdf")
+        file.write_text(xacro.process_file(str(file.with_suffix(".xacro"))).toxml(), encoding="utf-8")
+    chain = {"type": "urdf", "file": file.name, "base_link": "base", "tip_link": "tool"}
+    document = {"schema": SCHEMA, "name": "read", "mechanism": chain}
+    solver = PoseSolver(build_machine(checked_machine(file, document)))
+    order = [machine.mechanism.readings.index(name) for name in solver.machine.mechanism.readings]
+    return lambda q: solver.forward(q[None, order])[0][0]
+
+
+def mujoco_module() -> Any:
+    """Return MuJoCo, or skip the test where it is not installed."""
+    return pytest.importorskip("mujoco", reason=NO_MUJOCO)
+
+
+def site_pose(site: Any) -> Array:
+    """Return the pose (4, 4) mm of a site in MuJoCo's world."""
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = site.xmat.reshape(3, 3), 1000.0 * site.xpos
+    return out
+
+
+def ur_pose(text: str, q: Array) -> Array:
+    """Return the tool (4, 4) mm by a kinematics file of ur_description, and the tool in its comments."""
+    section = yaml.safe_load(text)["kinematics"]
+    at = np.eye(4)
+    for link, angle in zip(LINKS, q, strict=True):
+        values = [section[link][field] for field in ("x", "y", "z", "roll", "pitch", "yaw")]
+        at = at @ frame(values[:3], values[3:]) @ frame([0.0, 0.0, 0.0], [0.0, 0.0, float(angle)])
+    rest = re.search(
+        r"^# Not held: wrist_3 to tool: x (\S+), y (\S+), z (\S+), roll (\S+), pitch (\S+), yaw (\S+)$",
+        text,
+        re.M,
+    )
+    assert rest is not None
+    tool = [float(v) for v in rest.groups()]
+    return at @ frame(tool[:3], tool[3:])
+
+
+def frame(xyz: str | Sequence[float] | Array, rpy: str | Sequence[float] | Array) -> Array:
+    """(4, 4) in mm of an origin in m and rad; roll, pitch, yaw about fixed axes."""
+    position, angles = ([float(v) for v in (w.split() if isinstance(w, str) else w)] for w in (xyz, rpy))
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = Rotation.from_euler("xyz", angles).as_matrix(), np.multiply(position, 1000)
+    return out
+
+
+@dataclass
+class TableReader:
+    """A table as somebody reads it who has only its file: letters in the chain's order, rows, and the tool at the reference."""
+
+    axes: list[str]
+    rows: dict[str, Array]
+    units: dict[str, str]
+    reversed: set[str]
+    reference: dict[str, float]
+    centre: dict[str, Array]
+    home: Array
+
+    def pose(self, readings: Array) -> Array:
+        """(4, 4) mm at readings in mm and deg, in the chain's order."""
+        out = np.eye(4)
+        for letter, q in zip(self.axes, readings, strict=True):
+            table = self.rows[letter]
+            error = np.array([np.interp(q, table[:, 0], column) for column in table[:, 1:].T])
+            moved = (q - self.reference[letter]) * (-1.0 if letter in self.reversed else 1.0)
+            motion, wrong = np.eye(4), np.eye(4)
+            wrong[:3, 3] = error[:3] / 1000.0
+            wrong[:3, :3] = Rotation.from_rotvec(error[3:] / 1e6).as_matrix()
+            point, back = np.eye(4), np.eye(4)
+            if self.units[letter] == "mm":
+                motion["XYZ".index(letter), 3] = moved
+            else:
+                motion[:3, :3] = Rotation.from_euler(
+                    "xyz"["ABC".index(letter)], moved, degrees=True
+                ).as_matrix()
+                point[:3, 3], back[:3, 3] = self.centre[letter], -self.centre[letter]
+            out = out @ point @ motion @ wrong @ back
+        return out @ self.home
+
+
+def read_table(text: str) -> TableReader:
+    """Return the reader of a table, in either format."""
+    mark = "// " if text.startswith("//") else "# "
+    head = [line.removeprefix(mark) for line in text.splitlines() if line.startswith(mark)]
+    body = "\n".join(line for line in text.splitlines() if not line.startswith(mark))
+    chain = next(line for line in head if line.startswith("axes from the base"))
+    told = re.findall(r"([XYZABC]) \((\w+)(, reversed)?\)", chain)
+    start = next(line for line in head if line.startswith("reference:"))
+    joints = {joint: float(v) for joint, v in re.findall(r"(\w+) (-?[\d.e+-]+) (?:mm|deg)", start)}
+    home = np.eye(4)
+    (placed,) = [line for line in head if line.startswith("T(reference)")]
+    home[:3] = [[float(v) for v in row.split()] for row in placed.split(", mm: ")[1].split(";")]
+    lines = [m for line in head if (m := re.match(r"axis (\w) turns about a line through (.*) mm", line))]
+    centres = {m[1]: np.array([float(v) for v in m[2].split()]) for m in lines}
+    axes, turned = [letter for letter, *_ in told], {letter for letter, _, way in told if way}
+    rows = long_rows(body) if mark == "# " else block_rows(body, turned)
+    units = {letter: "deg" if letter in centres else "mm" for letter in axes}
+    return TableReader(axes, rows, units, turned, {a: joints[joint] for a, joint, _ in told}, centres, home)
+
+
+def long_rows(body: str) -> dict[str, Array]:
+    """Return positions and errors (k, 7), um and urad, by axis, of a long table."""
+    rows: dict[str, list[list[float]]] = {}
+    columns = [f"E{d} [um]" for d in "XYZ"] + [f"E{d} [urad]" for d in "ABC"]
+    for row in csv.DictReader(io.StringIO(body)):
+        assert row["unit"] == ("mm" if row["axis"] in "XYZ" else "deg")
+        rows.setdefault(row["axis"], []).append([float(row[name]) for name in ("position", *columns)])
+    return {letter: np.array(table) for letter, table in rows.items()}
+
+
+def block_rows(body: str, turned: set[str]) -> dict[str, Array]:
+    """Return the same of blocks as ISG kernels read them, in mm and rad, with positions along the letter's direction."""
+    out = {}
+    for block in re.split(r"(?m)^#\n", body):
+        header, *lines = [line.split("\t") for line in block.splitlines()]
+        assert header == [header[0], *(f"E{d}{header[0]}" for d in "XYZABC")]
+        numbers = np.array(lines, dtype=float)
+        assert (np.diff(numbers[:, 0]) > 0).all()
+        backwards = numbers[::-1] * [-1, 1, 1, 1, 1, 1, 1]
+        out[header[0]] = (backwards if header[0] in turned else numbers) * [1, 1e3, 1e3, 1e3, 1e6, 1e6, 1e6]
+    return out
+
+
+def closed_in_mujoco(model: Any, machine: Machine, q: Array) -> Any:
+    """MuJoCo's data with driven joints at readings (mm, rad) and its equality constraints met by the others."""
+    mujoco = mujoco_module()
+    data = mujoco.MjData(model)
+    driven = []
+    for actuator, value in zip(machine.mechanism.actuators, q, strict=True):
+        joint = model.joint(actuator.reading)
+        data.qpos[joint.qposadr[0]] = value / (1000.0 if actuator.unit == "mm" else 1.0)
+        driven.append(int(joint.dofadr[0]))
+    free = np.setdiff1d(np.arange(model.nv), driven)
+    gap = np.array([np.inf])
+    for _ in range(50):
+        mujoco.mj_forward(model, data)
+        rows = data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY
+        slope, gap = np.array(data.efc_J).reshape(-1, model.nv)[rows][:, free], np.array(data.efc_pos)[rows]
+        if np.max(np.abs(gap), initial=0.0) < 1e-13:
+            break
+        step = np.zeros(model.nv)
+        step[free] = -np.linalg.lstsq(slope, gap, rcond=None)[0]
+        mujoco.mj_integratePos(model, data.qpos, step, 1.0)
+    assert np.max(np.abs(gap), initial=0.0) < 1e-12
+    return data
+
+
+__all__ = [
+    "LINKS",
+    "TableReader",
+    "closed_in_mujoco",
+    "frame",
+    "mujoco_module",
+    "read_table",
+    "site_pose",
+    "tool_of",
+    "ur_pose",
+]

@@ -1,0 +1,238 @@
+"""What is exported is read again: by others it is the same machine, and what would be another one is not published."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from support import MACHINES, ROOT
+from support.effect_machines import TEXTS, read_machines
+from support.exported import read_table, tool_of
+from support.generated_machines import BODIES, HEAD, machine_of
+from truepose.errors import InputError, ReadBackError
+from truepose.identification.compensation.compiled import base_frame
+from truepose.identification.compensation.inverse import PoseSolver
+from truepose.models.export import write
+from truepose.models.export.write import FORMATS, Format, export, render
+from truepose.models.load import build_machine, load_machine
+from truepose.models.machine import Machine
+from truepose.models.machine_file import checked_machine
+from truepose.models.starting.arms import bundled_names, bundled_start
+from truepose.models.starting.written import Asked, written
+from truepose.models.yaml_document import parse_document
+
+Array = NDArray[np.float64]
+FILES = [*sorted(MACHINES.glob("*.yaml")), *sorted((ROOT / "models" / "machines").glob("*/machine.yaml"))]
+NAMES = [
+    *BODIES,
+    "carriage",
+    *(f"effects/{name}" for name in TEXTS),
+    *(f"arms/{name}" for name in bundled_names()),
+    *(str(file.relative_to(ROOT)) for file in FILES),
+]
+TABLES = ("iso230", "isg-csv")
+TABLED = {
+    "nano",
+    "carriage",
+    "effects/stage",
+    "effects/cavity",
+    "arms/gantry",
+    "tests/machines/distance.yaml",
+    "models/machines/nanopositioner/machine.yaml",
+}
+"""Machines whose axes move along or turn about those of the base, one of each letter, in ranges."""
+SUFFIXES = {
+    "urdf": ".urdf",
+    "xacro": ".xacro",
+    "mjcf": ".xml",
+    "ur-kinematics": ".yaml",
+    **dict.fromkeys(TABLES, ".csv"),
+}
+ROWS = 10
+SAME = {"iso230": 5e-9, "isg-csv": 5e-10}
+"""mm on arms of a metre: six decimals of um and urad; twelve of mm and rad, at positions of ten digits. Others hold doubles."""
+
+
+@pytest.fixture(scope="module")
+def effect_machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Machine]:
+    return read_machines(tmp_path_factory.getbasetemp() / "exported")
+
+
+def machine_named(name: str, folder: Path, others: Mapping[str, Machine]) -> Machine:
+    if name in BODIES or name == "carriage":
+        return drawn(folder, name)
+    kind, _, own = name.partition("/")
+    if kind == "effects":
+        return others[own]
+    if kind == "arms":
+        path = folder / f"{own}.yaml"
+        text = written(bundled_start(own), Asked()).machine_text
+        return build_machine(checked_machine(path, parse_document(text, path)))
+    return load_machine(ROOT / name)
+
+
+def drawn(folder: Path, name: str) -> Machine:
+    if name != "carriage":
+        return machine_of(folder, name)
+    (folder / "carriage.yaml").write_text(HEAD.format(name=name) + CARRIAGE)
+    return load_machine(folder / "carriage.yaml")
+
+
+def rows_of(machine: Machine, file: Path, format: str) -> Array:
+    """Return readings (n, nq) where a format holds the machine: a table at its positions, loops near home."""
+    rng, actuators = np.random.default_rng(4), machine.mechanism.actuators
+    if format in TABLES:
+        table = read_table(file.read_text())
+        positions = [rng.choice(table.rows[axis][:, 0], ROWS) for axis in table.axes]
+        return np.column_stack(
+            [p if a.unit == "mm" else np.radians(p) for p, a in zip(positions, actuators, strict=True)]
+        )
+    ends = [a.range or ((-3.0, 3.0) if a.unit == "rad" else (-200.0, 200.0)) for a in actuators]
+    low, high = np.transpose(ends)
+    rows = rng.uniform(low, high, (ROWS, len(low)))
+    if machine.mechanism.rods or machine.mechanism.closing:
+        home = PoseSolver(machine).model.q_home
+        rows = np.vstack([home, home + 0.1 * (rows - home)])
+    return rows
+
+
+def is_held(name: str, machine: Machine, format: str) -> bool:
+    """Return what docs/reference/export.md states of machines and formats."""
+    if format in TABLES:
+        return name in TABLED
+    open_, actuators = not (machine.mechanism.rods or machine.mechanism.closing), machine.mechanism.actuators
+    if format == "ur-kinematics":
+        return open_ and [a.unit for a in actuators] == ["rad"] * 6
+    return (open_ or format == "mjcf") and all(a.reading_unit == a.unit for a in actuators)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("format", FORMATS)
+def test_a_machine_is_read_where_it_stands_or_refused(
+    name: str, format: str, tmp_path: Path, effect_machines: Mapping[str, Machine]
+) -> None:
+    """Of effects, which formats hold in part, tests of each format tell."""
+    machine = machine_named(name, tmp_path, effect_machines).with_effects(())
+    file = tmp_path / f"out{SUFFIXES[format]}"
+    if not is_held(name, machine, format):
+        with pytest.raises(InputError, match=r"found .*, expected "):
+            export(machine, file, format)
+        assert not file.exists()
+        return
+    done = export(machine, file, format)
+    assert done.left_out == {}
+    rows = rows_of(machine, file, format)
+    if any("strained" in note for note in done.notes):
+        rows = rows[:1]  # home: elsewhere MuJoCo has a way of its own
+    poses, good = PoseSolver(machine).forward(rows)
+    assert good.all() and len(good) in (1, ROWS, ROWS + 1)
+    tool = tool_of(machine, file, format)
+    base = np.eye(4) if format == "mjcf" else base_frame(machine)
+    for q, pose in zip(rows, poses, strict=True):
+        apart = np.abs(base @ tool(q) - pose)
+        assert np.max(apart[:3, 3]) <= SAME.get(format, 1e-9)
+        assert np.max(apart[:3, :3]) <= 1e-11
+
+
+CARRIAGE = """  type: graph
+  bodies: [base, bridge, head, camera]
+  flange: head
+  joints:
+    - {name: pan, kind: prismatic, parent: base, child: bridge, xyz: [1, 2, 300], axis: [0.0003, 1, 0],
+       actuated: true, range: [50, 450.123456789]}
+    - {name: lift, kind: revolute, parent: bridge, child: head, xyz: [10, 0, 80], axis: [0, 0.001, -1],
+       actuated: true, range: [-90, 120]}
+    - {name: look, kind: revolute, parent: bridge, child: camera, xyz: [0, 9, 0], mimic: {joint: pan, ratio: 0.2}}
+frames: {base: {in: world, xyz: [4, 5, 6], rpy: [1, 2, 3]}, tool: {in: flange, xyz: [80, 0, -150], rpy: [0, 10, 0]}}
+"""
+CHANGED = [
+    ("urdf", "carriage", [
+        r'(joint name="pan".*\n +<origin xyz="0.001 0.002 0.3)', r'(joint name="base_joint".*\n +<origin xyz="0.004)',
+        r'(lower="0.05)', r'(upper="2.094)', r'(multiplier="3.4)',
+    ]),
+    ("xacro", "carriage", [
+        r'("pan_xyz" value="0.001)', r'("base_joint_rpy" value="0.01)', r'("pan_lower" value="0.05)', r'(multiplier="3.4)',
+    ]),
+    ("mjcf", "carriage", [
+        r'("bridge" pos="0.001)', r'("base" pos="\S+ \S+ \S+ quat="0.99)', r'("slide" axis="0.0003?)', r'(range="0.05)',
+        r'("tool" pos="0.08)', r'(polycoef="0 3.4)',
+    ]),
+    ("mjcf", "rails", [
+        r'(anchor="0 0 0.5)', r'("platform" pos="\S+ \S+ 0.4)', r'("leg2" pos=.* quat="0.9)', r'(ref="0)', r'(range="-0.02)',
+    ]),
+    ("ur-kinematics", "arm", [
+        r"(forearm:\n +x: -0.6)", r"(wrist_2:(?:\n.*){3}\n +roll: 1.5)", r"(to tool: x 0.01)", r"(to tool: .* yaw 0.3)",
+    ]),
+    ("iso230", "carriage", [
+        r"(Y,pan,50,mm,-60.0185)", r"(C,lift,-90,deg,(?:[-.0-9]+,){5}-?\d+\.)", r"(reference: pan 250.06)",
+        r"(\[R\|p\], mm: 0.98)", r"(a line through 11.0)",
+    ]),
+    ("isg-csv", "carriage", [
+        r"(\n50\t-0.0600185)", r"(\n90\t(?:[-.0-9]+\t){5}-?0\.00)", r"(reference: pan 250.06)", r"(a line through 11.0)",
+    ]),
+]  # fmt: skip
+UNREADABLE = [
+    ("urdf", "carriage", '<parent link="bridge" />', '<parent link="case" />'),
+    ("urdf", "carriage", "</robot>", ""),
+    ("xacro", "carriage", "<xacro:carriage prefix", "<xacro:carrier prefix"),
+    ("xacro", "carriage", '"pan_xyz" value', '"pan_place" value'),
+    ("mjcf", "carriage", 'joint name="pan"', 'joint name="pen"'),
+    ("mjcf", "rails", 'body1="leg1"', 'body1="leg7"'),
+    ("ur-kinematics", "arm", "  forearm:", "  lower_arm:"),
+    ("ur-kinematics", "arm", "to tool: x", "to tool x"),
+    ("iso230", "carriage", "EX [um],EY [um]", "EY [um],EX [um]"),
+    ("iso230", "carriage", "Y (pan)", "Y (pen)"),
+    ("isg-csv", "carriage", "EXY\tEYY", "EYY\tEXY"),
+    ("isg-csv", "carriage", "// reference", "// start"),
+]
+WRITERS = {
+    "urdf": "urdf_text",
+    "xacro": "xacro_text",
+    "mjcf": "mjcf_text",
+    "ur-kinematics": "ur_kinematics_text",
+    "iso230": "iso230_text",
+    "isg-csv": "isg_text",
+}
+
+
+@pytest.mark.parametrize(("format", "name", "places"), CHANGED)
+def test_a_digit_too_many_makes_another_machine_which_is_not_published(
+    format: Format, name: str, places: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    machine, said = (
+        drawn(tmp_path, name),
+        "reads as another machine: (the frame|the range|the positions|its loops|with axis) ",
+    )
+    text = render(machine, format).text
+    for place in places:
+        check_refused(machine, format, re.sub(place, r"\g<1>7", text, count=1), said, tmp_path, monkeypatch)
+
+
+@pytest.mark.parametrize(("format", "name", "was", "becomes"), UNREADABLE)
+def test_what_cannot_be_read_is_not_published(
+    format: Format, name: str, was: str, becomes: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    machine = drawn(tmp_path, name)
+    faulty = render(machine, format).text.replace(was, becomes, 1)
+    check_refused(machine, format, faulty, r"cannot be read: .*\w{3}", tmp_path, monkeypatch)
+
+
+def check_refused(
+    machine: Machine, format: Format, faulty: str, said: str, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Export by a writer that gives a ``faulty`` text: it is refused in one line, and the older file stays."""
+    assert faulty != render(machine, format).text
+    writer = "mjcf_loops_text" if machine.mechanism.rods else WRITERS[format]
+    with monkeypatch.context() as patch:
+        patch.setattr(write, writer, lambda *_: faulty)
+        (folder / "out.txt").write_text("older")
+        before = sorted(folder.iterdir())
+        with pytest.raises(ReadBackError, match=rf"^\S*out.txt: what was to be written {said}") as told:
+            export(machine, folder / "out.txt", format)
+    assert "\n" not in str(told.value)
+    assert sorted(folder.iterdir()) == before and (folder / "out.txt").read_text() == "older"
