@@ -30,7 +30,7 @@ from truepose.commands.programs import (
     correct_program,
 )
 from truepose.errors import InputError
-from truepose.files import write_table
+from truepose.files import atomic_file
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -117,6 +117,7 @@ def _compensate_table(
     """Write the commands for a table of joints or poses; summary, lines and notes."""
     from truepose.identification.compensation import compensate as compensation
     from truepose.identification.compensation.path_table import commands, load_path
+    from truepose.identification.compensation.read_back import check_commands
     from truepose.identification.prediction.predict import unheard
     from truepose.identification.report.applied_words import expected_words, pose_json
     from truepose.identification.report.compensation_words import compensation_json, compensation_lines
@@ -124,17 +125,19 @@ def _compensate_table(
     check_file(output, path)
     table, rows = load_path(machine, path)
     found = compensation.compensate(machine, rows, method=method)  # type: ignore[arg-type]
-    _write(output, commands(table, machine, found))
+    with atomic_file(output) as unfinished:
+        _write(unfinished, output.suffix, commands(table, machine, found))
+        if unfinished.is_file():  # a pipe is read by others
+            check_commands(unfinished, machine, found.command, str(output))
     summary = {"method": method, "solved_by": found.solved_by, **compensation_json(found)}
     lines = [*compensation_lines(found, output), f"  {expected_words(machine)}"]
     return summary | {"expected_pose": pose_json(machine)}, lines, [*rows.notes, *unheard(machine, rows)]
 
 
-def _write(path: Path, frame: pd.DataFrame) -> None:
-    from truepose.files import atomic_write_text
+def _write(path: Path, suffix: str, frame: pd.DataFrame) -> None:
     from truepose.identification.compensation.path_file import csv_text
 
-    if path.suffix.lower() in {".parquet", ".pq"}:
-        write_table(path, frame)
+    if suffix.lower() in {".parquet", ".pq"}:
+        frame.to_parquet(path, index=False)
     else:
-        atomic_write_text(path, csv_text(frame))
+        path.write_text(csv_text(frame), encoding="utf-8", newline="")

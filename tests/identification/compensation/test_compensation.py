@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -189,3 +191,38 @@ def test_a_pose_out_of_reach_names_its_row(tmp_path: Path) -> None:
         InputError, match=r"poses.csv: row 2: found a pose that the nominal machine cannot take"
     ):
         load_path(machine, path)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda frame: frame + 1e-9, "reads as another path: row 1: q1 is "),
+        (lambda frame: frame.iloc[1:], "has 39 rows, expected 40"),
+        (lambda frame: frame.drop(columns="q3 [rad]"), "cannot be read: missing column 'q3'"),
+    ],
+    ids=["digit", "row", "column"],
+)
+def test_commands_that_read_otherwise_are_not_published(
+    change: Callable[[pd.DataFrame], pd.DataFrame],
+    said: str,
+    suffix: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    machine = calibrated("arm", tmp_path)
+    assert machine.file is not None
+    path, out = path_file(machine, tmp_path), tmp_path / f"commands{suffix}"
+    command = ["compensate", str(machine.file.path), str(path), "-o", str(out), "--anyway"]
+    assert CliRunner().invoke(app, command).exit_code == 0
+    out.write_text("older")
+    reports = tmp_path / "reports"
+    reports.mkdir()
+    before = sorted(tmp_path.iterdir())
+    where = "truepose.identification.compensation.path_table.commands"
+    monkeypatch.setattr(where, lambda *given: change(commands(*given)))
+    monkeypatch.setattr("tempfile.tempdir", str(reports))
+    failed = CliRunner().invoke(app, command)
+    assert failed.exit_code == 1 and len(failed.stderr.splitlines()) == 1
+    assert re.search(rf"ReadBackError: \S*commands{suffix}: what was to be written {said}", failed.stderr)
+    assert sorted(tmp_path.iterdir()) == before and out.read_text() == "older"

@@ -6,8 +6,9 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,6 +27,7 @@ from support.program_robots import (
     status_turn,
 )
 from truepose.cli import app
+from truepose.identification.programs.correct import Correction, correct
 
 Array = NDArray[np.float64]
 DRAWN, REAL = arms()
@@ -311,3 +313,26 @@ def test_a_work_object_without_numbers_is_asked_for(tmp_path: Path, dialect: str
         r"job\.\w+:\d+: .*told in (BASE_DATA\[3\]|fix), whose numbers are not known here", done.stderr, re.I
     )
     assert not list(tmp_path.glob("out*"))
+
+
+@pytest.mark.parametrize("dialect", WRITTEN)
+@pytest.mark.parametrize("fault", ["digit", "target"])
+def test_a_program_that_reads_otherwise_is_not_published(
+    fault: str, dialect: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    how, (before, after) = WRITTEN[dialect], HEADS[dialect]
+    lines = [how.line(k, row) for k, row in enumerate(joints(4))]
+
+    def faulty(*given: Any) -> Correction:
+        found = correct(*given)
+        text = found.text
+        number = list(re.finditer(r"\d\.\d{9,}", text))[7]
+        changed = text[: number.end()] + "1" + text[number.end() :]
+        return replace(found, text=changed if fault == "digit" else text.replace(lines[-1][:3], "; ", 1))
+
+    monkeypatch.setattr("truepose.identification.programs.correct.correct", faulty)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    out, done = corrected(tmp_path, how.file, before + "\r\n".join(lines) + after)
+    assert out == "" and done.exit_code == 1
+    said = r"(\d+:)? what was to be written (reads as another target|has )"
+    assert re.search(rf"ReadBackError: \S*out{Path(how.file).suffix}:{said}", done.stderr)
