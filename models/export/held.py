@@ -36,8 +36,8 @@ _HALF = {"rad": math.radians(150.0), "mm": 100.0}
 class Held:
     """Values of parameters and ports (mm, rad) with the constant shifts of effects in them.
 
-    ``fixed`` are labels of effects that these values hold, ``frozen`` those held at the defaults of their drivers (by
-    name), ``left`` the effects that are left out.
+    ``fixed`` are labels of effects that these values hold, ``frozen`` those of effects, and of tools, held at the defaults of
+    their drivers (by name), ``left`` the effects that are left out.
     """
 
     values: Mapping[str, float]
@@ -61,7 +61,7 @@ def held(machine: Machine) -> Held:
     moving = [*(p.name for p in (*machine.mechanism.parameters, *machine.frames))]
     moving += machine.ports_of("displacement", "motion")
     fixed: list[str] = []
-    frozen: dict[str, Mapping[str, float]] = {}
+    frozen = dict(held_tools(machine))
     left: list[PlacedEffect] = []
     for placed in machine.effects:
         shifts = None if placed.needs_load else _constant_shifts(machine, placed, drawn, moving)
@@ -75,6 +75,12 @@ def held(machine: Machine) -> Held:
         elif shifts:
             fixed.append(placed.label)
     return Held(values, tuple(fixed), frozen, tuple(left))
+
+
+def held_tools(machine: Machine) -> dict[str, Mapping[str, float]]:
+    """Return the drivers at which the tool is that of ``frames``, by tool of the section ``recordings``."""
+    tools = [own for own in machine.equipment if own.tool]
+    return {f"recordings.{own.name}.tool": {own.driver: driver_default(machine, own.driver)} for own in tools}
 
 
 def loss(machine: Machine, tree: Tree, left: tuple[PlacedEffect, ...]) -> Loss:

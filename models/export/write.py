@@ -9,7 +9,7 @@ from typing import Literal
 
 from truepose.errors import InputError
 from truepose.files import atomic_write_text
-from truepose.models.export.held import SAMPLES, Held, Loss, closed_loss, held, loss
+from truepose.models.export.held import SAMPLES, Held, Loss, closed_loss, held, held_tools, loss
 from truepose.models.export.iso230 import isg_text, iso230_text
 from truepose.models.export.mjcf import mjcf_text
 from truepose.models.export.mjcf_loops import mjcf_loops_text
@@ -35,6 +35,7 @@ _SUFFIXES: Mapping[str, Format] = {
 }
 _LISTED = 5
 """Effects that a note names; the file names all."""
+_ALL = 1_000_000
 _TITLES: Mapping[Format, str] = {
     "urdf": "URDF",
     "xacro": "xacro",
@@ -56,7 +57,7 @@ class Exported:
     """A text in a format and what it lacks.
 
     ``left_out`` is the largest change of the tool's position (mm) by each effect that the format cannot hold, ``lost``
-    that by all of them; ``frozen`` are the drivers' values at which other effects are held, by effect.
+    that by all of them; ``frozen`` are the drivers' values at which other effects, and tools of recordings, are held.
     """
 
     format: Format
@@ -112,7 +113,7 @@ def render(machine: Machine, format: Format) -> Exported:
     tree = tree_of(machine, holding.values, _TITLES[format])
     missing = loss(machine, tree, holding.left) if holding.left else Loss({}, 0.0)
     title = _TITLES[format]
-    lines = _lines(holding, missing, title, len(machine.effects))
+    lines = _lines(holding, missing, title, _ALL)
     if format == "ur-kinematics":
         text = ur_kinematics_text(tree, lines)
     else:
@@ -128,7 +129,7 @@ def _looped(machine: Machine, holding: Held) -> Exported:
     strained = [
         f"loops are strained: at home {at.gap:.3g} mm are left, which MuJoCo's constraints share out in their own way"
     ] * (at.gap > _CLOSED)
-    lines = (*strained, *_lines(holding, missing, _TITLES["mjcf"], len(machine.effects)))
+    lines = (*strained, *_lines(holding, missing, _TITLES["mjcf"], _ALL))
     text = mjcf_loops_text(machine, at, lines)
     notes = (*strained, *_lines(holding, missing, _TITLES["mjcf"], _LISTED))
     return Exported("mjcf", text, missing.each, missing.together, holding.frozen, notes)
@@ -138,14 +139,14 @@ def _tabled(machine: Machine, format: Format) -> Exported:
     """A volumetric table; it holds effects of one axis by itself, between positions as straight lines."""
     table = table_of(machine)
     left = {label: size for label, size in table.each.items() if size > _KEPT}
-    frozen = {
+    frozen = held_tools(machine) | {
         placed.label: {name: driver_default(machine, name) for name in placed.drivers}
         for placed in machine.effects
         if placed.drivers
     }
     write = iso230_text if format == "iso230" else isg_text
     title = _TITLES[format]
-    text = write(machine.name, table, _table_lines(table, left, frozen, title, len(machine.effects)))
+    text = write(machine.name, table, _table_lines(table, left, frozen, title, _ALL))
     notes = _table_lines(table, left, frozen, title, _LISTED)
     return Exported(format, text, left, table.lost[0], frozen, notes)
 

@@ -21,7 +21,7 @@ from support.exported import LINKS, frame, ur_pose
 from support.generated_machines import BODIES, HEAD, machine_of
 from truepose.cli import app
 from truepose.errors import InputError
-from truepose.models.export.write import render
+from truepose.models.export.write import Format, render
 from truepose.models.kinematics import symbolic_model
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
@@ -252,6 +252,26 @@ def test_what_is_left_out_is_said_with_its_size(tmp_path: Path) -> None:
         f"# {note}\n" in render(machine, "ur-kinematics").text
         for note in render(machine, "ur-kinematics").notes
     )
+
+
+@pytest.mark.parametrize(
+    ("name", "format"),
+    [
+        ("scara", "urdf"),
+        ("scara", "mjcf"),
+        ("arm", "ur-kinematics"),
+        ("mounted", "iso230"),
+        ("rails", "mjcf"),
+    ],
+)
+def test_tools_of_single_recordings_are_said_to_be_left_out(
+    name: str, format: Format, tmp_path: Path
+) -> None:
+    own = "recordings: {long: {files: tues*.csv, tool: {in: tool, xyz: [0, 0, 50]}}}\n"
+    body = (BODIES | EXTRA)[name].partition("drivers:")[0]
+    done = render(written(tmp_path, "tools", body + own), format)
+    assert done.frozen == {"recordings.long.tool": {"recording.long": 0.0}}
+    assert "recordings.long.tool (recording.long = 0)" in done.notes[-1] and done.notes[-1] in done.text
 
 
 def test_a_note_names_the_largest_and_the_file_all(tmp_path: Path) -> None:
