@@ -59,7 +59,10 @@ def test_what_moved_between_two_sessions_is_named(shared: Path, tmp_path: Path) 
 
 
 def test_the_arms_periodic_errors_are_named(shared: Path, tmp_path: Path) -> None:
-    """Ten goals in every eighty tell as much of the names; every row is needed to reach what was asked for."""
+    """Ten goals in every eighty tell as much of the names; every row is needed to reach what was asked for.
+
+    What was found is the machine of its file and of its C, at night of the whole recording.
+    """
     folder = shared / "data" / "ur10-laser-tracker"
     table = pd.read_csv(folder / "configurations.csv")
     table["role"] = np.where(np.isin(table["goal"] % 10, (3, 6, 9)), "validation", "calibration")

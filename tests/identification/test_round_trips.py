@@ -11,7 +11,9 @@ import pytest
 
 from support.effect_machines import TEXTS, read_machines
 from support.exact_fits import fit_at, posed, read
+from support.results import machine, recording
 from support.round_trips import check_round_trip
+from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import calibrated_text, effect_entry
 from truepose.identification.prediction.simulate import simulate
@@ -91,6 +93,12 @@ def test_a_fit_with_a_series_above_the_catalogue_s_is_read_and_generated(
     told = simulate(machine, poses, [waves], seed=2)
     rows = poses.to_frame().reset_index(drop=True).assign(**{str(name): told[name] for name in told})
     check_round_trip(estimate(machine, load_recording(machine, rows), [waves]), tmp_path)
+
+
+@pytest.mark.parametrize("name", ["nanopositioner", "polisher"])
+def test_a_diagnosed_demo_is_the_machine_of_its_file(name: str, tmp_path: Path) -> None:
+    """Distances from row to row, and loops; the telescope's is in ``tests/shown/test_fitted.py``."""
+    check_round_trip(diagnose(machine(name), recording(name)), tmp_path)
 
 
 @pytest.mark.parametrize(
