@@ -105,9 +105,9 @@ def format_of(path: Path | str, format: str | None) -> Format:
 
 def render(machine: Machine, format: Format) -> Exported:
     """The text of a machine in a format, and what it lacks. Raises InputError as ``export`` does."""
+    holding = held(machine)
     if format in _TABLES:
         return _tabled(machine, format)
-    holding = held(machine)
     if format == "mjcf" and (machine.mechanism.rods or machine.mechanism.closing):
         return _looped(machine, holding)
     tree = tree_of(machine, holding.values, _TITLES[format])

@@ -274,6 +274,21 @@ def test_tools_of_single_recordings_are_said_to_be_left_out(
     assert "recordings.long.tool (recording.long = 0)" in done.notes[-1] and done.notes[-1] in done.text
 
 
+@pytest.mark.parametrize(
+    ("name", "format"),
+    [("scara", "urdf"), ("arm", "ur-kinematics"), ("mounted", "iso230"), ("rails", "mjcf")],
+)
+def test_a_drift_that_is_infinite_at_time_zero_is_refused(name: str, format: Format, tmp_path: Path) -> None:
+    """Recordings with seconds since 1970: at time 0 a settling that began in 2027 had no bounds."""
+    drift = "{effect: mount-drift, place: [base], start: 1.8e9, tau: 1e4, parameters: {x: {value: 0.1, unit: mm}}}"
+    body = (BODIES | EXTRA)[name].partition("drivers:")[0]
+    machine = written(tmp_path, "late", f"{body}effects:\n  - {drift}\n")
+    with pytest.raises(
+        InputError, match=r"late: effects: mount-drift@base.*: found no finite motion at time = 0"
+    ):
+        render(machine, format)
+
+
 def test_a_note_names_the_largest_and_the_file_all(tmp_path: Path) -> None:
     entries = [
         f"  - {{effect: transmission-error, place: [q{k}], order: {n}, parameters: "
