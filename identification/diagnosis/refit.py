@@ -2,10 +2,9 @@
 
 A model may predict readings better and leave the tool worse, where a form without a name took what the robot does. So
 models are tried: all that was found, less what the sensor is said to do and may not, names alone, forms alone, sure names
-alone. Of those whose held-out readings and tool's position are no worse than plain calibration's, the best is applied;
-without one, plain calibration is: the better of the ordinary fit and the one held to the drawing. Forms without a name
-must make nothing worse at the ends of what was seen either (outermost poses, heaviest loads, warmest rows), and geometry
-may not leave its tolerances to meet them.
+alone. Of those whose held-out readings and tool's position are no worse than those of the fit held to the drawing, the best is
+applied; without one, that fit is. Forms without a name must make nothing worse at the ends of what was seen either
+(outermost poses, heaviest loads, warmest rows), and geometry may not leave its tolerances to meet them.
 """
 
 from __future__ import annotations
@@ -173,20 +172,21 @@ def refit(
 
 @dataclass(frozen=True)
 class Choice:
-    """Held-out trials of both ordinary calibrations and of models beside them.
+    """Held-out trials of both plain calibrations and of models beside them.
 
-    baseline: the better of the ordinary fit and the one held to the drawing, by the rows held out, and ``plain`` its trial;
-    trials: of both, by name; known: labels of terms that are known: where the sensor's are, readings are what is wrong.
+    drawing: the fit held to the drawing, which is applied where nothing else may be: the ordinary fit leaves it by hundreds
+    of tolerances where readings say little. ``trials``: of both, by name, and ``plain`` that of the better one, which gains are
+    told against; known: labels of terms that are known: where the sensor's are, readings are what is wrong.
     """
 
     found: Found
-    baseline: Estimate
+    drawing: Estimate
     outliers: Mask
     split: Split
     plain: Trial
     trials: Mapping[str, Trial]
     known: frozenset[str]
-    tried: list[tuple[Estimate, Comparison]] = field(default_factory=list, repr=False, compare=False)
+    tried: list[tuple[Estimate, Trial]] = field(default_factory=list, repr=False, compare=False)
     """What was held out before: every trial takes as many fits as there are blocks."""
 
     @classmethod
@@ -198,8 +198,8 @@ class Choice:
         own = {DRAWING: before, ORDINARY: fits.free}
         trials = {name: trial(fit, recording, fits.outliers, split) for name, fit in own.items()}
         better = trials[ORDINARY].against(trials[DRAWING]).score * AS_GOOD < 1.0
-        name = ORDINARY if better else DRAWING
-        return cls(found, own[name], fits.outliers, split, trials[name], trials, frozenset(known))
+        plain = trials[ORDINARY if better else DRAWING]
+        return cls(found, before, fits.outliers, split, plain, trials, frozenset(known))
 
     @property
     def baselines(self) -> dict[str, float]:
@@ -207,22 +207,34 @@ class Choice:
         poses = {name: one.against(one).pose for name, one in self.trials.items()}
         return {name: pose.plain for name, pose in poses.items() if pose is not None}
 
+    @property
+    def nothing(self) -> Comparison:
+        """The fit held to the drawing beside the better plain calibration."""
+        return self.trials[DRAWING].against(self.plain)
+
     def compared(self, fit: Estimate) -> Comparison:
-        """A model held out beside plain calibration."""
-        known = next((held for one, held in self.tried if one is fit), None)
-        if known is None:
-            known = self._tried(fit, self.split[1])
-            self.tried.append((fit, known))
-        return known
+        """A model held out beside the better plain calibration."""
+        return self._tried(fit).against(self.plain)
+
+    def beside_drawing(self, fit: Estimate) -> Comparison:
+        """A model held out beside the fit held to the drawing."""
+        return self._tried(fit).against(self.trials[DRAWING])
 
     def as_it_is(self, fit: Estimate) -> Comparison | None:
         """A model on validation rows, never fitted, beside plain calibration; None where there are none."""
         own = [block for block in self.split[1] if block.name == VALIDATION]
-        return self._tried(fit, own) if own else None
+        return self._trial(fit, own).against(self.plain) if own else None
 
-    def _tried(self, fit: Estimate, blocks: list[Block]) -> Comparison:
+    def _tried(self, fit: Estimate) -> Trial:
+        known = next((one for other, one in self.tried if other is fit), None)
+        if known is None:
+            known = self._trial(fit, self.split[1])
+            self.tried.append((fit, known))
+        return known
+
+    def _trial(self, fit: Estimate, blocks: list[Block]) -> Trial:
         recording, split = self.found.signatures.recording, (self.split[0], blocks)
-        return trial(fit, recording, self.outliers, split, self._silent(fit)).against(self.plain)
+        return trial(fit, recording, self.outliers, split, self._silent(fit))
 
     def judged(self, fit: Estimate) -> Comparison:
         """On validation rows where there are any, else on blocks held out in turn."""
@@ -232,7 +244,7 @@ class Choice:
         return {e.label for e in fit.effects if e.kind == "sensor" and e.label not in self.known}
 
     def may_be_applied(self, model: Model, names: Model | None, held: Comparison) -> bool:
-        """Whether a model is no worse than plain calibration where it was not fitted.
+        """Whether a model is no worse than the fit held to the drawing where it was not fitted (``held``).
 
         Physics holds everywhere; forms without a name must make nothing worse at the ends of what was seen either. What is
         worse there with names alone is not their doing.
@@ -245,7 +257,7 @@ class Choice:
         """Whether what stands beside names makes the ends of what was seen worse."""
         if names is None or not held.worse_beyond():
             return held.worse_beyond()
-        return held.worse_beyond(self.compared(names.fit))
+        return held.worse_beyond(self.beside_drawing(names.fit))
 
     def strays(self, model: Model, names: Model | None) -> bool:
         """Return True if forms without a name move geometry farther from its tolerances than a true model ever leaves it.
@@ -253,7 +265,7 @@ class Choice:
         Only combinations of constants count that the readings determine: constants that share what no reading tells apart may
         each be far from the drawing.
         """
-        without = self.baseline if names is None else names.fit
+        without = self.drawing if names is None else names.fit
         seen, most = determined_directions(model.fit), worst_allowed(model.fit)
         own, other = (seen @ fit.in_tolerances[: seen.shape[1]] for fit in (model.fit, without))
         return bool(np.any((np.abs(own) > most) & (np.abs(own - other) > most)))
@@ -306,11 +318,13 @@ def chosen_model(
     """
     tried, less = [(WHOLE, model, whole)], choice.others(model, names, sure)
     long = len(model.fit.prior.free) > LONG_SET
-    if long and names is not None and choice.may_be_applied(model, names, whole):
+    if long and names is not None and choice.may_be_applied(model, names, choice.beside_drawing(model.fit)):
         less = iter([("names", names)] if model.nameless(choice.found) else [])
     tried += [(label, other, choice.compared(other.fit)) for label, other in less]
-    allowed = [one for one in tried if choice.may_be_applied(one[1], names, one[2])]
+    allowed = [
+        one for one in tried if choice.may_be_applied(one[1], names, choice.beside_drawing(one[1].fit))
+    ]
     if not allowed:
-        return "plain", None, choice.plain.against(choice.plain)
+        return "plain", None, choice.nothing
     best = min(held.score for _, _, held in allowed)
     return next(one for one in allowed if one[2].score <= AS_GOOD * best)

@@ -234,11 +234,10 @@ class Applied:
     """Which model ``improved.yaml`` holds, and how it was judged on rows that were not fitted.
 
     model: ``whole`` (all that was found, averaged over explanations), ``robot`` (less what the sensor may or may not do),
-    ``names``, ``forms`` (without names), ``sure-names`` (place and driver known), or ``plain`` (plain calibration: the
-    better of the ordinary fit and the one held to the drawing). held_out: the split; pose: None where no sensor reads the
-    tool's position; ratio: of the rms of readings, over plain calibration's. whole_pose, whole_ratio: the same of all that
-    was found. baselines: rms error of the tool's position, mm, with the ``ordinary`` fit and the one held to the
-    ``drawing``.
+    ``names``, ``forms`` (without names), ``sure-names`` (place and driver known), or ``plain`` (the fit held to the
+    drawing). held_out: the split; pose: None where no sensor reads the tool's position; ratio: of the rms of readings, over
+    that of the better plain calibration. whole_pose, whole_ratio: the same of all that was found. baselines: rms error of the
+    tool's position, mm, with the ``ordinary`` fit and the one held to the ``drawing``.
     """
 
     model: str

@@ -105,7 +105,7 @@ def _quiet(fits: Fits, found: Found, supported: Supported, choice: Choice) -> Di
     raised = alarms_of(fits.free, fits.before, found.linearisation_before, recording)
     alone, unknowns = found.alone, found.problem.spike_slab.unknowns
     wider = _typical(found, lambda point: unknowns.widening[point.widening]).tolist()
-    plain = choice.plain.against(choice.plain)
+    plain = choice.nothing
     places, anywhere = evidence(found, summary.inclusion)
     return Diagnosis(
         nominal=machine,
@@ -122,10 +122,10 @@ def _quiet(fits: Fits, found: Found, supported: Supported, choice: Choice) -> Di
         missing=missing_inputs(machine, recording),
         free=fits.free,
         before=fits.before,
-        after=choice.baseline,
-        fits=_summaries(fits, choice.baseline, recording.validation),
+        after=choice.drawing,
+        fits=_summaries(fits, choice.drawing, recording.validation),
         proof=None,
-        terms=choice.baseline.fitted_effects(),
+        terms=choice.drawing.fitted_effects(),
         outlier_rows=tuple(int(recording.source_row[k]) for k in np.flatnonzero(fits.outliers)),
         noise=float(_typical(found, lambda point: unknowns.noise[0].values[point.noise[0]])),
         inflation=dict(zip(found.problem.classes, wider, strict=True)),
@@ -221,7 +221,7 @@ def _applied(
     """Return what is deployed: averaged over sets with the ``firm`` candidates where that is all that was found."""
     label, less, held = chosen_model(choice, model, names, _sure(summary), whole)
     if less is None or label != WHOLE:
-        return choice.baseline if less is None else less.fit, _told(choice, label, held, whole)
+        return choice.drawing if less is None else less.fit, _told(choice, label, held, whole)
     after = averaged(choice.found, model.fit, firm)
     seen = choice.as_it_is(after)
     if seen is None or seen.worse:
@@ -239,6 +239,6 @@ def _gain(choice: Choice, names: Model | None, whole: Comparison) -> Mapping[str
     without = 1.0 if names is None else choice.judged(names.fit).ratio
     if whole.ratio >= without:
         return {}
-    summary = summarise(choice.baseline, choice.found.signatures.recording.validation)
+    summary = summarise(choice.drawing, choice.found.signatures.recording.validation)
     rms = summary.validation_rms or summary.rms
     return {kind: (without - whole.ratio) * value for kind, value in rms.items()}

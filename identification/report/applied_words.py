@@ -47,7 +47,8 @@ def expected_pose(applied: Applied | None) -> ExpectedPose | None:
     if applied is None or applied.pose is None:
         return None
     rows = _ROWS.get(applied.held_out, applied.held_out)
-    return ExpectedPose("plain calibration", applied.pose.plain, applied.pose.model, rows)
+    before = applied.baselines.get("drawing", applied.pose.plain)
+    return ExpectedPose("plain calibration", before, applied.pose.model, rows)
 
 
 def expected_words(machine: Machine) -> str:

@@ -196,6 +196,7 @@ def test_a_model_that_leaves_the_tool_worse_gives_way_to_a_smaller_one(
             return good if held <= {case.cat.candidates[label[name]].label for name in allowed} else bad
 
         monkeypatch.setattr(Choice, "compared", compared)
+        monkeypatch.setattr(Choice, "beside_drawing", compared)
         chosen, model, _ = chosen_model(choice, everything, names, (), bad)
         return chosen, model
 
@@ -203,6 +204,7 @@ def test_a_model_that_leaves_the_tool_worse_gives_way_to_a_smaller_one(
     assert answer(every)[0] == "robot"
     assert answer({"backlash@q2"})[0] == "names"
     assert answer(set()) == ("plain", None)
+    monkeypatch.setattr(Choice, "beside_drawing", lambda *_: good)
     assert chosen_model(choice, everything, names, (), good)[0] == WHOLE
 
 
@@ -290,6 +292,7 @@ def test_sure_names_are_applied_where_others_may_not(choice: Choice, monkeypatch
         return good if {e.label for e in fit.effects} == {"backlash@q2"} else bad
 
     monkeypatch.setattr(Choice, "compared", compared)
+    monkeypatch.setattr(Choice, "beside_drawing", compared)
     label, model, applied = chosen_model(choice, names, names, (play,), bad)
     assert label == "sure-names" and model is not None and list(model.accepted) == [play] and applied is good
     for sure in ((), (play, scale)):
@@ -297,8 +300,23 @@ def test_sure_names_are_applied_where_others_may_not(choice: Choice, monkeypatch
     assert chosen_model(choice, names, names, (scale,), bad)[:2] == ("plain", None)  # it does no better
 
 
+def test_gains_are_told_against_the_better_plain_calibration_and_the_one_held_to_the_drawing_is_applied() -> (
+    None
+):
+    """The ordinary fit may lead on rows held out, and leave the drawing by hundreds of tolerances where readings say little."""
+    case, found = searched(PLAY)
+    play = next(i for i, c in enumerate(case.cat.candidates) if c.label == "backlash@q2")
+    better = refit(found, {play: 1.0}, (), case.exclude)
+    assert better is not None
+    choice = Choice.of(found, Fits(better.fit, case.null, case.exclude), ())
+    assert choice.drawing is case.null
+    assert choice.compared(better.fit).ratio == pytest.approx(1.0)
+    assert choice.nothing.ratio > 1.5 and choice.beside_drawing(better.fit).ratio < 0.7
+    assert choice.may_be_applied(better, better, choice.beside_drawing(better.fit))
+
+
 def test_rows_for_validation_judge_where_there_are_any(choice: Choice) -> None:
-    fit = choice.baseline
+    fit = choice.drawing
     assert choice.as_it_is(fit) is None
     assert choice.judged(fit).ratio == pytest.approx(1.0) and choice.judged(fit).split == "blocks"
 
@@ -308,20 +326,20 @@ def test_geometry_strays_that_forms_move_as_far_as_a_true_model_never_leaves_it(
     choice: Choice, share: float, strays: bool
 ) -> None:
     """Beyond where plain calibration has it; not where names alone move it as far."""
-    moved = shifted(choice.baseline, determined_directions(choice.baseline)[0], share)
+    moved = shifted(choice.drawing, determined_directions(choice.drawing)[0], share)
     model = Model({}, (), moved)
     assert choice.strays(model, None) is strays
     assert not choice.strays(model, Model({}, (), moved))
-    assert not choice.strays(Model({}, (), choice.baseline), None)
+    assert not choice.strays(Model({}, (), choice.drawing), None)
 
 
 def test_constants_that_share_what_no_reading_tells_apart_do_not_stray(choice: Choice) -> None:
     """A joint's length and the tool's along the same axis: one longer and one shorter by ten thousand tolerances."""
-    seen = determined_directions(choice.baseline)
+    seen = determined_directions(choice.drawing)
     _, _, unseen = np.linalg.svd(seen)
-    free = np.array([0.0 < p.tolerance < np.inf for p in choice.baseline.nominal.parameters])
+    free = np.array([0.0 < p.tolerance < np.inf for p in choice.drawing.nominal.parameters])
     direction = next(v for v in unseen[len(seen) :] if np.sum(v[free] ** 2) > 0.999)
-    far = shifted(choice.baseline, direction, 1e4)
+    far = shifted(choice.drawing, direction, 1e4)
     assert far.worst_parameter_sigma > worst_allowed(far)
     assert not choice.strays(Model({}, (), far), None)
 
