@@ -237,7 +237,7 @@ def driver_names(machine: Machine, effects: Sequence[PlacedEffect], *, loads: bo
 
 
 def driver_default(machine: Machine, name: str) -> float:
-    """Return a driver's value where none is recorded: the nominal payload, the latest start of a drift, else its kind's default.
+    """Return a driver's value where none is recorded: the nominal payload, the latest start of a drift, else that of its kind.
 
     Clocks may count from 1970. At time 0 a drift that began in a recording is far outside of it.
     """

@@ -61,9 +61,9 @@ def compensate(
     """Commands for every row of ``path``, whose readings are nominal; drivers are the path's own.
 
     A file of readings, a DataFrame or a dict of columns is a path, too. Nominal values are those of the file's
-    ``nominal:``. Paths of ``compiled_from`` rows and more are solved by the generated C where there is a compiler; results agree within what counts as met (1e-9 of the machine's size, and
-    1e-9 rad). Raises InputError naming the first row that cannot be followed: out of reach, or with a joint out of its
-    range.
+    ``nominal:``. Paths of ``compiled_from`` rows and more are solved by the generated C where there is a compiler;
+    results agree within what counts as met (1e-9 of the machine's size, and 1e-9 rad). Raises InputError naming the
+    first row that cannot be followed: out of reach, or with a joint out of its range.
     """
     machine = as_machine(machine)
     if method not in METHODS:

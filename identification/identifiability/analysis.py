@@ -118,8 +118,8 @@ def identifiability(
     """What the poses of ``recording`` tell, or ``poses`` drawn over the ranges of the joints.
 
     A path, a DataFrame or a dict of columns is a recording, too. Rows for validation do not count. Readings may be
-    missing; where they are there they only say where a base of wide tolerance stands. Raises InputError where a joint has no range to draw from, where nothing is free,
-    and when no row can be assembled.
+    missing; where they are there they only say where a base of wide tolerance stands. Raises InputError where a joint
+    has no range to draw from, where nothing is free, and when no row can be assembled.
     """
     machine = as_machine(machine)
     if recording is None:

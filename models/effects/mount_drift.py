@@ -24,9 +24,9 @@ FRACTIONS = (0.08, 0.15, 0.3, 0.6, 1.2)
 class MountDrift(Effect):
     """A small motion of the mount that grows with time since ``start`` (s on the recording's clock).
 
-    ``tau`` 0: at a constant rate, per hour. ``tau`` > 0 (s): settling, 1 - exp(-t / tau) of its end, and still before. Without a clock it grows
-    with the order of rows in each session, setting ``rows``: how many follow the first of the longest. The motion is then that
-    up to its last row, and ``tau`` counts in rows.
+    ``tau`` 0: at a constant rate, per hour. ``tau`` > 0 (s): settling, 1 - exp(-t / tau) of its end, and still before. Without
+    a clock it grows with the order of rows in each session, setting ``rows``: how many follow the first of the longest. The
+    motion is then that up to its last row, and ``tau`` counts in rows.
     """
 
     slug = "mount-drift"
