@@ -236,13 +236,14 @@ def driver_names(machine: Machine, effects: Sequence[PlacedEffect], *, loads: bo
     return names
 
 
-def driver_default(machine: Machine, name: str) -> float:
+def driver_default(machine: Machine, name: str, effects: Sequence[PlacedEffect] = ()) -> float:
     """Return a driver's value where none is recorded: the nominal payload, the latest start of a drift, else that of its kind.
 
-    Clocks may count from 1970. At time 0 a drift that began in a recording is far outside of it.
+    ``effects`` count beside the machine's. Clocks may count from 1970: at time 0 a drift is far outside of its recording.
     """
     if name == TIME:
-        drifting = (effect.settings_map for effect in machine.effects if TIME in effect.drivers)
+        reading = (effect for effect in (*machine.effects, *effects) if TIME in effect.drivers)
+        drifting = (effect.settings_map for effect in reading)
         starts = [settings[key] for settings in drifting for key in _STARTS if key in settings]
         return max(starts, default=Driver.of(name).default)
     masses = (m.kg for m in machine.masses if m.name == PAYLOAD == name)

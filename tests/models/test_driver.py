@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from support.generated_c import needs_compiler
-from truepose import predict
+from truepose import parse_effect, predict
 from truepose.codegen.c import generate
 from truepose.identification.compensation.compiled import CompiledKinematics
 from truepose.identification.planning.discriminate.factors import Offer, factors
@@ -134,3 +134,14 @@ def test_without_a_clock_the_c_stands_where_a_drift_began(named: list[str], tmp_
     row = pd.DataFrame({"q1 [rad]": q[:, 0]})
     pose = predict(machine, row)[["pose.x", "pose.y", "pose.z"]].to_numpy()
     assert np.allclose(pose, alone[:, :3, 3], rtol=0, atol=1e-9)
+
+
+def test_a_drift_that_is_named_begins_with_those_of_the_machine(tmp_path: Path) -> None:
+    for name, drift in DRIFTS.items():
+        file = tmp_path / f"{name}.yaml"
+        file.write_text(f"{ARM.strip()}\neffects:\n  - {drift}\n", encoding="utf-8")
+        machine = load_machine(file)
+        for text, start in (("x=1", 1.8e9), ("x=1,start=60", 60.0)):
+            named = parse_effect(f"mount-drift@tool:{text}", machine)
+            assert named.settings_map["start"] == start
+            assert driver_default(machine, "time", [named]) == 1.8e9
