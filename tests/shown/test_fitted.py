@@ -223,3 +223,15 @@ def test_write_calibrated_names_the_estimate_that_it_takes(tmp_path: Path) -> No
     ):
         truepose.write_calibrated(tmp_path / "m.yaml", calibration(), recording())  # type: ignore[arg-type]
     assert not list(tmp_path.iterdir())
+
+
+def test_results_in_json_name_what_they_take() -> None:
+    with pytest.raises(InputError, match=r"^estimate: found Calibration, expected an Estimate"):
+        truepose.fit_json(calibration(), recording())  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"^diagnosis: found Calibration, expected a Diagnosis"):
+        truepose.diagnosis_json(calibration())  # type: ignore[arg-type]
+
+
+def test_a_single_column_is_no_recording() -> None:
+    with pytest.raises(InputError, match=r"^Series: found one column without a name, expected a table"):
+        truepose.predict(calibration(), recording().to_frame()["P1.x"])
