@@ -90,7 +90,7 @@ def left_out_words(found: LeftOut) -> list[str]:
 
 
 def _held(name: str, value: float, unit: str) -> str:
-    return f"{name} at {value:g}" + ("" if unit == "1" else f" {unit}")
+    return f"{name} at {value:.12g}" + ("" if unit == "1" else f" {unit}")
 
 
 def _of_the_moment(effect: PlacedEffect) -> bool:

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.models.driver import VELOCITY, Driver
+from truepose.models.driver import TIME, VELOCITY, Driver
 from truepose.models.effect import Effect, effects
 from truepose.models.given import MachineLike, as_machine
+from truepose.models.kinematics import driver_default
 from truepose.models.limits import LARGEST, within
 from truepose.models.load import place_effect, resolve_place
 from truepose.models.machine import Machine
@@ -152,13 +153,16 @@ class _Anything:
 def _settings(
     effect: Effect, machine: Machine, place: tuple[str, ...], numbers: Mapping[str, tuple[float, str | None]]
 ) -> dict[str, float]:
-    """The settings named, the rest as in the effect's first form that knows all names (else its first)."""
-    forms = []
+    """The settings named, the rest as in the effect's first form that knows all names (else its first).
+
+    What drifts begins with the drifts of the machine, where it has some.
+    """
+    forms, began = [], driver_default(machine, TIME)
     columns = [name.partition(".")[2] for name in numbers if name.startswith("from.")]
     elsewhere = effect.elsewhere(machine, place, {name: np.array([0.0, 1e5]) for name in ("time", *columns)})
     for known in [*effect.settings(machine, place, _Anything()), *elsewhere] or [{}]:
         named = {name: value for name, (value, _) in numbers.items() if name in known}
-        settings = {**known, **named}
+        settings = {**known, **({"start": began} if began and "start" in known else {}), **named}
         names = {c.name for c in effect.coefficients(machine, place, settings)}
         forms.append((len(set(numbers) - names - set(settings)), settings))
     return dict(min(forms, key=lambda form: form[0])[1])

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from truepose.errors import InputError
 from truepose.models.assembly import symbols
-from truepose.models.driver import PAYLOAD, Driver
+from truepose.models.driver import PAYLOAD, TIME, Driver
 from truepose.models.effect import Site
 from truepose.models.home import closed_home, coordinate_scale, home_readings
 from truepose.models.machine import Machine
@@ -35,6 +35,9 @@ from truepose.models.states import (
 from truepose.models.statics import Statics
 from truepose.models.variables import Variables
 from truepose.models.view import TOOL_IN_WORLD, View
+
+_STARTS = ("start", f"from.{TIME}")
+"""Settings that say when what follows time began: a drift, and a form without a name."""
 
 
 @dataclass(frozen=True)
@@ -233,8 +236,16 @@ def driver_names(machine: Machine, effects: Sequence[PlacedEffect], *, loads: bo
     return names
 
 
-def driver_default(machine: Machine, name: str) -> float:
-    """Value of a driver where nothing is recorded: the nominal payload, else as its kind has it."""
+def driver_default(machine: Machine, name: str, effects: Sequence[PlacedEffect] = ()) -> float:
+    """Return a driver's value where none is recorded: the nominal payload, the latest start of a drift, else that of its kind.
+
+    ``effects`` count beside the machine's. Clocks may count from 1970: at time 0 a drift is far outside of its recording.
+    """
+    if name == TIME:
+        reading = (effect for effect in (*machine.effects, *effects) if TIME in effect.drivers)
+        drifting = (effect.settings_map for effect in reading)
+        starts = [settings[key] for settings in drifting for key in _STARTS if key in settings]
+        return max(starts, default=Driver.of(name).default)
     masses = (m.kg for m in machine.masses if m.name == PAYLOAD == name)
     return next(masses, Driver.of(name).default)
 

@@ -20,6 +20,8 @@ from truepose.models.units import convert
 Array = NDArray[np.float64]
 FAR = 10.0
 """How many times a stated sigma may differ from what readings say before it is worth a word."""
+ROUNDING = 1e-9
+"""Share of a stated sigma that arithmetic leaves where a fit meets every reading: it says nothing of a sensor."""
 _FEWEST = 6
 _MOST_GROUPS = 100
 
@@ -27,7 +29,7 @@ _MOST_GROUPS = 100
 def sigmas(rig: Rig, stand: Stand, price: float) -> Iterator[Found]:
     """Kinds of reading whose sigma is far from the scatter of replicates, or from all that is left."""
     for kind, (ratio, words) in _scatters(rig, stand, price).items():
-        if ratio is None or ratio <= 0.0 or 1.0 / FAR < ratio < FAR:
+        if ratio is None or ratio <= ROUNDING or 1.0 / FAR < ratio < FAR:
             continue
         channel = next(c for c in rig.machine.channels if c.kind == kind)
         size = float(f"{channel.sigma * ratio:.2g}")

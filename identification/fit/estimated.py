@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.errors import InputError
 from truepose.identification.fit.decomposition import Decomposition, moved_by
 from truepose.identification.fit.fitted import Fitted
 from truepose.identification.fit.leastsquares import Solution
@@ -238,4 +239,12 @@ class Estimate(Fitted):
         return tuple(out)
 
 
-__all__ = ["Estimate"]
+def check_estimate(given: object) -> None:
+    """Raise InputError for what is no estimate: a calibration and a diagnosis hold several."""
+    if not isinstance(given, Estimate):
+        raise InputError(
+            f"estimate: found {type(given).__name__}, expected an Estimate, such as calibration.fit or diagnosis.after"
+        )
+
+
+__all__ = ["Estimate", "check_estimate"]

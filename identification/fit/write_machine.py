@@ -21,6 +21,7 @@ from truepose.errors import InputError
 from truepose.files import atomic_write_text
 from truepose.identification.fit.absurd import Judgement, judged
 from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import check_estimate
 from truepose.identification.fit.noise import unexplained
 from truepose.identification.fit.read_back import read_back
 from truepose.identification.prediction.covariance import Covariance
@@ -61,10 +62,7 @@ def calibrated_text(
     kept: Covariance | None = None,
 ) -> tuple[str, Machine]:
     """Return what ``write_calibrated`` writes, and the machine that is read from it as from the file ``path``."""
-    if not isinstance(estimate, Estimate):
-        raise InputError(
-            f"estimate: found {type(estimate).__name__}, expected an Estimate, such as calibration.fit or diagnosis.after"
-        )
+    check_estimate(estimate)
     found = judged(estimate) if judgement is None else judgement
     known = known_of(estimate, recording, kept)
     text = machine_text(calibrated_document(estimate, recording, pose, found.why, kept, known), found.refusal)

@@ -21,7 +21,12 @@ def is_table(source: object) -> bool:
 def columns_of(source: Any, where: str) -> tuple[list[str], list[Sequence[object]]]:
     """Headers and cells; NaN and None are empty cells. Raises InputError for names that are no text, unequal columns."""
     if not isinstance(source, (Mapping, pd.DataFrame)):
-        table = pa.table(source)
+        try:
+            table = pa.table(source)
+        except pa.ArrowInvalid as exc:
+            raise InputError(
+                f"{where}: found one column without a name, expected a table of columns"
+            ) from exc
         return list(table.column_names), [ArrowCells(column) for column in table.columns]
     names = list(source.keys())
     for name in names:

@@ -26,7 +26,9 @@ def applied_words(applied: Applied | None) -> list[str]:
     where = f"on {_ROWS.get(applied.held_out, applied.held_out)}, after a rigid refit"
     out = []
     if applied.pose is None:
-        out.append("Whether the tool's pose gains is not judged: no sensor reads its position.")
+        out.append(
+            "Whether the tool's pose gains is not judged: no sensor reads its position, or not in enough rows."
+        )
     elif applied.model != "plain":
         model = measure(applied.pose.model, "mm")
         out.append(
@@ -57,7 +59,7 @@ def expected_words(machine: Machine) -> str:
         return "expected error of the tool's position: not known, the file was not calibrated"
     told = machine.file.pose_error
     if told is None:
-        return "expected error of the tool's position: not judged, no sensor read it"
+        return "expected error of the tool's position: not judged, no sensor read it in enough rows"
     return (
         f"expected error of the tool's position ({told.rows}, after a rigid refit): {measure(told.before, 'mm')} with"
         f" {told.than}, {measure(told.after, 'mm')} with this file"

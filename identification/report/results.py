@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
+from truepose.errors import InputError
 from truepose.identification.diagnosis.alarm import Alarm
 from truepose.identification.diagnosis.outliers import FarRow
 from truepose.identification.diagnosis.result import Applied, Diagnosis, PoseError, Proof, Remainder
 from truepose.identification.fit.absurd import judged
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import check_estimate
 from truepose.identification.fit.summary import FitSummary, summarise
 from truepose.identification.identifiability.observability import Knowledge, identifiable, unseen
 from truepose.identification.recording.recording import Recording
@@ -37,6 +39,10 @@ _FINE = {"mm": ("um", 1e3), "rad": ("urad", 1e6)}
 
 def diagnosis_json(diagnosis: Diagnosis) -> Json:
     """The content of ``diagnosis.json`` (interface, section 4)."""
+    if not isinstance(diagnosis, Diagnosis):
+        raise InputError(
+            f"diagnosis: found {type(diagnosis).__name__}, expected a Diagnosis, as diagnose returns it"
+        )
     left, proof, units = diagnosis.remainder, diagnosis.proof, diagnosis.nominal.residual_units
     out = {
         "schema": DIAGNOSIS_SCHEMA,
@@ -102,6 +108,7 @@ def fit_json(
 
     ``free``: tolerances hardly hold it; ``far``: rows that do not fit.
     """
+    check_estimate(fit)
     out = {
         "schema": FIT_SCHEMA,
         "judgement": judgement_json(judged(fit)),

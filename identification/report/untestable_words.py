@@ -20,7 +20,10 @@ Names = Callable[[str], str]
 
 def missing_words(missing: Sequence[Missing], named: Names = str) -> list[str]:
     """``joint-compliance and link-bending: no `gravity:` in kr6.yaml; add `gravity: [0, 0, -9.80665]` ``, a line each."""
-    return [f"{joined([named(slug) for slug in one.effects])}: {one.why}; {one.add}" for one in missing]
+    return [
+        f"{one.what or joined([named(slug) for slug in one.effects])}: {one.why}; {one.add}"
+        for one in missing
+    ]
 
 
 def untestable_lines(

@@ -116,6 +116,8 @@ def _held_out(diagnosis: Diagnosis) -> list[str]:
     ]
 
 
+OWN_TOLERANCE = 1.0
+"""Tolerances from its drawing within which no constant speaks against a model, however little the readings move it."""
 _ENDED = "; they ended with their budget of work, before they were as long as usual"
 
 
@@ -123,7 +125,7 @@ def doubts(diagnosis: Diagnosis) -> list[str]:
     """What speaks against the findings, said plainly."""
     out = []
     after, proof = diagnosis.fits["after"], diagnosis.proof
-    if diagnosis.terms and after.worst_parameter_sigma > after.worst_allowed:
+    if diagnosis.terms and after.worst_parameter_sigma > max(after.worst_allowed, OWN_TOLERANCE):
         out.append(
             f"{after.worst_parameter} still stands {significant(after.worst_parameter_sigma)} tolerances from"
             f" its drawing, beyond the {significant(after.worst_allowed)} that a true model allows."

@@ -50,11 +50,15 @@ class Untestable:
 
 @dataclass(frozen=True)
 class Missing:
-    """Effects that could not be tested, why, and what would make them testable: a line of the machine file or a column."""
+    """Effects that could not be tested, why, and what would make them testable: a line of the machine file or a column.
+
+    ``what``: the combination of them that could not be, where one alone can be tested.
+    """
 
     effects: tuple[str, ...]
     why: str
     add: str
+    what: str = ""
 
 
 def missing_inputs(machine: Machine, recording: Recording) -> tuple[Missing, ...]:
@@ -72,7 +76,7 @@ def missing_length(machine: Machine) -> list[Missing]:
     why = f"no sensor measures a length, so a common scale{what[1]} all lengths changes no reading"
     sockets = any(sensor.type == "socket" for sensor in machine.sensors)
     add = f"{'state the distance between sockets (`spacing`), or ' if sockets else ''}measure one length"
-    return [Missing((what[0],), why, add)]
+    return [Missing((what[0],), why, add, what="a common scale")]
 
 
 def _of_weight(machine: Machine) -> list[Missing]:

@@ -24,9 +24,9 @@ FRACTIONS = (0.08, 0.15, 0.3, 0.6, 1.2)
 class MountDrift(Effect):
     """A small motion of the mount that grows with time since ``start`` (s on the recording's clock).
 
-    ``tau`` 0: at a constant rate, per hour. ``tau`` > 0 (s): settling, 1 - exp(-t / tau) of its end. Without a clock it grows
-    with the order of rows in each session, setting ``rows``: how many follow the first of the longest. The motion is then that
-    up to its last row, and ``tau`` counts in rows.
+    ``tau`` 0: at a constant rate, per hour. ``tau`` > 0 (s): settling, 1 - exp(-t / tau) of its end, and still before. Without
+    a clock it grows with the order of rows in each session, setting ``rows``: how many follow the first of the longest. The
+    motion is then that up to its last row, and ``tau`` counts in rows.
     """
 
     slug = "mount-drift"
@@ -50,7 +50,7 @@ class MountDrift(Effect):
         rows, tau = site.settings.get(ROWS, 0.0), site.settings.get("tau", 0.0)
         elapsed = site.driver(ROW) + rows if rows else site.driver(TIME) - site.settings.get("start", 0.0)
         steady = elapsed / (rows or SECONDS_PER_HOUR)
-        growth = 1 - ca.exp(-elapsed / tau) if tau else steady
+        growth = 1 - ca.exp(-ca.fmax(0, elapsed) / tau) if tau else steady
         return {f"{site.place[0]}.motion.{axis}": site.c[axis] * growth for axis in AXES}
 
     def drivers(self, machine: Machine, place: Place, settings: Settings) -> tuple[str, ...]:

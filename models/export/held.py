@@ -15,7 +15,6 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.errors import InputError
 from truepose.models.assembly import symbols
 from truepose.models.effect import Site
 from truepose.models.export.closing import closed_pose_function
@@ -56,7 +55,7 @@ class Loss:
 
 
 def held(machine: Machine) -> Held:
-    """What constant values can hold of a machine's effects. Raises InputError for effects that are infinite there."""
+    """What constant values can hold of a machine's effects."""
     drawn = {p.name: p.nominal for p in machine.parameters} | dict.fromkeys(machine.ports, 0.0)
     values = dict(drawn)
     moving = [*(p.name for p in (*machine.mechanism.parameters, *machine.frames))]
@@ -69,7 +68,6 @@ def held(machine: Machine) -> Held:
         if shifts is None:
             left.append(placed)
             continue
-        _check_finite(machine, placed, shifts)
         for port, shift in shifts.items():
             values[port] += shift
         if placed.drivers and shifts:
@@ -77,16 +75,6 @@ def held(machine: Machine) -> Held:
         elif shifts:
             fixed.append(placed.label)
     return Held(values, tuple(fixed), frozen, tuple(left))
-
-
-def _check_finite(machine: Machine, placed: PlacedEffect, shifts: Mapping[str, float]) -> None:
-    """Raise InputError where an effect has no size at its drivers' defaults: a drift that began long after time 0."""
-    if not all(map(math.isfinite, shifts.values())):
-        at = ", ".join(f"{name} = {driver_default(machine, name):g}" for name in placed.drivers)
-        raise InputError(
-            f"{machine.name}: effects: {placed.label}: found no finite motion at {at}, expected one: exports hold effects at "
-            "the defaults of their drivers"
-        )
 
 
 def held_tools(machine: Machine) -> dict[str, Mapping[str, float]]:

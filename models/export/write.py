@@ -105,9 +105,9 @@ def format_of(path: Path | str, format: str | None) -> Format:
 
 def render(machine: Machine, format: Format) -> Exported:
     """The text of a machine in a format, and what it lacks. Raises InputError as ``export`` does."""
-    holding = held(machine)
     if format in _TABLES:
         return _tabled(machine, format)
+    holding = held(machine)
     if format == "mjcf" and (machine.mechanism.rods or machine.mechanism.closing):
         return _looped(machine, holding)
     tree = tree_of(machine, holding.values, _TITLES[format])
@@ -179,7 +179,7 @@ def _lines(holding: Held, missing: Loss, title: str, most: int) -> tuple[str, ..
 
 def _frozen_lines(frozen: Mapping[str, Mapping[str, float]], title: str, most: int) -> list[str]:
     named = [
-        f"{label} ({', '.join(f'{name} = {value:g}' for name, value in drivers.items())})"
+        f"{label} ({', '.join(f'{name} = {value:.12g}' for name, value in drivers.items())})"
         for label, drivers in frozen.items()
     ]
     return [f"{title} holds only at these values of their drivers: {_listed(named, most)}"] if named else []

@@ -228,6 +228,8 @@ def test_what_the_c_holds_and_leaves_out_is_said_in_sentences() -> None:
     ]
     rests = replace(NOTHING, drivers={"approach.q1": (0.0, "1")})
     assert left_out_words(rests)[-1] == "Held still unless z gives it: approach.q1 at 0."
+    late = replace(NOTHING, drivers={"time": (1764000060.0, "s")})
+    assert left_out_words(late)[-1] == "Held still unless z gives it: time at 1764000060 s."
     pointing = left_out_words(replace(NOTHING, task=Task(("x", "axis"))))
     assert pointing[1].startswith(
         "Of a pose ik and compensate meet x of the tool's position along axes of the base and the dir"

@@ -10,10 +10,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from support.generated_c import needs_compiler
+from truepose import parse_effect, predict
 from truepose.codegen.c import generate
+from truepose.identification.compensation.compiled import CompiledKinematics
 from truepose.identification.planning.discriminate.factors import Offer, factors
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.drivers import columns
+from truepose.models.controllability import machine_task
 from truepose.models.driver import AIR, Driver
 from truepose.models.effects.base import Coefficient, Effect, PlacedEffect
 from truepose.models.kinematics import driver_default
@@ -103,3 +107,41 @@ def test_humidity_is_known_wherever_a_driver_is_met(tmp_path: Path) -> None:
     assert not factor.offered and np.ptp(factor.levels) > 0
     generate(wet, tmp_path / "c")
     assert "arm_Z_humidity 0 /* %: humidity */" in (tmp_path / "c" / "arm_kin.h").read_text(encoding="utf-8")
+
+
+DRIFTS = {
+    "a rate": "{effect: mount-drift, place: [base], start: 1.8e9, parameters: {x: {value: 0.1, unit: mm/h}}}",
+    "a settling": "{effect: mount-drift, place: [base], start: 1.8e9, tau: 900, parameters: {x: {value: 0.1, unit: mm}}}",
+    "a form": "{effect: empirical, place: [q1], degree: 1, from.time: 1.8e9, to.time: 1.8000036e9, "
+    "parameters: {c1: {value: 1.0e-4, unit: rad}}}",
+}
+
+
+@needs_compiler
+@pytest.mark.parametrize("named", [["a rate"], ["a settling"], ["a form"], [*DRIFTS]], ids=str)
+def test_without_a_clock_the_c_stands_where_a_drift_began(named: list[str], tmp_path: Path) -> None:
+    """Defaults predict what the times of the recording do, but for the drift in it: seconds since 1970 are years beyond it."""
+    entries = "".join(f"  - {DRIFTS[name]}\n" for name in named)
+    (tmp_path / "arm.yaml").write_text(f"{ARM.strip()}\neffects:\n{entries}", encoding="utf-8")
+    machine = load_machine(tmp_path / "arm.yaml")
+    compiled = CompiledKinematics(machine, machine_task(machine))
+    q, times = np.full((5, 1), 0.3), 1.8e9 + np.linspace(0.0, 3600.0, 5)[:, None]
+    recorded, followed = compiled.fk(q, times)
+    alone, held = compiled.fk(q)
+    assert followed.all() and held.all()
+    assert np.ptp(recorded, axis=0).max() > 1e-5
+    assert np.array_equal(alone, np.broadcast_to(recorded[0], alone.shape))
+    row = pd.DataFrame({"q1 [rad]": q[:, 0]})
+    pose = predict(machine, row)[["pose.x", "pose.y", "pose.z"]].to_numpy()
+    assert np.allclose(pose, alone[:, :3, 3], rtol=0, atol=1e-9)
+
+
+def test_a_drift_that_is_named_begins_with_those_of_the_machine(tmp_path: Path) -> None:
+    for name, drift in DRIFTS.items():
+        file = tmp_path / f"{name}.yaml"
+        file.write_text(f"{ARM.strip()}\neffects:\n  - {drift}\n", encoding="utf-8")
+        machine = load_machine(file)
+        for text, start in (("x=1", 1.8e9), ("x=1,start=60", 60.0)):
+            named = parse_effect(f"mount-drift@tool:{text}", machine)
+            assert named.settings_map["start"] == start
+            assert driver_default(machine, "time", [named]) == 1.8e9

@@ -154,6 +154,35 @@ def test_a_result_is_taken_in_a_machine_s_place(function: str) -> None:
     assert outcome(function, calibration()) == outcome(function, calibration().machine)
 
 
+TAKE_ROWS: Mapping[str, Callable[[Any], Any]] = {
+    "calibrate": lambda rows: truepose.calibrate(machine(), rows),
+    "check": lambda rows: truepose.check(machine(), rows),
+    "compensate": lambda rows: truepose.compensate(calibration(), rows),
+    "drift": lambda rows: truepose.drift(machine(), rows),
+    "estimate": lambda rows: truepose.estimate(machine(), rows),
+    "identifiability": lambda rows: truepose.identifiability(machine(), rows, machines=1),
+    "predict": lambda rows: truepose.predict(calibration(), rows),
+    "simulate": lambda rows: truepose.simulate(calibration(), rows),
+}
+"""Public functions of rows; ``diagnose`` reads them as ``estimate`` does."""
+
+
+@pytest.mark.parametrize("function", TAKE_ROWS)
+def test_a_table_is_taken_in_a_recording_s_place(function: str) -> None:
+    """A DataFrame and a dict of columns are the recording that ``load_recording`` makes of them."""
+    frame = recording().to_frame().reset_index(drop=True)
+
+    def given(rows: object) -> str:
+        try:
+            return str(TAKE_ROWS[function](rows))
+        except InputError as exc:
+            return str(exc)
+
+    expected = given(truepose.load_recording(machine(), frame))
+    assert given(frame) == expected
+    assert given(frame.to_dict("list")).replace("dict", "DataFrame") == expected
+
+
 def test_what_a_result_writes_is_what_its_file_writes(tmp_path: Path) -> None:
     again = truepose.load_machine(saved(diagnosis(), tmp_path))
     for folder, given in (("result", diagnosis()), ("file", again)):
@@ -194,3 +223,15 @@ def test_write_calibrated_names_the_estimate_that_it_takes(tmp_path: Path) -> No
     ):
         truepose.write_calibrated(tmp_path / "m.yaml", calibration(), recording())  # type: ignore[arg-type]
     assert not list(tmp_path.iterdir())
+
+
+def test_results_in_json_name_what_they_take() -> None:
+    with pytest.raises(InputError, match=r"^estimate: found Calibration, expected an Estimate"):
+        truepose.fit_json(calibration(), recording())  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"^diagnosis: found Calibration, expected a Diagnosis"):
+        truepose.diagnosis_json(calibration())  # type: ignore[arg-type]
+
+
+def test_a_single_column_is_no_recording() -> None:
+    with pytest.raises(InputError, match=r"^Series: found one column without a name, expected a table"):
+        truepose.predict(calibration(), recording().to_frame()["P1.x"])

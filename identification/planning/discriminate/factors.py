@@ -78,11 +78,11 @@ def factors(machine: Machine, parts: Iterable[PlacedEffect], offer: Offer) -> tu
 
     Levels that nobody reads are left out: they could not help.
     """
-    out = {}
+    out, parts = {}, tuple(parts)
     for driver in _read(machine, parts, offer):
-        nominal = driver_default(machine, driver)
+        nominal = driver_default(machine, driver, parts)
         levels = offer.levels.get(Driver.of(driver).served_by(offer.levels))
-        automatic = _automatic(driver)
+        automatic = _automatic(driver, nominal)
         if levels is not None:
             # held still, it stays at the level closest to what the machine file means
             nominal = min(levels, key=lambda level: abs(level - nominal))
@@ -139,11 +139,11 @@ def unplanned(parts: Iterable[PlacedEffect]) -> list[Note]:
     return [*strokes, *creep, *(Note("motions", slug) for slug in moving)]
 
 
-def _automatic(driver: str) -> tuple[float, ...]:
+def _automatic(driver: str, nominal: float) -> tuple[float, ...]:
     if Driver.of(driver).kind == APPROACH:
         return SIDES
     if driver == TIME:
-        return tuple(3600.0 * h for h in HOURS)
+        return tuple(nominal + 3600.0 * h for h in HOURS)
     return SESSIONS if driver == SESSION else ()
 
 

@@ -19,9 +19,10 @@ from truepose.identification.report.figures.effects import curve_charts, matrix
 from truepose.identification.report.formulas import coupling_matrix
 from truepose.identification.report.level_words import NAMES, known_words, lead_words, level_of, with_article
 from truepose.identification.report.numbers import known, measure, percent, significant, uncertain
+from truepose.identification.report.row_words import excluded_words
 from truepose.identification.report.untestable_words import missing_words, untestable_lines
 from truepose.models.parameters import vector_of
-from truepose.wording import joined, shortened
+from truepose.wording import joined
 
 MANY = 12
 """Coefficients up to which a table of them is open."""
@@ -104,11 +105,11 @@ def _nameless(diagnosis: Diagnosis, drawn: Sequence[Sequence[Curve]]) -> list[Bl
 
 
 def outlier_words(rows: Sequence[int]) -> str:
-    """Rows that were set aside."""
-    shown = shortened([str(row) for row in rows], 30)
+    """Say which rows were excluded, and why."""
+    alone = len(rows) == 1
     return (
-        f"Outliers: {words.several(len(rows), 'row')} (first line of data is row 1) lie so far from all"
-        f" others that chance would not put them there: {shown}. They were not fitted."
+        f"Outliers: {excluded_words(rows, 30)} (the first line of data is row 1). Chance alone would not put"
+        f" {'it' if alone else 'them'} so far from all others."
     )
 
 

@@ -205,6 +205,7 @@ def test_rows_of_other_sessions_sides_or_loads_are_no_replicates(rig: Rig) -> No
 def test_without_replicates_all_that_is_left_bounds_a_sigma(rig: Rig) -> None:
     """From above only: more may be physics."""
     assert scatters(rig, 0.11) == {} and scatters(rig, 30.0) == {}
+    assert scatters(rig, 1e-12) == {}  # so few rows that the fit meets them all
     found = scatters(rig, 0.09)
     assert list(found) == ["sensor.sigma.xyz", "sensor.sigma.rot"]
     one = found["sensor.sigma.xyz"]

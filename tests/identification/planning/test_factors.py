@@ -25,9 +25,10 @@ from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 
 
-def reads(*drivers: str, load: bool = False, slug: str = "some") -> Any:
+def reads(*drivers: str, load: bool = False, slug: str = "some", **settings: float) -> Any:
     """A part that reads these drivers."""
-    return SimpleNamespace(drivers=drivers, needs_load=load, effect=SimpleNamespace(slug=slug))
+    effect = SimpleNamespace(slug=slug)
+    return SimpleNamespace(drivers=drivers, needs_load=load, effect=effect, settings_map=settings)
 
 
 @pytest.mark.parametrize(
@@ -49,6 +50,14 @@ def reads(*drivers: str, load: bool = False, slug: str = "some") -> Any:
 def test_a_driver_has_usual_levels_where_nobody_offers_others(driver: str, factor: Factor | None) -> None:
     found = factors(arm(), [reads(driver), reads(driver)], Offer({}))
     assert found == (() if factor is None else (factor,))
+
+
+def test_an_experiment_begins_no_earlier_than_a_drift() -> None:
+    """Of a recording with seconds since 1970: at time 0 a drift at a constant rate was 50 m away."""
+    (found,) = factors(arm(), [reads("time"), reads("time", start=1.8e9)], Offer({}))
+    assert found == Factor(
+        "time", (1.8e9, 1.8e9 + 1800.0, 1.8e9 + 3600.0, 1.8e9 + 5400.0, 1.8e9 + 7200.0), 1.8e9, True
+    )
 
 
 @pytest.mark.parametrize(

@@ -135,6 +135,7 @@ GAINED = f"Error of the tool's position, {WHERE}: 500 µm with plain calibration
 BOTH = GAINED.replace(
     "500 µm with plain calibration", "900 µm with the ordinary fit, 500 µm held to the drawing"
 )
+UNREAD = "Whether the tool's pose gains is not judged: no sensor reads its position, or not in enough rows."
 HELD = "improved.yaml holds effects with a name alone."
 
 
@@ -144,7 +145,7 @@ HELD = "improved.yaml holds effects with a name alone."
         (None, []),
         (WHOLE, [GAINED]),
         (replace(WHOLE, baselines={"ordinary": 0.9, "drawing": 0.5}), [BOTH]),
-        (replace(WHOLE, pose=None), ["Whether the tool's pose gains is not judged: no sensor reads its position."]),
+        (replace(WHOLE, pose=None), [UNREAD]),
         (replace(WHOLE, model="names", whole_pose=None, whole_ratio=NAN), [GAINED]),
         (replace(WHOLE, model="names"), [GAINED]),
         (
@@ -216,7 +217,7 @@ def test_a_file_says_what_to_expect_of_the_tool() -> None:
     for machine, said in (
         (bare, "not known, the file was not calibrated"),
         (machine_of(nominal={}), "not known, the file was not calibrated"),
-        (machine_of(), "not judged, no sensor read it"),
+        (machine_of(), "not judged, no sensor read it in enough rows"),
     ):
         assert expected_words(machine).endswith(said) and pose_json(machine) is None
         check_applicable(machine)

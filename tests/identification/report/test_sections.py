@@ -110,11 +110,10 @@ def test_texts_of_the_verdict_stand_where_they_have_something_to_say(plain: Diag
 
 
 def test_rows_set_aside_are_named_thirty_at_most() -> None:
-    assert outlier_words([7]).startswith(
-        "Outliers: 1 row (first line of data is row 1) lie so far from all others"
-    )
-    assert ": 1, 2, 3. They were not fitted." in outlier_words([1, 2, 3])
-    assert ", 29, 30 and 1 more. They" in outlier_words(range(1, 32))
+    assert outlier_words([7]).startswith("Outliers: 1 row excluded as an outlier: row 7 (the first line")
+    assert outlier_words([7]).endswith("put it so far from all others.")
+    assert "3 rows excluded as outliers: rows 1, 2, 3 (" in outlier_words([1, 2, 3])
+    assert ", 29, 30 and 1 more (the" in outlier_words(range(1, 32))
     assert "30 and" not in outlier_words(range(1, 31))
     assert fringe_words({3: -2, 7: 1}).endswith("whole half wavelengths: row 3 by -2, row 7 by +1.")
 

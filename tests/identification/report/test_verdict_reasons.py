@@ -75,6 +75,8 @@ def test_doubts_beside_the_proof() -> None:
     (text,) = doubts(diagnosis("missing-physics", own, fits=far, terms=("one",)))
     assert text.startswith("q1.d still stands 4.00 tolerances from its drawing, beyond the 3.00 that")
     assert doubts(diagnosis("missing-physics", own, fits=far)) == []
+    hardly_seen = judged(4.0, 0.004, allowed=5.6e-6)
+    assert doubts(diagnosis("missing-physics", own, fits=hardly_seen, terms=("one",))) == []
 
 
 def judged(before: float, after: float, allowed: float = 3.0) -> dict[str, object]:

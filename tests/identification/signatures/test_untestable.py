@@ -13,6 +13,7 @@ from support.effect_machines import read_machines
 from support.sensor_bench import ARM, HEAD
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
+from truepose.identification.report.untestable_words import missing_words
 from truepose.identification.signatures.candidates import catalogue
 from truepose.identification.signatures.untestable import (
     missing_inputs,
@@ -163,6 +164,8 @@ def test_a_scale_of_lengths_is_asked_of_machines_that_have_free_lengths_alone(tm
         slides = any(a.unit == "mm" for a in one.mechanism.actuators)
         blind = replace(one, sensors=machines["mount"].sensors)
         assert bool(missing_length(blind)) is (lengths or slides) is (name != "mount")
+        said = missing_words(missing_length(blind))
+        assert all(line.startswith("a common scale: no sensor") for line in said)  # one slide's may be found
     assert not missing_length(machines["arm"])
 
 

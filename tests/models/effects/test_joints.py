@@ -144,6 +144,7 @@ def test_mounts_drift_shift_and_settle(machines: Mapping[str, Machine]) -> None:
     settling = with_effect(arm, "mount-drift", ("base",), {"tau": 600.0, "start": 1000.0}, z=0.05)
     assert settling.coefficients[2].unit == "mm"
     assert position(arm, q, settling, time=1600)[2] - still[2] == pytest.approx(0.05 * (1 - np.exp(-1)))
+    np.testing.assert_allclose(position(arm, q, settling, time=-1e9), still, atol=1e-12)  # it has not begun
     taus = [s["tau"] for s in settling.effect.settings(arm, ("base",), Campaign())]
     assert taus == [0, 580, 1100, 2200, 4300, 8600]  # of a campaign of 7200 s, neighbours twice as long
     bumped = with_effect(arm, "frame-shift", ("base",), {"session": 2.0}, y=0.3)

@@ -21,7 +21,7 @@ from support.exported import LINKS, frame, ur_pose
 from support.generated_machines import BODIES, HEAD, machine_of
 from truepose.cli import app
 from truepose.errors import InputError
-from truepose.models.export.write import Format, render
+from truepose.models.export.write import Exported, Format, render
 from truepose.models.kinematics import symbolic_model
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
@@ -278,15 +278,20 @@ def test_tools_of_single_recordings_are_said_to_be_left_out(
     ("name", "format"),
     [("scara", "urdf"), ("arm", "ur-kinematics"), ("mounted", "iso230"), ("rails", "mjcf")],
 )
-def test_a_drift_that_is_infinite_at_time_zero_is_refused(name: str, format: Format, tmp_path: Path) -> None:
-    """Recordings with seconds since 1970: at time 0 a settling that began in 2027 had no bounds."""
-    drift = "{effect: mount-drift, place: [base], start: 1.8e9, tau: 1e4, parameters: {x: {value: 0.1, unit: mm}}}"
-    body = (BODIES | EXTRA)[name].partition("drivers:")[0]
-    machine = written(tmp_path, "late", f"{body}effects:\n  - {drift}\n")
-    with pytest.raises(
-        InputError, match=r"late: effects: mount-drift@base.*: found no finite motion at time = 0"
-    ):
-        render(machine, format)
+@pytest.mark.parametrize("tau", [0.0, 1e4])
+def test_a_drift_is_held_at_its_start(name: str, format: Format, tau: float, tmp_path: Path) -> None:
+    """Where the clock's zero lies moves no link: a rate counted from 1970 moved tools by metres, a settling without bounds."""
+    body, unit = (BODIES | EXTRA)[name].partition("drivers:")[0], "mm" if tau else "mm/h"
+
+    def drifting(start: float) -> Exported:
+        entry = f"effect: mount-drift, place: [tool], tau: {tau}, start: {start:.0f}"
+        entry += f", parameters: {{x: {{value: 0.1, unit: {unit}}}}}"
+        return render(written(tmp_path, "late", f"{body}effects:\n  - {{{entry}}}\n"), format)
+
+    begun, later = drifting(0), drifting(1.8e9)
+    assert [*later.frozen.values()] == [{"time": 1.8e9}]
+    text = begun.text.replace("(time = 0)", "(time = 1800000000)").replace("start=0", "start=1.8e+09")
+    assert later.text == text
 
 
 def test_a_note_names_the_largest_and_the_file_all(tmp_path: Path) -> None:
