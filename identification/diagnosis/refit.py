@@ -190,16 +190,20 @@ class Choice:
     """What was held out before: every trial takes as many fits as there are blocks."""
 
     @classmethod
-    def of(cls, found: Found, fits: Fits, sure: Collection[int]) -> Choice:
-        """Try both calibrations; ``sure``: candidates that are known beside what the file states."""
+    def of(cls, found: Found, fits: Fits) -> Choice:
+        """Try both calibrations; what the file states is known."""
         recording, before = found.signatures.recording, fits.before
         split = held_out_blocks(recording, before.used)
-        known = {e.label for e in (*before.effects, *(found.catalogue.candidates[i] for i in sure))}
+        known = {e.label for e in before.effects}
         own = {DRAWING: before, ORDINARY: fits.free}
         trials = {name: trial(fit, recording, fits.outliers, split) for name, fit in own.items()}
         better = trials[ORDINARY].against(trials[DRAWING]).score * AS_GOOD < 1.0
         plain = trials[ORDINARY if better else DRAWING]
         return cls(found, before, fits.outliers, split, plain, trials, frozenset(known))
+
+    def knowing(self, sure: Collection[int]) -> Choice:
+        """The same where candidates ``sure`` are known, too."""
+        return replace(self, known=self.known | {self.found.catalogue.candidates[i].label for i in sure})
 
     @property
     def baselines(self) -> dict[str, float]:

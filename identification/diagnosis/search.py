@@ -17,7 +17,7 @@ from truepose.identification.diagnosis.selection_problem import SelectionProblem
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.posterior.mode import climbed
 from truepose.identification.posterior.posterior import ROUNDS, Posterior, Sampling, mode
-from truepose.identification.posterior.spike_slab import LONG_SET
+from truepose.identification.posterior.spike_slab import LONG_SET, SpikeSlab
 from truepose.identification.posterior.state import State
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Linearisation
@@ -132,14 +132,33 @@ class Expansion:
     def __init__(self, start: Start) -> None:
         self.start, self.fit = start, start.fit
         self.signatures, self.catalogue = start.signatures, start.catalogue
-        self.halves: tuple[Linearisation, Linearisation] | None = None
-        if start.halved:
-            self.linearisation, self.halves = start.signatures.halved(start.fit)
-        else:
-            self.linearisation = start.signatures.linearise(start.fit)
-        self.problem = selection_problem(self.linearisation, start.catalogue, start.rms)
-        self.spike_slab = self.problem.spike_slab.compressed()
-        self.known = [] if start.known is None else [self._of_this_grid(start.known)]
+
+    @cached_property
+    def _passed(self) -> tuple[Linearisation, tuple[Linearisation, Linearisation] | None]:
+        """Of all rows, and of each half where the same pass sums these up; not before somebody asks, for it takes long."""
+        if self.start.halved:
+            return self.signatures.halved(self.fit)
+        return self.signatures.linearise(self.fit), None
+
+    @property
+    def linearisation(self) -> Linearisation:
+        """Of all rows."""
+        return self._passed[0]
+
+    @cached_property
+    def problem(self) -> SelectionProblem:
+        """What is weighed here."""
+        return selection_problem(self.linearisation, self.catalogue, self.start.rms)
+
+    @cached_property
+    def spike_slab(self) -> SpikeSlab:
+        """The same in the directions that readings see."""
+        return self.problem.spike_slab.compressed()
+
+    @cached_property
+    def known(self) -> list[State]:
+        """The likeliest state found before, if any, in the numbers of this problem."""
+        return [] if self.start.known is None else [self._of_this_grid(self.start.known)]
 
     @cached_property
     def alone(self) -> Array:
@@ -194,7 +213,7 @@ class Expansion:
         own = self.start.accepted, self.fit, self.linearisation, self.signatures, self.catalogue
         later = np.full(len(self.catalogue.candidates) - len(self.alone), -np.inf)
         return Found(
-            self.problem, posterior, best, *own, np.append(self.alone, later), self.bare, self.halves
+            self.problem, posterior, best, *own, np.append(self.alone, later), self.bare, self._passed[1]
         )
 
     def moved(self, best: State) -> Start | None:
@@ -205,7 +224,9 @@ class Expansion:
         if set(wanted) == set(start.accepted) and finer is cat:
             return None
         try:
-            fit = refitted(self, wanted, best) if set(wanted) != set(start.accepted) else self.fit
+            fit = self.fit
+            if set(wanted) != set(start.accepted):
+                fit = _refitted(self, wanted, noise_at(self.problem, best), start.exclude)
         except ConvergenceError:
             return None
         count = start.refined + (finer is not cat)
@@ -220,17 +241,15 @@ class Expansion:
 
         None where nothing was found yet, or where there is no minimum.
         """
-        if not self.known:
-            return None
         start, signatures = self.start, self.signatures
+        if start.known is None:
+            return None
         bare = Signatures(signatures.machine, signatures.recording, ()).linearise(null).bare()
         try:
-            fit = refitted(self, start.accepted, self.known[0], exclude)
+            fit = _refitted(self, start.accepted, self.fit.noise, exclude)
         except ConvergenceError:
             return None
-        return replace(
-            start, fit=fit, exclude=exclude, rms=rms, alone=self.alone, bare=bare, known=self.known[0]
-        )
+        return replace(start, fit=fit, exclude=exclude, rms=rms, alone=self.alone, bare=bare)
 
 
 def chosen(problem: SelectionProblem, state: State) -> dict[int, float]:
@@ -245,16 +264,12 @@ def noise_at(problem: SelectionProblem, state: State) -> float:
     return float(np.exp(np.average(np.log(scales), weights=problem.spike_slab.design.counts)))
 
 
-def refitted(
-    here: Expansion, wanted: Mapping[int, float], best: State, exclude: Mask | None = None
-) -> Estimate:
-    """The nonlinear fit with other candidates, or other rows left out, from the present one; readings as noisy as the state has
-    them."""
+def _refitted(here: Expansion, wanted: Mapping[int, float], noise: float, exclude: Mask) -> Estimate:
+    """The nonlinear fit with other candidates, or other rows left out, from the present one, to readings as noisy as that."""
     machine, recording = here.signatures.machine, here.signatures.recording
     terms = here.terms(wanted)
-    start, noise = start_from(here.fit, terms), noise_at(here.problem, best)
-    left_out = here.start.exclude if exclude is None else exclude
-    return estimate(machine, recording, terms, start=start, exclude=left_out, tolerance=ROUGH, noise=noise)
+    start = start_from(here.fit, terms)
+    return estimate(machine, recording, terms, start=start, exclude=exclude, tolerance=ROUGH, noise=noise)
 
 
 def start_from(fit: Estimate, terms: Sequence[PlacedEffect]) -> Array:

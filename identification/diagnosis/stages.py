@@ -20,7 +20,6 @@ from truepose.identification.diagnosis.search import (
     ROUGH,
     Expansion,
     Start,
-    noise_at,
     prepared,
     search,
     settled,
@@ -120,7 +119,7 @@ def further(
         fits.rms,
         near.start.refined,
         bare=Signatures(machine, recording, ()).linearise(fits.before).bare(),
-        known=near.known[0] if near.known and fit is not None else None,
+        known=None if fit is None else near.start.known,
         halved=len(recording) == len(recording.whole),
         stop=near.start.stop,
     )
@@ -140,8 +139,9 @@ def further(
 def _fitted(near: Expansion, recording: Recording) -> tuple[Mask, Estimate | None]:
     """Rows (n,) that are far off beside what was found with fewer, and the fit with it to the others; None if it has none."""
     machine, terms = near.signatures.machine, near.terms(near.start.accepted)
-    noise = noise_at(near.problem, near.known[0]) if near.known else 1.0
-    fitted = partial(estimate, machine, recording, terms, start=start_from(near.fit, terms), noise=noise)
+    fitted = partial(
+        estimate, machine, recording, terms, start=start_from(near.fit, terms), noise=near.fit.noise
+    )
     far = _far(fitted(tolerance=np.inf), recording)
     try:
         return far, fitted(exclude=far, tolerance=ROUGH)

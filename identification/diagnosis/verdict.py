@@ -43,6 +43,7 @@ from truepose.identification.fit.summary import FitSummary, summarise
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.prior import STATED
 from truepose.identification.signatures.untestable import missing_inputs
+from truepose.threads import beside
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -71,28 +72,34 @@ def concluded(fits: Fits, found: Found) -> Diagnosis:
         there = replace(found, fit=model.fit, linearisation=found.signatures.linearise(model.fit))
         found = replace(found, linearisation=there.linearisation)  # and only its columns are asked for
     halves = partial(replications, found, rms=fits.rms)
-    said = summarised(there, model.fit)
+    said, choice = beside(lambda: summarised(there, model.fit), lambda: Choice.of(there, fits))
     supported = keep_supported(said, there, model.fit, halves)
     summary, nameless = supported.summary, model.nameless(there)
-    choice = Choice.of(there, fits, _sure(summary, NAMED))
+    choice = choice.knowing(_sure(summary, NAMED))
     quiet = _quiet(fits, found, supported, choice)
     if quiet.verdict == "adequate":
         return quiet
-    whole, names = choice.compared(model.fit), _names(fits, there, model)
+    whole, names = beside(lambda: choice.compared(model.fit), lambda: _names(fits, there, model))
     firm = tuple(i for n in said.laws if n.probability > NAMED for i in n.candidates)
-    after, applied = _applied(choice, model, names, summary, whole, firm)
-    gain = _gain(choice, names, whole) if nameless else {}
-    left = alarms_of(after, after, there.linearisation, recording)
     main = next((i for n in summary.laws for i in n.candidates), None)
+    (after, applied), proof = beside(
+        lambda: _applied(choice, model, names, summary, whole, firm),
+        lambda: None if main is None else prove(fits.before, model.fit, whole, there, main, fits.outliers),
+    )
+    gain = _gain(choice, names, whole) if nameless else {}
+    left, findings = beside(
+        lambda: alarms_of(after, after, there.linearisation, recording),
+        lambda: _findings(found, supported, model.fit, after),
+    )
     return replace(
         quiet,
         concealed=fits.free.chi2_per_dof < CONCEALED,
         alarms_after=left,
-        findings=_findings(found, supported, model.fit, after),
+        findings=findings,
         remainder=_remainder(there, quiet.verdict, nameless, after, left, gain),
         after=after,
         fits=_summaries(fits, after, recording.validation),
-        proof=None if main is None else prove(fits.before, model.fit, whole, there, main, fits.outliers),
+        proof=proof,
         terms=after.fitted_effects(),
         applied=applied,
     )

@@ -23,7 +23,7 @@ ROUNDS = 30
 """Most rounds of an ascent: each adds one term at most."""
 OFTEN = 1.25
 """How many times more terms a set has gained before its likeliest noise is looked for anew."""
-CLIMBING = 10e9
+CLIMBING = 5e9
 """Operations after which the ascents from some starts end wherever they are."""
 STEPS = (4, 1)
 """Steps on an axis of the grid that are repeated while they gain, in turn."""

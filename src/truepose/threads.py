@@ -89,6 +89,15 @@ class Cached(Generic[R]):
         return value
 
 
+def beside(first: Callable[[], T], second: Callable[[], R]) -> tuple[T, R]:
+    """Work out two results, which do not touch each other, beside each other where there are threads."""
+    if processors() < 2:
+        return first(), second()
+    with ThreadPoolExecutor(1) as pool:
+        other = pool.submit(second)
+        return first(), other.result()
+
+
 def all_done(work: Callable[[T], None], items: Sequence[T]) -> None:
     """``work`` of every item, which do not touch each other's results, shared out among the threads."""
     threads = min(processors(), len(items))
@@ -101,4 +110,4 @@ def all_done(work: Callable[[T], None], items: Sequence[T]) -> None:
         pass
 
 
-__all__ = ["Cached", "all_done", "cores", "in_order", "one_thread", "processors"]
+__all__ = ["Cached", "all_done", "beside", "cores", "in_order", "one_thread", "processors"]

@@ -186,7 +186,7 @@ def test_a_model_that_leaves_the_tool_worse_gives_way_to_a_smaller_one(
     everything = refit(found, dict.fromkeys((play, line, warp), 1.0), (), case.exclude)
     names = refit(found, {play: 1.0}, (), case.exclude)
     assert everything is not None and names is not None
-    choice = Choice.of(found, Fits(case.null, case.null, case.exclude), ())
+    choice = Choice.of(found, Fits(case.null, case.null, case.exclude))
     monkeypatch.setattr(Choice, "strays", lambda *_: False)
     good, bad = comparison(0.5, 0.5), comparison(0.5, 2.0)
 
@@ -276,7 +276,7 @@ def test_what_was_left_out_for_the_tools_sake_is_said() -> None:
 @pytest.fixture(scope="module")
 def choice() -> Choice:
     case, found = held(PLAY, SCALE)
-    return Choice.of(found, Fits(case.null, case.null, case.exclude), ())
+    return Choice.of(found, Fits(case.null, case.null, case.exclude))
 
 
 def test_sure_names_are_applied_where_others_may_not(choice: Choice, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -308,7 +308,7 @@ def test_gains_are_told_against_the_better_plain_calibration_and_the_one_held_to
     play = next(i for i, c in enumerate(case.cat.candidates) if c.label == "backlash@q2")
     better = refit(found, {play: 1.0}, (), case.exclude)
     assert better is not None
-    choice = Choice.of(found, Fits(better.fit, case.null, case.exclude), ())
+    choice = Choice.of(found, Fits(better.fit, case.null, case.exclude))
     assert choice.drawing is case.null
     assert choice.compared(better.fit).ratio == pytest.approx(1.0)
     assert choice.nothing.ratio > 1.5 and choice.beside_drawing(better.fit).ratio < 0.7
