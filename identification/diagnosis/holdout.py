@@ -14,7 +14,7 @@ from scipy.stats import norm
 
 from truepose.errors import ConvergenceError, InputError
 from truepose.identification.diagnosis.result import BlockProof, PoseError
-from truepose.identification.fit.estimate import Ended, Estimate, fit_other_rows
+from truepose.identification.fit.estimate import Ended, Estimate, fit_without
 from truepose.identification.fit.tool_pose import tool_points
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.recording import Recording
@@ -186,7 +186,7 @@ def trial(
     def tried(block: Block) -> Held | None:
         with one_thread():  # blocks are tried beside each other
             rows = block.rows & ~outliers
-            fit = model if block.name == VALIDATION else _without(model, predictor, outliers | block.rows)
+            fit = model if block.name == VALIDATION else _without(model, predictor, outliers, block.rows)
             return _held(fit, predictor, rows, silent) if fit is not None and rows.any() else None
 
     every = zip((block.name for block in blocks), in_order(tried, blocks), strict=True)
@@ -201,10 +201,10 @@ def _held(fit: Estimate | Ended, predictor: Predictor, rows: Mask, silent: Colle
     return Held(np.where(seen[rows], squares, np.nan), points)
 
 
-def _without(model: Estimate, predictor: Predictor, exclude: Mask) -> Ended | None:
+def _without(model: Estimate, predictor: Predictor, outliers: Mask, rows: Mask) -> Ended | None:
     """Return where the model ends fitted without some rows; None where too little is left."""
     try:
-        return fit_other_rows(model, predictor, exclude, LEFT)
+        return fit_without(model, predictor, outliers | rows, rows, LEFT)
     except (ConvergenceError, InputError):
         return None
 

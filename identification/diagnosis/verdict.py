@@ -43,7 +43,7 @@ from truepose.identification.fit.summary import FitSummary, summarise
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.prior import STATED
 from truepose.identification.signatures.untestable import missing_inputs
-from truepose.threads import beside
+from truepose.threads import beside, in_order
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -171,9 +171,10 @@ def _findings(
         firm = one.probability >= NAMED
         return after if firm and {cat.candidates[i].label for i in one.candidates} <= deployed else likeliest
 
+    inflations = in_order(partial(flip_inflation, found), names)
     return tuple(
-        finding(machine, cat, fit_of(one), one, flip_inflation(found, one), half, inferred)
-        for one, half in zip(names, supported.replications, strict=True)
+        finding(machine, cat, fit_of(one), one, inflation, half, inferred)
+        for one, half, inflation in zip(names, supported.replications, inflations, strict=True)
     )
 
 

@@ -117,7 +117,7 @@ def _tries(
 
 @dataclass(frozen=True)
 class Ended:
-    """Where a fit ended: p (np,), x (n, nx), residual (n, m) and used (n,) rows, as ``Estimate`` has them."""
+    """Where a fit ended: p (np,), x (n, nx), used (n,) rows, and residual (n, m), NaN in rows that nobody asked for."""
 
     p: Array
     x: Array
@@ -125,19 +125,23 @@ class Ended:
     used: NDArray[np.bool_]
 
 
-def fit_other_rows(
-    model: Estimate, predictor: Predictor, exclude: NDArray[np.bool_], tolerance: float
+def fit_without(
+    model: Estimate,
+    predictor: Predictor,
+    exclude: NDArray[np.bool_],
+    rows: NDArray[np.bool_],
+    tolerance: float,
 ) -> Ended:
-    """Fit what ``model`` holds, from where it is, to all calibration rows but ``exclude`` (n,).
+    """Fit what ``model`` holds, from where it is, to all calibration rows but ``exclude`` (n,), for the residuals of ``rows``.
 
     What the fit knows of itself is not worked out, for that takes a pass over the rows. ``predictor`` is that of the model's
     effects. Raises InputError for too few rows and ConvergenceError where no minimum is found.
     """
     used = ~model.recording.validation & ~exclude
-    problem = Problem(predictor, model.prior, model.p.astype(float), used, slim=True)
+    problem = Problem(predictor, model.prior, model.p.astype(float), used, slim=True, turn=model.turn)
     solution = _first_that_ends(problem, "gauss", _tries(problem, False, None, None, tolerance))
     p, x = _there(problem, solution)
-    return Ended(p, x, problem.residuals(p, x), problem.used)
+    return Ended(p, x, problem.residuals_of(rows, p, x), problem.used)
 
 
 def _there(problem: Problem, solution: Solution) -> tuple[Array, Array]:
@@ -205,7 +209,7 @@ __all__ = [
     "Status",
     "blame",
     "estimate",
-    "fit_other_rows",
+    "fit_without",
     "prior_of",
     "result",
     "wrapped",

@@ -77,13 +77,14 @@ class Problem:
 
     ``used`` (n,) are the rows that are fitted (a row whose every reading was lost is none of them), ``lost`` (n, m) the
     channels that read nothing (None: all read), ``weights`` (n,) those of a robust loss, ``x`` (n, nx) the passive
-    coordinates at the latest step. ``slim``: steps of long series are those that the readings see (``turn``), fewer than
-    n_free. Raises InputError when there are too few readings.
+    coordinates at the latest step. ``slim``: steps of long series are those that the readings see, fewer than n_free: ``turn``,
+    of a fit that begins at ``p``, or worked out. Raises InputError when there are too few readings.
     """
 
     def __init__(
-        self, predictor: Predictor, prior: Prior, p: Array, used: NDArray[np.bool_], *, slim: bool = False
-    ) -> None:
+        self, predictor: Predictor, prior: Prior, p: Array, used: NDArray[np.bool_], *, slim: bool = False,
+        turn: Turn | None = None,
+    ) -> None:  # fmt: skip
         self.predictor, self.prior, self.p, self.used = predictor, prior, p, used
         self.weights = np.ones(len(used))
         self.x, good = predictor.assemble(p)
@@ -98,8 +99,8 @@ class Problem:
         gone = 0 if self.lost is None else int(self.lost[self.used].sum())
         self.n_observations = int(self.used.sum()) * len(predictor.channels) - gone - self.levels
         self._check_size()
-        self.turn: Turn | None = None
-        if slim:
+        self.turn = turn
+        if slim and turn is None:
             self._slim()
         self._normal = NormalEquations.of(predictor, prior.free) if self.turn is None else None
 
@@ -221,6 +222,17 @@ class Problem:
         return np.concatenate(
             [block.residual for block in self.predictor.blocks(p, x, self.used * self.weights)]
         )
+
+    def residuals_of(self, rows: NDArray[np.bool_], p: Array, x: Array) -> Array:
+        """(n, m) the same of some rows (n,); NaN in others, unless readings compare rows."""
+        sensors = self.predictor.machine.sensors
+        if any(sensor.compares or sensor.differs_from_row for sensor in sensors):
+            return self.residuals(p, x)
+        at, out = np.flatnonzero(rows), np.full((len(rows), len(self.predictor.channels)), np.nan)
+        if at.size:
+            blocks = self.predictor.of_rows(at).blocks(p, x[at])
+            out[at] = np.concatenate([block.residual for block in blocks])
+        return out
 
     def _check_size(self) -> None:
         recording = self.predictor.recording
