@@ -52,7 +52,7 @@ FREE_TRIES = ((STUBBORN, 400),)
 def estimate(
     machine: MachineLike,
     recording: Recording | Sources,
-    effects: Sequence[PlacedEffect] = (),
+    effects: Sequence[PlacedEffect] | None = None,
     *,
     widen: float = 1.0,
     loss: str = "gauss",
@@ -65,7 +65,7 @@ def estimate(
     solver: Solver | None = None,
     noise: float = 1.0,
 ) -> Estimate:
-    """Fit ``machine`` (with ``effects``) to the calibration rows of ``recording`` (or of a path, DataFrame or dict).
+    """Fit ``machine`` with ``effects``, by default its own, to the calibration rows of ``recording`` (or of what is read so).
 
     ``damping`` is that of the first step; without it full steps are taken, and damped ones where those find no minimum.
     ``start`` (np,) are parameters and coefficients to begin with, mm and rad; ``exclude`` (n,) leaves rows out; rows that
@@ -75,6 +75,7 @@ def estimate(
     InputError for too few rows, ConvergenceError naming the parameters responsible.
     """
     machine = as_machine(machine)
+    effects = machine.effects if effects is None else effects
     recording = as_recording(machine, recording)
     predictor = predictor or Predictor(machine, recording, effects, visits=FIT)
     prior = prior or prior_of(machine, effects)

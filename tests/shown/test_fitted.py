@@ -154,6 +154,14 @@ def test_a_result_is_taken_in_a_machine_s_place(function: str) -> None:
     assert outcome(function, calibration()) == outcome(function, calibration().machine)
 
 
+def test_a_fit_keeps_the_effects_of_the_machine_that_it_is_given() -> None:
+    """What a diagnosis found is not let go where its result is fitted again, unless other effects are named."""
+    found = diagnosis()
+    again = truepose.estimate(found, recording())
+    assert {effect.label for effect in again.effects} == {effect.label for effect in found.machine.effects}
+    assert again.effects and not truepose.estimate(found, recording(), ()).effects
+
+
 TAKE_ROWS: Mapping[str, Callable[[Any], Any]] = {
     "calibrate": lambda rows: truepose.calibrate(machine(), rows),
     "check": lambda rows: truepose.check(machine(), rows),
