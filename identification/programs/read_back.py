@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from truepose.errors import InputError, ReadBackError
 from truepose.identification.programs.correct import Correction
+from truepose.identification.programs.frames import shown_name
 from truepose.identification.programs.program import Dialect, Program, Target
 from truepose.models.machine import Machine
 
@@ -28,10 +29,17 @@ def check_program(
     for read, was in zip(again.targets, program.targets, strict=True):
         texts = _texts(was)
         meant = (*(corrected := new.get(was.numbers[0].start, ())), *texts[len(corrected) :])
-        if (read.name, read.kind, read.base, read.tool) != (was.name, was.kind, was.base, was.tool):
-            raise ReadBackError(
-                f"{name}:{read.line}: what was to be written has the target {read.name}, expected {was.name}"
-            )
+        for what in (
+            "name",
+            "kind",
+            "base",
+            "tool",
+        ):  # the place in the text that frames' names have is another one
+            there, meant_to_be = (shown_name(str(getattr(one, what))) for one in (read, was))
+            if there != meant_to_be:
+                raise ReadBackError(
+                    f"{name}:{read.line}: what was to be written has a target with the {what} {there}, expected {meant_to_be}"
+                )
         if _texts(read) != meant:
             raise ReadBackError(
                 f"{name}:{read.line}: what was to be written reads as another target: {read.name} is "

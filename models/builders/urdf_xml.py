@@ -53,6 +53,11 @@ class _Tree(ElementTree.TreeBuilder):
         return super().end(tag)
 
 
+def written_xml(text: str) -> ElementTree.Element:
+    """The root element of a text that truepose itself wrote. Raises ElementTree.ParseError for broken XML."""
+    return ElementTree.fromstring(text)
+
+
 def read_urdf(path: Path) -> ElementTree.Element:
     """The element ``robot``. Raises InputError for a missing file, broken XML, xacro, and what is beyond the limits."""
     try:
@@ -83,4 +88,4 @@ def _check_tags(data: bytes, path: Path) -> None:
         at = end + 1
 
 
-__all__ = ["DEPTH_MOST", "ELEMENTS_MOST", "TAG_MOST", "URDF_MOST", "read_urdf"]
+__all__ = ["DEPTH_MOST", "ELEMENTS_MOST", "TAG_MOST", "URDF_MOST", "read_urdf", "written_xml"]

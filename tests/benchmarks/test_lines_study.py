@@ -13,7 +13,6 @@ import pandas as pd
 import pytest
 
 import truepose
-from truepose.identification.diagnosis import search
 from truepose.identification.diagnosis.search import Expansion, Start
 
 ROWS, ORDERS, WILD, OFF = 260, 60, (17, 160, 200), 0.25
@@ -36,13 +35,13 @@ def test_a_search_goes_on_without_the_rows_that_gears_concealed(
     seen[list(WILD), 0] += OFF
     columns = {f"q{k + 1}": np.degrees(q[:, k]) for k in range(6)}
     pd.DataFrame(columns | dict(zip("xyz", seen.T, strict=True))).to_csv(tmp_path / "arm.csv", index=False)
-    goes_on, begun = search.settled, list[Start]()
+    begun = list[Start]()
 
-    def settled(start: Start) -> Expansion:
+    def expanded(start: Start) -> Expansion:
         begun.append(start)
-        return goes_on(start)
+        return Expansion(start)
 
-    monkeypatch.setattr("truepose.identification.diagnosis.stages.settled", settled)
+    monkeypatch.setattr("truepose.identification.diagnosis.stages.Expansion", expanded)
     found = truepose.diagnose(truepose.load_machine(tmp_path / "arm.yaml"), tmp_path / "arm.csv")
     (start,) = begun  # from the first one's end: what it had found is known
     assert start.known is not None and np.flatnonzero(start.exclude).tolist() == list(WILD)
