@@ -65,12 +65,7 @@ def concluded(fits: Fits, found: Found) -> Diagnosis:
     """What is said, and what is applied."""
     recording = found.signatures.recording
     model = _likeliest(fits, found)
-    if {e.label for e in model.fit.effects} == {e.label for e in found.fit.effects}:
-        there = found
-    else:  # linear at the likeliest model's own fit, so that the form of everything it holds is tested
-        found = replace(found, linearisation=found.linearisation.bare())  # large: let go before the next
-        there = replace(found, fit=model.fit, linearisation=found.signatures.linearise(model.fit))
-        found = replace(found, linearisation=there.linearisation)  # and only its columns are asked for
+    found, there = _linear_at(found, model.fit)
     halves = partial(replications, found, rms=fits.rms)
     said, choice = beside(lambda: summarised(there, model.fit), lambda: Choice.of(there, fits))
     supported = keep_supported(said, there, model.fit, halves)
@@ -103,6 +98,15 @@ def concluded(fits: Fits, found: Found) -> Diagnosis:
         terms=after.fitted_effects(),
         applied=applied,
     )
+
+
+def _linear_at(found: Found, fit: Estimate) -> tuple[Found, Found]:
+    """Return what was found with the columns, and at the fit, of a linear problem that tests the form of all that ``fit`` holds."""
+    if {e.label for e in fit.effects} == {e.label for e in found.fit.effects}:
+        return found, found
+    found = replace(found, linearisation=found.linearisation.bare())  # large: let go before the next
+    there = replace(found, fit=fit, linearisation=found.signatures.linearise(fit))
+    return replace(found, linearisation=there.linearisation), there
 
 
 def _quiet(fits: Fits, found: Found, supported: Supported, choice: Choice) -> Diagnosis:
