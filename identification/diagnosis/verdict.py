@@ -34,6 +34,7 @@ from truepose.identification.diagnosis.result import (
     Diagnosis,
     Finding,
     Lead,
+    Proof,
     Remainder,
 )
 from truepose.identification.diagnosis.search import Found, chosen
@@ -63,9 +64,13 @@ def verdict(summary: Summary, raised: Mapping[str, Alarm]) -> str:
 
 def concluded(fits: Fits, found: Found) -> Diagnosis:
     """What is said, and what is applied."""
-    recording = found.signatures.recording
     model = _likeliest(fits, found)
-    found, there = _linear_at(found, model.fit)
+    there = found
+    if {e.label for e in model.fit.effects} != {e.label for e in found.fit.effects}:
+        # linear at the likeliest model's own fit, so that the form of everything it holds is tested
+        found = replace(found, linearisation=found.linearisation.bare())  # large: let go before the next
+        there = replace(found, fit=model.fit, linearisation=found.signatures.linearise(model.fit))
+        found = replace(found, linearisation=there.linearisation)  # and only its columns are asked for
     halves = partial(replications, found, rms=fits.rms)
     said, choice = beside(lambda: summarised(there, model.fit), lambda: Choice.of(there, fits))
     supported = keep_supported(said, there, model.fit, halves)
@@ -76,14 +81,13 @@ def concluded(fits: Fits, found: Found) -> Diagnosis:
         return quiet
     whole, names = beside(lambda: choice.compared(model.fit), lambda: _names(fits, there, model))
     firm = tuple(i for n in said.laws if n.probability > NAMED for i in n.candidates)
-    main = next((i for n in summary.laws for i in n.candidates), None)
     (after, applied), proof = beside(
         lambda: _applied(choice, model, names, summary, whole, firm),
-        lambda: None if main is None else prove(fits.before, model.fit, whole, there, main, fits.outliers),
+        lambda: _proof(fits, there, model, summary, whole),
     )
     gain = _gain(choice, names, whole) if nameless else {}
     left, findings = beside(
-        lambda: alarms_of(after, after, there.linearisation, recording),
+        lambda: alarms_of(after, after, there.linearisation, found.signatures.recording),
         lambda: _findings(found, supported, model.fit, after),
     )
     return replace(
@@ -93,20 +97,17 @@ def concluded(fits: Fits, found: Found) -> Diagnosis:
         findings=findings,
         remainder=_remainder(there, quiet.verdict, nameless, after, left, gain),
         after=after,
-        fits=_summaries(fits, after, recording.validation),
+        fits=_summaries(fits, after, found.signatures.recording.validation),
         proof=proof,
         terms=after.fitted_effects(),
         applied=applied,
     )
 
 
-def _linear_at(found: Found, fit: Estimate) -> tuple[Found, Found]:
-    """Return what was found with the columns, and at the fit, of a linear problem that tests the form of all that ``fit`` holds."""
-    if {e.label for e in fit.effects} == {e.label for e in found.fit.effects}:
-        return found, found
-    found = replace(found, linearisation=found.linearisation.bare())  # large: let go before the next
-    there = replace(found, fit=fit, linearisation=found.signatures.linearise(fit))
-    return replace(found, linearisation=there.linearisation), there
+def _proof(fits: Fits, found: Found, model: Model, summary: Summary, whole: Comparison) -> Proof | None:
+    """Prove the best supported law; None where nothing has a name."""
+    main = next((i for n in summary.laws for i in n.candidates), None)
+    return None if main is None else prove(fits.before, model.fit, whole, found, main, fits.outliers)
 
 
 def _quiet(fits: Fits, found: Found, supported: Supported, choice: Choice) -> Diagnosis:
