@@ -89,9 +89,12 @@ class Cached(Generic[R]):
         return value
 
 
-def beside(first: Callable[[], T], second: Callable[[], R]) -> tuple[T, R]:
-    """Work out two results, which do not touch each other, beside each other where there are threads."""
-    if processors() < 2:
+def beside(first: Callable[[], T], second: Callable[[], R], *, large: bool = False) -> tuple[T, R]:
+    """Work out two results, which do not touch each other, beside each other where there are threads.
+
+    One after the other where they are ``large``, so that no more memory is taken than the larger one needs.
+    """
+    if large or processors() < 2:
         return first(), second()
     with ThreadPoolExecutor(1) as pool:
         other = pool.submit(second)
