@@ -14,7 +14,7 @@ from scipy.stats import norm
 
 from truepose.errors import ConvergenceError, InputError
 from truepose.identification.diagnosis.result import BlockProof, PoseError
-from truepose.identification.fit.estimate import Ended, Estimate, fit_without
+from truepose.identification.fit.estimate import Estimate, Minimum, fit_without
 from truepose.identification.fit.tool_pose import tool_points
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.recording import Recording
@@ -183,26 +183,26 @@ def trial(
     name, blocks = split
     predictor = Predictor(model.nominal, recording, model.effects, visits=FIT)
 
-    def tried(block: Block) -> Held | None:
+    def try_block(block: Block) -> Held | None:
         with one_thread():  # blocks are tried beside each other
             rows = block.rows & ~outliers
-            fit = model if block.name == VALIDATION else _without(model, predictor, outliers, block.rows)
+            fit = model if block.name == VALIDATION else _fit_without(model, predictor, outliers, block.rows)
             return _held(fit, predictor, rows, silent) if fit is not None and rows.any() else None
 
-    every = zip((block.name for block in blocks), in_order(tried, blocks), strict=True)
+    every = zip((block.name for block in blocks), in_order(try_block, blocks), strict=True)
     found = {block: held for block, held in every if held is not None}
     return Trial(name, found, _held(model, predictor, model.used, silent))
 
 
-def _held(fit: Estimate | Ended, predictor: Predictor, rows: Mask, silent: Collection[str]) -> Held:
+def _held(fit: Estimate | Minimum, predictor: Predictor, rows: Mask, silent: Collection[str]) -> Held:
     seen = rows & np.isfinite(fit.residual).all(axis=1)
     squares = np.sum(fit.residual[rows] ** 2, axis=1)
     points = tool_points(predictor, fit.p, fit.x, silent).squares(fit.used, seen)
     return Held(np.where(seen[rows], squares, np.nan), points)
 
 
-def _without(model: Estimate, predictor: Predictor, outliers: Mask, rows: Mask) -> Ended | None:
-    """Return where the model ends fitted without some rows; None where too little is left."""
+def _fit_without(model: Estimate, predictor: Predictor, outliers: Mask, rows: Mask) -> Minimum | None:
+    """Return the minimum of the model fitted without some rows; None where too little is left."""
     try:
         return fit_without(model, predictor, outliers | rows, rows, LEFT)
     except (ConvergenceError, InputError):

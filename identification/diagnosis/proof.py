@@ -129,16 +129,18 @@ def replications(found: Found, names: Sequence[Named], rms: float) -> tuple[Repl
     """For each name; None where a half has fewer readings than the model has unknowns."""
     if not names:
         return ()
-    halves = [half for half in in_order(partial(_weighed, found, names, rms), range(2)) if half is not None]
+    halves = [
+        half for half in in_order(partial(_weigh_half, found, names, rms), range(2)) if half is not None
+    ]
     if len(halves) < 2:
         return (None,) * len(names)
     return tuple(_replicated(*pair) for pair in zip(*halves, strict=True))
 
 
-def _weighed(found: Found, names: Sequence[Named], rms: float, number: int) -> list[_InHalf] | None:
+def _weigh_half(found: Found, names: Sequence[Named], rms: float, number: int) -> list[_InHalf] | None:
     """Return what one half of the rows says of each name; None where it has fewer readings than the model has unknowns."""
     with one_thread():  # both halves are weighed beside each other
-        lin = _of_half(found, number)
+        lin = _linearise_half(found, number)
         if lin.n_observations <= lin.free + len(found.problem.spike_slab.columns(found.mode.members)[0]):
             return None
         problem = selection_problem(lin, found.catalogue, rms)
@@ -147,7 +149,7 @@ def _weighed(found: Found, names: Sequence[Named], rms: float, number: int) -> l
         return _half(problem.spike_slab, found, names) if holds else None
 
 
-def _of_half(found: Found, number: int) -> Linearisation:
+def _linearise_half(found: Found, number: int) -> Linearisation:
     """Return the linearisation of the first or the second half of the fitted rows, in the order of acquisition."""
     if found.halves is not None:
         return found.halves[number]

@@ -201,8 +201,8 @@ class Choice:
         plain = trials[ORDINARY if better else DRAWING]
         return cls(found, before, fits.outliers, split, plain, trials, frozenset(known))
 
-    def knowing(self, sure: Collection[int]) -> Choice:
-        """The same where candidates ``sure`` are known, too."""
+    def with_known(self, sure: Collection[int]) -> Choice:
+        """Return the choice where candidates ``sure`` are known, too."""
         return replace(self, known=self.known | {self.found.catalogue.candidates[i].label for i in sure})
 
     @property
@@ -212,7 +212,7 @@ class Choice:
         return {name: pose.plain for name, pose in poses.items() if pose is not None}
 
     @property
-    def nothing(self) -> Comparison:
+    def drawing_alone(self) -> Comparison:
         """The fit held to the drawing beside the better plain calibration."""
         return self.trials[DRAWING].against(self.plain)
 
@@ -329,6 +329,6 @@ def chosen_model(
         one for one in tried if choice.may_be_applied(one[1], names, choice.beside_drawing(one[1].fit))
     ]
     if not allowed:
-        return "plain", None, choice.nothing
+        return "plain", None, choice.drawing_alone
     best = min(held.score for _, _, held in allowed)
     return next(one for one in allowed if one[2].score <= AS_GOOD * best)

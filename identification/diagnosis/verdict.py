@@ -44,14 +44,12 @@ from truepose.identification.fit.summary import FitSummary, summarise
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.prior import STATED
 from truepose.identification.signatures.untestable import missing_inputs
-from truepose.threads import beside, in_order
+from truepose.threads import in_order, run_both
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 SURE = 0.9
 """Probability from which on something without a name is said to be there, and a driver is known."""
-MANY = 5_000
-"""Rows from which on what is tried and proved is worked out one after the other: cost alone, of memory."""
 CONCEALED = 1.3
 """Free-fit chi2 per degree of freedom below which an ordinary fit looks good."""
 
@@ -74,22 +72,21 @@ def concluded(fits: Fits, found: Found) -> Diagnosis:
         there = replace(found, fit=model.fit, linearisation=found.signatures.linearise(model.fit))
         found = replace(found, linearisation=there.linearisation)  # and only its columns are asked for
     halves = partial(replications, found, rms=fits.rms)
-    both = partial(beside, large=len(found.signatures.recording) > MANY)
-    said, choice = both(lambda: summarised(there, model.fit), lambda: Choice.of(there, fits))
+    said, choice = run_both(lambda: summarised(there, model.fit), lambda: Choice.of(there, fits))
     supported = keep_supported(said, there, model.fit, halves)
     summary, nameless = supported.summary, model.nameless(there)
-    choice = choice.knowing(_sure(summary, NAMED))
+    choice = choice.with_known(_sure(summary, NAMED))
     quiet = _quiet(fits, found, supported, choice)
     if quiet.verdict == "adequate":
         return quiet
-    whole, names = both(lambda: choice.compared(model.fit), lambda: _names(fits, there, model))
+    whole, names = run_both(lambda: choice.compared(model.fit), lambda: _names(fits, there, model))
     firm = tuple(i for n in said.laws if n.probability > NAMED for i in n.candidates)
-    (after, applied), proof = both(
+    (after, applied), proof = run_both(
         lambda: _applied(choice, model, names, summary, whole, firm),
         lambda: _proof(fits, there, model, summary, whole),
     )
     gain = _gain(choice, names, whole) if nameless else {}
-    left, findings = both(
+    left, findings = run_both(
         lambda: alarms_of(after, after, there.linearisation, found.signatures.recording),
         lambda: _findings(found, supported, model.fit, after),
     )
@@ -120,7 +117,7 @@ def _quiet(fits: Fits, found: Found, supported: Supported, choice: Choice) -> Di
     raised = alarms_of(fits.free, fits.before, found.linearisation_before, recording)
     alone, unknowns = found.alone, found.problem.spike_slab.unknowns
     wider = _typical(found, lambda point: unknowns.widening[point.widening]).tolist()
-    plain = choice.nothing
+    plain = choice.drawing_alone
     places, anywhere = evidence(found, summary.inclusion)
     return Diagnosis(
         nominal=machine,

@@ -117,7 +117,7 @@ def _tries(
 
 
 @dataclass(frozen=True)
-class Ended:
+class Minimum:
     """Where a fit ended: p (np,), x (n, nx), used (n,) rows, and residual (n, m), NaN in rows that nobody asked for."""
 
     p: Array
@@ -132,7 +132,7 @@ def fit_without(
     exclude: NDArray[np.bool_],
     rows: NDArray[np.bool_],
     tolerance: float,
-) -> Ended:
+) -> Minimum:
     """Fit what ``model`` holds, from where it is, to all calibration rows but ``exclude`` (n,), for the residuals of ``rows``.
 
     What the fit knows of itself is not worked out, for that takes a pass over the rows. ``predictor`` is that of the model's
@@ -142,7 +142,7 @@ def fit_without(
     problem = Problem(predictor, model.prior, model.p.astype(float), used, slim=True, turn=model.turn)
     solution = _first_that_ends(problem, "gauss", _tries(problem, False, None, None, tolerance))
     p, x = _there(problem, solution)
-    return Ended(p, x, problem.residuals_of(rows, p, x), problem.used)
+    return Minimum(p, x, problem.residuals_of(rows, p, x), problem.used)
 
 
 def _there(problem: Problem, solution: Solution) -> tuple[Array, Array]:
@@ -203,8 +203,8 @@ def blame(solution: Solution, prior: Prior) -> str:
 
 
 __all__ = [
-    "Ended",
     "Estimate",
+    "Minimum",
     "Prior",
     "Solver",
     "Status",

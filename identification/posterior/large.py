@@ -58,9 +58,9 @@ def solve_large(factor: Array, right: Array) -> Array:
     return out
 
 
-def side_by_side(work: Callable[[T], R], items: Sequence[T], multiplications: float) -> Iterable[R]:
+def map_large(work: Callable[[T], R], items: Sequence[T], multiplications: float) -> Iterable[R]:
     """Return ``work`` of each item in their order; by threads where each takes so many multiplications that it pays."""
     return in_order(work, items) if multiplications > LARGE else map(work, items)
 
 
-__all__ = ["LARGE", "side_by_side", "solve_large"]
+__all__ = ["LARGE", "map_large", "solve_large"]

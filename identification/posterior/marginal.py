@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from truepose.identification.posterior.design import Design, GridPoint, Unknowns
 from truepose.identification.posterior.halves import Halves, cholesky, half_log_det, solved, taken
-from truepose.identification.posterior.large import side_by_side
+from truepose.identification.posterior.large import map_large
 from truepose.identification.posterior.terms import SameSize, Terms
 from truepose.identification.prior import LONG
 from truepose.threads import Cached
@@ -175,7 +175,7 @@ class Marginal:
     def blocks(self) -> tuple[Array, ...]:
         """(c, k, k) diagonal blocks of M of the terms of each width."""
         half, groups = self._beside.all, self.terms.by_size
-        products = side_by_side(lambda group: self._product(half, group), groups, half.size * LONG)
+        products = map_large(lambda group: self._product(half, group), groups, half.size * LONG)
         pairs = zip(products, self._above.blocks, strict=True)
         return tuple(above + self._sign * product for product, above in pairs)
 

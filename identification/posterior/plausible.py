@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.posterior.design import GridPoint, Unknowns
-from truepose.identification.posterior.large import side_by_side
+from truepose.identification.posterior.large import map_large
 from truepose.identification.posterior.marginal import Marginal
 from truepose.identification.posterior.sampler import Reach
 from truepose.identification.posterior.spike_slab import Members, SpikeSlab
@@ -96,7 +96,7 @@ def _without_each(
         each = (there.without(np.flatnonzero(owner == k)) for k in range(len(state.members)))
         return there.log_evidence - own, [without.log_evidence - own for without in each]
 
-    every = side_by_side(weighed, roots, width**2 * (2.0 * width + part.design.n))
+    every = map_large(weighed, roots, width**2 * (2.0 * width + part.design.n))
     for point, (whole, gone) in zip(points, every, strict=True):
         out[()][point] = whole
         for member, value in zip(state.members, gone, strict=True):

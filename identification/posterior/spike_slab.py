@@ -12,7 +12,7 @@ from scipy.linalg import block_diag
 
 from truepose.identification.posterior.conditional import log_gains, plausibility
 from truepose.identification.posterior.design import Design, GridPoint, Unknowns
-from truepose.identification.posterior.large import side_by_side
+from truepose.identification.posterior.large import map_large
 from truepose.identification.posterior.marginal import Marginal, marginal, nbytes
 from truepose.identification.posterior.memory import REMEMBERED, Memory
 from truepose.identification.posterior.terms import Term, Terms
@@ -288,9 +288,7 @@ class SpikeSlab:
                 self.work.count_taken(width, width)
             if not members:
                 return [base.log_evidence for base in bases]
-            gains = side_by_side(
-                lambda base: base.gain(*own), bases, width**2 * (width / 3.0 + self.design.n)
-            )
+            gains = map_large(lambda base: base.gain(*own), bases, width**2 * (width / 3.0 + self.design.n))
             return [base.log_evidence + gain for base, gain in zip(bases, gains, strict=True)]
 
         rest = tuple(sorted(members))

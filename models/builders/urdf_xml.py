@@ -53,8 +53,8 @@ class _Tree(ElementTree.TreeBuilder):
         return super().end(tag)
 
 
-def written_xml(text: str) -> ElementTree.Element:
-    """The root element of a text that truepose itself wrote. Raises ElementTree.ParseError for broken XML."""
+def parse_own_xml(text: str) -> ElementTree.Element:
+    """Return the root element of a text that truepose itself wrote. Raises ElementTree.ParseError for broken XML."""
     return ElementTree.fromstring(text)
 
 
@@ -88,4 +88,4 @@ def _check_tags(data: bytes, path: Path) -> None:
         at = end + 1
 
 
-__all__ = ["DEPTH_MOST", "ELEMENTS_MOST", "TAG_MOST", "URDF_MOST", "read_urdf", "written_xml"]
+__all__ = ["DEPTH_MOST", "ELEMENTS_MOST", "TAG_MOST", "URDF_MOST", "parse_own_xml", "read_urdf"]

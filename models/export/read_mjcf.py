@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from truepose.models import lie
-from truepose.models.builders.urdf_xml import written_xml
+from truepose.models.builders.urdf_xml import parse_own_xml
 from truepose.models.export.numbers import MM_PER_M
 
 Array = NDArray[np.float64]
@@ -60,7 +60,7 @@ class Mjcf:
 
 def read_mjcf(text: str, readings: Sequence[str]) -> Mjcf:
     """Return the model of a text whose joints ``readings`` are driven. Raises KeyError for a joint that it has not."""
-    root = written_xml(text)
+    root = parse_own_xml(text)
     joints = {joint.get("name", ""): joint for joint in root.iterfind("worldbody//joint")}
     driven = [joints[name] for name in readings]
     compiler, world, site = (root.find(path) for path in ("compiler", "worldbody", "worldbody//site"))

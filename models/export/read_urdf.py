@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.models.builders.urdf_xml import written_xml
+from truepose.models.builders.urdf_xml import parse_own_xml
 from truepose.models.export.numbers import MM_PER_M
 from truepose.models.lie import rpy_matrix
 from truepose.models.load import build_machine
@@ -41,7 +41,7 @@ def read_urdf(text: str, tips: Sequence[str]) -> Machine:
 def read_base(text: str) -> Array:
     """Return the base (4, 4) mm in the link that carries it; the identity where it is the first link."""
     out = np.eye(4)
-    for joint in written_xml(text).findall("joint"):
+    for joint in parse_own_xml(text).findall("joint"):
         child, origin = joint.find("child"), joint.find("origin")
         if child is not None and origin is not None and child.get("link") == BASE:
             xyz, rpy = ([float(v) for v in origin.get(name, "0 0 0").split()] for name in ("xyz", "rpy"))

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from xml.etree import ElementTree
 
 from truepose.errors import InputError
-from truepose.models.builders.urdf_xml import written_xml
+from truepose.models.builders.urdf_xml import parse_own_xml
 
 _XACRO = "{http://www.ros.org/wiki/xacro}"
 _WORK = re.compile(r"\$\$|\$\{(\w+)\}")
@@ -16,7 +16,7 @@ _WORK = re.compile(r"\$\$|\$\{(\w+)\}")
 
 def expand_xacro(text: str) -> str:
     """Return the URDF of the macro that the file calls by itself. Raises InputError where it calls none of its own."""
-    root = written_xml(text)
+    root = parse_own_xml(text)
     macros = {macro.get("name", ""): macro for macro in root.findall(f"{_XACRO}macro")}
     called = [call.tag.removeprefix(_XACRO) for call in root.findall(f"{_XACRO}if/*")]
     if len(called) != 1 or called[0] not in macros:

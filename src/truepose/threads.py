@@ -89,12 +89,9 @@ class Cached(Generic[R]):
         return value
 
 
-def beside(first: Callable[[], T], second: Callable[[], R], *, large: bool = False) -> tuple[T, R]:
-    """Work out two results, which do not touch each other, beside each other where there are threads.
-
-    One after the other where they are ``large``, so that no more memory is taken than the larger one needs.
-    """
-    if large or processors() < 2:
+def run_both(first: Callable[[], T], second: Callable[[], R]) -> tuple[T, R]:
+    """Work out two results, which do not touch each other, at the same time where there are threads."""
+    if processors() < 2:
         return first(), second()
     with ThreadPoolExecutor(1) as pool:
         other = pool.submit(second)
@@ -113,4 +110,4 @@ def all_done(work: Callable[[T], None], items: Sequence[T]) -> None:
         pass
 
 
-__all__ = ["Cached", "all_done", "beside", "cores", "in_order", "one_thread", "processors"]
+__all__ = ["Cached", "all_done", "cores", "in_order", "one_thread", "processors", "run_both"]

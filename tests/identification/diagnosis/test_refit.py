@@ -311,7 +311,7 @@ def test_gains_are_told_against_the_better_plain_calibration_and_the_one_held_to
     choice = Choice.of(found, Fits(better.fit, case.null, case.exclude))
     assert choice.drawing is case.null
     assert choice.compared(better.fit).ratio == pytest.approx(1.0)
-    assert choice.nothing.ratio > 1.5 and choice.beside_drawing(better.fit).ratio < 0.7
+    assert choice.drawing_alone.ratio > 1.5 and choice.beside_drawing(better.fit).ratio < 0.7
     assert choice.may_be_applied(better, better, choice.beside_drawing(better.fit))
 
 
