@@ -140,4 +140,4 @@ def _names(section: Urdf, chain: list[str], where: str) -> list[str]:
     return names
 
 
-__all__ = ["Urdf", "urdf"]
+__all__ = ["Urdf", "expanded", "urdf"]

@@ -41,7 +41,11 @@ class Robot:
     @classmethod
     def read(cls, path: Path) -> Robot:
         """Read and check what all joints share. Raises InputError for a missing file and broken XML."""
-        root = read_urdf(path)
+        return cls.of(read_urdf(path), path)
+
+    @classmethod
+    def of(cls, root: ElementTree.Element, path: Path) -> Robot:
+        """Check what all joints share in the element ``robot`` of a file. Raises InputError naming the element."""
         links = [link.get("name", "") for link in root.findall("link")]
         joints = [joint.get("name", "") for joint in root.findall("joint")]
         _check_names(path, "link", links)

@@ -59,15 +59,21 @@ def parse_own_xml(text: str) -> ElementTree.Element:
 
 
 def read_urdf(path: Path) -> ElementTree.Element:
-    """The element ``robot``. Raises InputError for a missing file, broken XML, xacro, and what is beyond the limits."""
+    """Return the element ``robot``. Raises InputError for a missing file, broken XML, xacro, and what is beyond the limits."""
     try:
         data = read_at_most(path, URDF_MOST)
+    except OSError as exc:
+        raise InputError(f"{path}: cannot read the URDF: {exc.strerror or exc}") from None
+    return parse_urdf(data, path)
+
+
+def parse_urdf(data: bytes, path: Path) -> ElementTree.Element:
+    """Return the element ``robot`` of what a file holds. Raises InputError as ``read_urdf``."""
+    try:
         _check_tags(data, path)
         parser = ElementTree.XMLParser(target=_Tree(path))
         parser.feed(data)
         root: ElementTree.Element = parser.close()
-    except OSError as exc:
-        raise InputError(f"{path}: cannot read the URDF: {exc.strerror or exc}") from None
     except (ElementTree.ParseError, ValueError, LookupError) as exc:
         raise InputError(f"{path}: cannot read the URDF: broken XML: {cut(str(exc))}") from None
     if root.tag != "robot":
@@ -88,4 +94,4 @@ def _check_tags(data: bytes, path: Path) -> None:
         at = end + 1
 
 
-__all__ = ["DEPTH_MOST", "ELEMENTS_MOST", "TAG_MOST", "URDF_MOST", "parse_own_xml", "read_urdf"]
+__all__ = ["DEPTH_MOST", "ELEMENTS_MOST", "TAG_MOST", "URDF_MOST", "parse_own_xml", "parse_urdf", "read_urdf"]

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.models.builders.urdf_xml import parse_own_xml
+from truepose.models.builders.urdf import Urdf, expanded
+from truepose.models.builders.urdf_file import Robot
+from truepose.models.builders.urdf_inertials import inertials_of
+from truepose.models.builders.urdf_xml import parse_own_xml, parse_urdf
 from truepose.models.export.numbers import MM_PER_M
 from truepose.models.lie import rpy_matrix
 from truepose.models.load import build_machine
 from truepose.models.machine import Machine
 from truepose.models.machine_file import SCHEMA, checked_machine
 from truepose.models.mechanism import BASE
+from truepose.models.units import UnitSystem
 
 Array = NDArray[np.float64]
 
@@ -26,16 +29,15 @@ def read_urdf(text: str, tips: Sequence[str]) -> Machine:
 
     Raises InputError naming the element that cannot be read.
     """
-    with TemporaryDirectory() as folder:
-        file = Path(folder) / "export.urdf"
-        file.write_text(text, encoding="utf-8", newline="")
-        chain = {"type": "urdf", "file": file.name, "base_link": BASE, "tip_link": list(tips)}
-        try:
-            return build_machine(
-                checked_machine(file, {"schema": SCHEMA, "name": "export", "mechanism": chain})
-            )
-        except InputError as exc:
-            raise InputError(str(exc).replace(f"{file}: ", "")) from exc
+    file = Path("export.urdf")  # nothing is written: a process that is killed leaves no file behind
+    try:
+        robot = Robot.of(parse_urdf(text.encode(), file), file)
+        section = Urdf(type="urdf", file=file.name, base_link=BASE, tip_link=tuple(tips))
+        graph = expanded(section, robot, UnitSystem(), "mechanism")
+        inertials_of(robot, graph["bodies"])
+        return build_machine(checked_machine(file, {"schema": SCHEMA, "name": "export", "mechanism": graph}))
+    except InputError as exc:
+        raise InputError(str(exc).replace(f"{file}: ", "")) from exc
 
 
 def read_base(text: str) -> Array:
