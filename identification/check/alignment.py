@@ -48,7 +48,7 @@ def starts(
             continue
         read, seen = read[whole], flange[whole]
         if isinstance(sensor, Pose):
-            yield from _by_poses(seen, _transforms(lie.exp_so3(read[:, 3:]), read[:, :3]), stated[1])
+            yield from frames_from_poses(seen, _transforms(lie.exp_so3(read[:, 3:]), read[:, :3]), stated[1])
         elif isinstance(sensor, Position):
             # the tool as it is stated, none, and where the base is said to be: a wrong one leads into a false minimum
             for tool in (stated[1], np.eye(4), stated[0]):
@@ -59,7 +59,7 @@ def starts(
             clouds = read.reshape(len(read), -1, 3)
             yield _by_points(seen, clouds, points, stated[1])
             if _spread_out(points):
-                yield from _by_poses(seen, _poses_of(clouds, points), stated[1])
+                yield from frames_from_poses(seen, _poses_of(clouds, points), stated[1])
 
 
 def _by_directions(sensor: Direction, tool: Array, read: Array, stated: Frames) -> Iterator[Frames]:
@@ -107,7 +107,7 @@ def _by_points(flange: Array, clouds: Array, points: Array, tool: Array) -> Fram
     return _transforms(rotation[None], shift[None])[0], tool
 
 
-def _by_poses(flange: Array, measured: Array, tool: Array) -> Iterator[Frames]:
+def frames_from_poses(flange: Array, measured: Array, tool: Array) -> Iterator[Frames]:
     """Base and tool from measured poses: by the null vector, and by turns from the tool as stated.
 
     With k_ijab = sum m_ij f_ab over the rows, the best base for a tool and the best tool for a base are nearest rotations.
@@ -147,4 +147,4 @@ def _with_shifts(flange: Array, measured: Array, base: Array, tool: Array, near:
     return ends[0], ends[1]
 
 
-__all__ = ["Frames", "starts"]
+__all__ = ["Frames", "frames_from_poses", "starts"]

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.check.judging import SURE, USUAL, reach
 from truepose.identification.check.result import Found
 from truepose.identification.check.rig import Rig, Stand
+from truepose.identification.check.weighing import QUIET, USUAL_REACH, reach
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.file import SLACK
 from truepose.identification.recording.recording import Recording
@@ -177,7 +177,7 @@ def coarse_joints(rig: Rig, stand: Stand) -> Iterator[Found]:
 
     A joint that was commanded to whole degrees stands there, and the readings miss otherwise.
     """
-    if stand.misfit <= SURE or stand.residual.shape[1] < 2:
+    if stand.misfit <= QUIET or stand.residual.shape[1] < 2:
         return  # one reading a row lies along every joint's motion
     machine, recording = rig.machine, rig.recording
     actuators = machine.mechanism.actuators
@@ -227,13 +227,13 @@ def no_tolerances(rig: Rig, stand: Stand) -> Iterator[Found]:
     if any(p.free for p in machine.mechanism.parameters) or not machine.mechanism.parameters:
         return
     size = float(f"{max(stand.length or 0.0, 0.01):.1g}")
-    angle = float(f"{np.degrees(size / (reach(rig, rig.scene.p) or USUAL)):.1g}")
+    angle = float(f"{np.degrees(size / (reach(rig, rig.scene.p) or USUAL_REACH)):.1g}")
     units = machine.units
     stated = {"length": convert(size, "mm", units.length), "angle": convert(angle, "deg", units.angle)}
     stated = {key: float(f"{value:.3g}") for key, value in stated.items()}
     example = f"{{length: {stated['length']:g}, angle: {stated['angle']:g}}}"
     meant = machine.file is None or "tolerances" in machine.file.raw
-    certain = not meant and stand.misfit > SURE
+    certain = not meant and stand.misfit > QUIET
     fitted = "only base and tool would be fitted"
     if certain:
         fitted += f", to {stand.misfit:.3g} sigma, and physics blamed for what the workshop made"

@@ -6,12 +6,13 @@ the rms of whitened readings and of departures from the drawing, in units of the
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.check.rig import KEPT, Rig, Stand
 from truepose.identification.prediction.predictor import Predictor
-from truepose.models.machine import FRAMES
 
 Array = NDArray[np.float64]
 _STEPS, _ENOUGH = 4, 0.01
@@ -19,8 +20,27 @@ _LOOSE = 1e3
 """Steps allowed to what is unknown (frames, infinite tolerances), in natural sizes: none is in the way."""
 
 
+@dataclass(frozen=True)
+class Settled:
+    """Constants p (np,) where readings and tolerances agree best, the misfit that is left, and what it cost.
+
+    price: rms of readings and departures, in sigmas; misfit: rms of the readings alone, over the rows that fit best; away:
+    departure of each constant, in tolerances, by name.
+    """
+
+    p: Array
+    price: float
+    misfit: float
+    away: dict[str, float]
+
+    @property
+    def farthest(self) -> float:
+        """The largest departure, in tolerances."""
+        return max(self.away.values(), default=0.0)
+
+
 def expected(rig: Rig, stand: Stand) -> float:
-    """Misfit (whitened rms) that the tolerances alone would leave once base and tool are fitted; at least the noise, 1."""
+    """Return the misfit (whitened rms) that the tolerances alone would leave once base and tool are fitted; at least 1."""
     here, p = _over(rig, stand), stand.p
     jacobian, _ = _rows(rig, here, p, stand)
     tolerance = _tolerance(rig, stand)
@@ -34,17 +54,18 @@ def expected(rig: Rig, stand: Stand) -> float:
     return float(np.sqrt(1.0 + np.sum(left**2) / max(len(flat), 1)))
 
 
-def priced(rig: Rig, stand: Stand, noise: float, free: tuple[str, ...] = FRAMES) -> float:
-    """Misfit with what it costs in tolerances, both in units of ``noise`` sigmas; inf where nothing can be fitted.
+def settle(rig: Rig, stand: Stand, free: tuple[str, ...] = ()) -> Settled:
+    """Return where readings and tolerances agree, with the frames ``free`` wherever they fit best.
 
-    The frames ``free`` cost nothing wherever they stand.
+    What is left then is taken as the readings' noise, so that no constant bends for what it cannot explain.
     """
     if stand.bad:
-        return float("inf")
-    return _Priced(rig, stand, noise, free).settled()
+        return Settled(stand.p, float("inf"), float("inf"), {})
+    first = _Problem(rig, stand, 1.0, free).settled()
+    return _Problem(rig, stand, max(first.misfit, 1.0), free).settled()
 
 
-class _Priced:
+class _Problem:
     """Readings and tolerances in one sum of squares, for one hypothesis."""
 
     def __init__(self, rig: Rig, stand: Stand, noise: float, free: tuple[str, ...]) -> None:
@@ -54,16 +75,15 @@ class _Priced:
         for frame in free:
             tolerance[rig.at[frame]] = np.inf
         self.moving = np.flatnonzero(tolerance > 0)
-        known = np.isfinite(tolerance[self.moving])
+        self.known = np.isfinite(tolerance[self.moving])
         natural = np.where(rig.lengths[self.moving], 100.0, 1.0)
-        self.scale = np.where(known, tolerance[self.moving], natural)
-        self.held = np.where(known, 1.0, 1.0 / _LOOSE)
-        self.known = known
+        self.scale = np.where(self.known, tolerance[self.moving], natural)
+        self.held = np.where(self.known, 1.0, 1.0 / _LOOSE)
 
-    def settled(self) -> float:
-        """The least sum within a few linear steps, as an rms over the readings."""
+    def settled(self) -> Settled:
+        """Return the least sum within a few linear steps."""
         p = self.stand.p.copy()
-        best = self.price(p)
+        best, misfit = self._price(p)
         for _ in range(_STEPS if len(self.moving) else 0):
             jacobian, residual = _rows(self.rig, self.here, p, self.stand)
             if not len(residual):
@@ -75,36 +95,38 @@ class _Priced:
             step = np.linalg.lstsq(np.vstack([j, np.diag(self.held)]), right, rcond=None)[0]
             trial = p.copy()
             trial[self.moving] += step * self.scale
-            price = self.price(trial)
+            price, left = self._price(trial)
             if not price < best:
                 break
-            gained, best, p = (best - price) / best, price, trial
+            gained, best, misfit, p = (best - price) / best, price, left, trial
             if gained < _ENOUGH:
                 break
-        return best
+        names = [self.rig.names[k] for k in self.moving[self.known]]
+        away = dict(zip(names, np.abs(self._off(p)[self.known]).tolist(), strict=True))
+        return Settled(p, best, misfit, away)
 
     def _off(self, p: Array) -> Array:
         out: Array = (p - self.stand.scene.p)[self.moving] / self.scale
         return out
 
-    def price(self, p: Array) -> float:
-        """The sum at constants (np,)."""
+    def _price(self, p: Array) -> tuple[float, float]:
+        """The sum at constants (np,), and the readings' share of it, both as an rms over the readings."""
         x, good = self.rig.assembled(self.here, p, self.stand.scene)
-        scaled = _scaled(self.rig, self.stand)
-        residual = np.concatenate([b.residual for b in self.here.blocks(p, x)]) * scaled
+        residual = np.concatenate([b.residual for b in self.here.blocks(p, x)])
         residual = residual[good & np.isfinite(residual).all(axis=1)]
         if len(residual) < 0.5 * len(good):
-            return float("inf")
+            return float("inf"), float("inf")
         kept = residual[_kept(residual)]
         off = self._off(p)[self.known]
-        return float(np.sqrt((np.sum(kept**2) + self.noise**2 * np.sum(off**2)) / max(kept.size, 1)))
+        read, count = np.sum(kept**2), max(kept.size, 1)
+        return float(np.sqrt((read + self.noise**2 * np.sum(off**2)) / count)), float(np.sqrt(read / count))
 
 
 def _rows(rig: Rig, here: Predictor, p: Array, stand: Stand) -> tuple[Array, Array]:
     x, good = rig.assembled(here, p, stand.scene)
     blocks = list(here.blocks(p, x))
-    residual = np.concatenate([b.residual for b in blocks]) * _scaled(rig, stand)
-    jacobian = np.concatenate([b.jacobian for b in blocks]) * _scaled(rig, stand)[:, None]
+    residual = np.concatenate([b.residual for b in blocks])
+    jacobian = np.concatenate([b.jacobian for b in blocks])
     fine = good & np.isfinite(residual).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2))
     return jacobian[fine], residual[fine]
 
@@ -117,10 +139,6 @@ def _tolerance(rig: Rig, stand: Stand) -> Array:
 
 def _over(rig: Rig, stand: Stand) -> Predictor:
     return rig.predictor.over(stand.scene.rows.subset(stand.rows))
-
-
-def _scaled(rig: Rig, stand: Stand) -> Array:
-    return np.where(rig.long, 1.0 / stand.scene.size, 1.0)
 
 
 def _loose(rig: Rig) -> NDArray[np.bool_]:
@@ -147,4 +165,4 @@ def _basis(columns: Array) -> Array:
     return np.asarray(u[:, s > 1e-9 * s[0]])
 
 
-__all__ = ["expected", "priced"]
+__all__ = ["Settled", "expected", "settle"]

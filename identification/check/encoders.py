@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.check.judging import PHYSICS, SURE
+from truepose.identification.check.findings import PHYSICS
 from truepose.identification.check.kinds.joints import LEAST
 from truepose.identification.check.kinds.units import ANGLES, LENGTHS
 from truepose.identification.check.pair import Pair
@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 _KEPT = 0.8
 _FAR = 5.0
 """How many tolerances a zero may be off before it is worth a word."""
+SURE = 3.0
+"""How many times better a meaning of a column must fit to be certain."""
 _CLEAR = 3.0
 """How many times the scatter of a joint's own errors a zero must be off to be told from them."""
 

@@ -50,18 +50,20 @@ class FrameFit:
         self.lost = [lost_of(sensor, here.recording) for sensor in ends.machine.sensors]
         n, k = len(flange), sum(len(s.columns) for s in ends.machine.sensors)
         self.shift, self.shift_by = np.zeros((n, k)), np.zeros((n, k, len(ends.names)))
-        self.scale = np.where(ends.long, 1.0 / scene.size, 1.0)
 
     def cost(self, base: Array, tool: Array, p: Array) -> float:
         """Misfit with base and tool (4, 4) there, all else at constants (np,)."""
         return _trimmed(self._seen(base, tool, p[self.ends.places])[self.good])
 
-    def descended(self, p: Array, free: tuple[str, ...], rows: NDArray[np.intp], steps: int) -> Stand:
-        """Where damped steps from constants (np,) end; the instrument's are held by their tolerances."""
+    def descended(
+        self, p: Array, free: tuple[str, ...], rows: NDArray[np.intp], steps: int, held: tuple[str, ...] = ()
+    ) -> Stand:
+        """Return where damped steps from constants (np,) end: frames ``free`` wherever, ``held`` nowhere, the rest by tolerances."""
         ends, t, drawn = self.ends, p[self.ends.places], self.scene.p[self.ends.places]
         tolerance = ends.tolerance.copy()
         tolerance[:12] = [
-            np.inf if FRAME_OF[name] in free else tolerance[k] for k, name in enumerate(ends.names[:12])
+            np.inf if FRAME_OF[name] in free else 0.0 if FRAME_OF[name] in held else tolerance[k]
+            for k, name in enumerate(ends.names[:12])
         ]
         moving = np.flatnonzero(tolerance > 0)
         size = np.array(
@@ -104,7 +106,7 @@ class FrameFit:
             return None
         sigma = np.array([c.sigma for c in ends.machine.channels])
         points = {c.point for c in ends.machine.channels if c.unit == "mm"}
-        mm = (residual * sigma / self.scale)[self.good][:, ends.long]
+        mm = (residual * sigma)[self.good][:, ends.long]
         each = np.sort(np.sum(mm**2, axis=1) / max(len(points), 1))
         return float(np.sqrt(np.mean(each[: max(int(KEPT * len(each)), 1)])))
 
@@ -113,7 +115,7 @@ class FrameFit:
         pose = base @ self.flange @ tool
         every = zip(self.ends.sensors, self.comparisons, self.lost, strict=True)
         residual = np.hstack([f.residual(pose, t, self.rows, c, gone) for f, c, gone in every])
-        return np.nan_to_num(residual, nan=1e12) * self.scale
+        return np.nan_to_num(residual, nan=1e12)
 
     def _evaluate(self, t: Array) -> tuple[Array, Array]:
         """Residuals (n, m) and their Jacobian (n, m, nt)."""
@@ -132,8 +134,7 @@ class FrameFit:
         sight, rows = Sight(pose, twist, self.shift, self.shift_by), slice(0, len(pose))
         every = zip(self.ends.sensors, self.comparisons, self.lost, strict=True)
         block = joined(rows, [f.block(sight, t, self.rows, rows, c, gone) for f, c, gone in every])
-        residual = np.nan_to_num(block.residual, nan=1e12)
-        return residual * self.scale, block.jacobian * self.scale[:, None]
+        return np.nan_to_num(block.residual, nan=1e12), block.jacobian
 
 
 def _turning(rpy: Array) -> Array:

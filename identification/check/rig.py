@@ -6,12 +6,13 @@ damped Gauss-Newton steps over a few dozen rows.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from truepose.identification.check.alignment import Frames, starts
+from truepose.identification.check.alignment import Frames, frames_from_poses, starts
 from truepose.identification.check.frame_fit import FEW, KEPT, STEPS, Ends, FrameFit, transform
 from truepose.identification.check.scene import Array, Mask, Scene, Stand, chosen, differs
 from truepose.identification.fit.sighted import ZEROS, unknown_zeros
@@ -104,10 +105,11 @@ class Rig:
         free: tuple[str, ...] = FRAMES,
         *,
         quick: bool = False,
+        also: Sequence[Frames] = (),
     ) -> Stand:
         """The best fit of the frames ``free``, wherever they are, others within their tolerance, also from closed forms.
 
-        ``quick``: a few steps only, none where a closed form has it.
+        ``quick``: a few steps only, none where a closed form has it; ``also``: frames to start from beside those.
         """
         scene = scene or self.scene
         rows = chosen(self.machine, scene)
@@ -126,7 +128,7 @@ class Rig:
         )
         held = [
             (base if "base" in wide else stated[0], tool if "tool" in wide else stated[1])
-            for base, tool in begins
+            for base, tool in (*begins, *also)
         ]
         costs = [fit.cost(base, tool, scene.p) for base, tool in held]
         if not np.isfinite(min(costs)):
@@ -134,6 +136,13 @@ class Rig:
         p = self.with_frames(scene.p, held[int(np.argmin(costs))])
         steps = (0 if self.closed_form else FEW) if quick else STEPS
         return fit.descended(p, free, rows, steps)
+
+    def frames_for(self, rows: NDArray[np.intp], poses: Array) -> Iterator[Frames]:
+        """Yield base and tool with which the machine as it stands has tool poses (n, 4, 4) at some rows (n,)."""
+        here = self.predictor.over(self.recording.subset(rows))
+        flange, good = self._flanges(here, self.scene)
+        if good.sum() >= 3:
+            yield from frames_from_poses(flange[good], poses[good], self.frames_of(self.scene.p)[1])
 
     def assembled(self, here: Predictor, p: Array, scene: Scene) -> tuple[Array, Mask]:
         """Passive coordinates (n, nx) with constants p (np,), and which rows could be assembled; rows out of Newton's reach
@@ -186,7 +195,7 @@ def motion(rig: Rig, stand: Stand) -> float:
         for c, channel in zip(s.columns, s.channels, strict=False)
         if c in rows.observations
     ]
-    return float(np.sqrt(np.mean(np.square(spread)))) / stand.scene.size if spread else float("inf")
+    return float(np.sqrt(np.mean(np.square(spread)))) if spread else float("inf")
 
 
 __all__ = ["ABSURD", "KEPT", "Rig", "Scene", "Stand", "motion"]

@@ -10,7 +10,7 @@ from pathlib import Path
 from truepose.errors import InputError
 from truepose.identification.check.bare import bare, coarse_joints, no_tolerances, out_of_range
 from truepose.identification.check.encoders import encoders
-from truepose.identification.check.judging import shown
+from truepose.identification.check.findings import findings, shown
 from truepose.identification.check.pair import Pair
 from truepose.identification.check.result import Check, Found
 from truepose.identification.check.rig import Rig
@@ -100,33 +100,37 @@ def check_loaded(machine: Machine, recording: Recording) -> Check:
     machine = of_the_tool(machine)
     if not machine.sensors:  # slips are told by how base and tool fit
         return Check(tuple(found), len(recording), None)
-    rig, result = _searched(machine, recording)
-    if any(f.kind == "joint-never-moves" for f in result.found):
+    rig, result, said = _searched(machine, recording)
+    if any(f.kind == "joint-never-moves" for f in said):
         found = [f for f in found if f.kind != "joint-never-moves"]
-    found += result.found
-    found += [*no_tolerances(rig, result.stand), *coarse_joints(rig, result.stand)]
+    best = result.best
+    found += [*said, *no_tolerances(rig, best.stand), *coarse_joints(rig, best.stand)]
     if not any(f.verdict == "wrong" for f in found):
-        found += sigmas(rig, result.stand, result.price)
-    left, _, unit = shown(result.stand, result.stand)
+        found += sigmas(rig, best.stand, best.settled.price)
+    left, _, unit = shown(best.stand, best.stand)
     ordered = sorted(found, key=lambda f: _ORDER[f.verdict])
     missing = missing_inputs(machine, recording)
     return Check(tuple(ordered), len(recording), left, unit, missing)
 
 
-def _searched(machine: Machine, recording: Recording) -> tuple[Rig, Search]:
+def _searched(machine: Machine, recording: Recording) -> tuple[Rig, Search, list[Found]]:
     """What a search over slips finds; of a machine whose frames are set up anew, in the session that looks worst."""
     parts = [recording]
     if machine.set_up:
         machine = machine.with_effects(without_set_ups(machine.effects))
         each = [recording.subset(recording.session == number) for number in recording.sessions]
         parts = [part for part in each if not part.validation.all()]
-    found = [(rig, search(rig)) for rig in (Rig(machine, part) for part in parts)]
+    found = [_said(Rig(machine, part)) for part in parts]
 
-    def looks(one: tuple[Rig, Search]) -> tuple[int, float]:
-        verdicts = [_ORDER[f.verdict] for f in one[1].found]
-        return min(verdicts, default=len(_ORDER)), -one[1].stand.misfit
+    def looks(one: tuple[Rig, Search, list[Found]]) -> tuple[int, float]:
+        return min((_ORDER[f.verdict] for f in one[2]), default=len(_ORDER)), -one[1].best.stand.misfit
 
     return min(found, key=looks)
+
+
+def _said(rig: Rig) -> tuple[Rig, Search, list[Found]]:
+    result = search(rig)
+    return rig, result, findings(rig, result)
 
 
 __all__ = ["check", "check_files", "check_loaded", "unbounded"]

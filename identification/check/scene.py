@@ -46,8 +46,8 @@ class Scene:
 class Stand:
     """Where base and tool stand best: constants p (np,), and what is left.
 
-    misfit: whitened rms over the rows that fit best, lengths in the unit that they were recorded in; length: rms of the 3-D
-    error, mm, None where no length is read; residual (n, m) whitened; rows: places (n,) of the rows judged.
+    misfit: whitened rms over the rows that fit best; length: rms of the 3-D error, mm, None where no length is read; residual
+    (n, m) whitened; rows: places (n,) of the rows judged.
     """
 
     p: Array

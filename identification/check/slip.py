@@ -1,4 +1,4 @@
-"""A slip that may have been made between a machine and its files: what would be right, and how to mend it."""
+"""A slip that may have been made between a machine and its files: what would be right, how likely it is, and how to mend it."""
 
 from __future__ import annotations
 
@@ -6,10 +6,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from truepose.identification.check.pair import Pair
-from truepose.identification.check.rig import Scene, Stand
+from truepose.identification.check.scene import Scene
 
 Change = Callable[[Scene], Scene]
 Mend = Callable[[Pair], Pair]
+USUAL, SELDOM, RARE = 1e-2, 1e-3, 1e-5
+"""Odds of one slip against none, before readings are looked at: what every workshop has seen, what happens, what hardly does.
+
+A slip whose size is searched for is rare: a size that happens to fit is one of many hundred.
+"""
 
 
 @dataclass(frozen=True)
@@ -17,7 +22,7 @@ class Slip:
     """One hypothesis: its kind, the columns or fields it is about, what it says, and what it does to scene and files.
 
     says: what would be true ("readings are in m"); fix: what to change, in words; change: the scene as it would then be;
-    mend: the files as they then should be.
+    mend: the files as they then should be; odds: how likely it is before readings are looked at.
     """
 
     kind: str
@@ -26,19 +31,7 @@ class Slip:
     fix: str
     change: Change
     mend: Mend
-    searched: bool = False
-    """Whether a size was searched for: it fits more easily than a slip of none, which comes first where both fit alike."""
+    odds: float = USUAL
 
 
-@dataclass(frozen=True)
-class Tried:
-    """A slip with the scene under it, and how well base and tool fit there."""
-
-    slip: Slip
-    scene: Scene
-    stand: Stand
-    price: float = float("inf")
-    """With what it costs in tolerances (``drawing.priced``)."""
-
-
-__all__ = ["Change", "Mend", "Slip", "Tried"]
+__all__ = ["RARE", "SELDOM", "USUAL", "Change", "Mend", "Slip"]

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from truepose.errors import InputError
-from truepose.identification.check.judging import shown
+from truepose.identification.check.findings import shown
 from truepose.identification.check.pair import Pair
 from truepose.identification.check.result import Check, Found
 from truepose.identification.check.rig import Rig

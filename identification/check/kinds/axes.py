@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from truepose.identification.check.pair import Pair, Sheet
 from truepose.identification.check.rig import Rig, Scene
-from truepose.identification.check.slip import Slip
+from truepose.identification.check.slip import SELDOM, USUAL, Slip
 from truepose.models.sensors.pose import Pose, Position
 from truepose.models.sensors.targets import Targets
 from truepose.wording import joined
@@ -80,6 +80,7 @@ def _mapped(rig: Rig, order: tuple[int, ...], signs: tuple[int, ...], *, whole: 
         f"{'exchange the headers of' if swap else 'change'} the sensor's columns: {told}",
         partial(_remapped, points, order, signs, turns),
         partial(_mend, points, order, signs, turns),
+        USUAL if len(exchanged) + len(flipped) <= 2 else SELDOM,
     )
 
 
@@ -159,6 +160,7 @@ def targets(rig: Rig, scene: Scene) -> Iterator[Slip]:
                 "rename the columns: " + ", ".join(f"{labels[order[k]]} is {labels[k]}" for k in moved),
                 partial(_relabelled, called),
                 partial(_mend_labels, called),
+                USUAL if len(names) == 2 else SELDOM,
             )
 
 

@@ -5,23 +5,25 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import combinations
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.identification.check.kinds.narrowed import narrowed
 from truepose.identification.check.pair import Field, Pair, Sheet
 from truepose.identification.check.rig import Rig, Scene
-from truepose.identification.check.slip import Slip
+from truepose.identification.check.slip import RARE, SELDOM, USUAL, Slip
 from truepose.models.mechanism import Actuator
 from truepose.models.units import convert
 from truepose.wording import joined
 
+T = TypeVar("T")
 QUARTERS = (90.0, -90.0, 180.0)
 """Degrees that data sheets and controllers differ by."""
 LEAST = np.radians(3.0)
 """A zero that is off by less is what a calibration is there to find."""
 _GRID = 24
-_NARROWED = 8
 
 
 def signs(rig: Rig, scene: Scene) -> Iterator[Slip]:
@@ -81,6 +83,7 @@ def exchanged(rig: Rig, scene: Scene) -> Iterator[Slip]:
             else "rename the columns: " + ", ".join(f"{a} is {b}" for a, b in called.items()),
             partial(_reordered, order),
             partial(_renamed, called),
+            USUAL if len(names) == 2 else SELDOM,
         )
 
 
@@ -117,7 +120,7 @@ def offset(rig: Rig, k: int, size: float, *, searched: bool = False) -> Slip:
         f"add {shown} to the zero of {a.reading} in the machine file, or to its column",
         partial(_plus, k, size),
         partial(_shifted_zero, rig, k, size),
-        searched,
+        RARE if searched else USUAL,
     )
 
 
@@ -177,6 +180,28 @@ def _zero_field(rig: Rig, a: Actuator, pair: Pair) -> Field | None:
     return None
 
 
+def mirrored_zeros(rig: Rig, scene: Scene) -> Iterator[Slip]:
+    """Yield each turning joint counted the other way, with its zero a quarter or half turn away."""
+    for negative, k in zip(signs(rig, scene), range(len(rig.machine.mechanism.actuators)), strict=True):
+        if rig.machine.mechanism.actuators[k].reading_unit != "rad":
+            continue
+        for degrees in QUARTERS:
+            zero = offset(rig, k, np.radians(degrees))
+            yield Slip(
+                "sign",
+                negative.where,
+                f"{negative.says}, {zero.says}",
+                f"{negative.fix}; then {zero.fix}",
+                partial(_both, negative.change, zero.change),
+                partial(_both, negative.mend, zero.mend),
+                SELDOM,
+            )
+
+
+def _both(first: Callable[[T], T], second: Callable[[T], T], held: T) -> T:
+    return second(first(held))
+
+
 def zeros(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """Each joint with the zero that fits best, wherever that is: one search a joint."""
     for k, a in enumerate(rig.machine.mechanism.actuators):
@@ -189,7 +214,7 @@ def zeros(rig: Rig, scene: Scene) -> Iterator[Slip]:
         def misfit(size: float, k: int = k) -> float:
             return rig.stand(_plus(k, size, scene), quick=True).misfit
 
-        found = _narrowed(misfit, grid)
+        found = narrowed(misfit, grid)
         if abs(found) > (LEAST if a.reading_unit == "rad" else 0.02 * span):
             yield offset(rig, k, found, searched=True)
 
@@ -209,24 +234,9 @@ def end_zeros(rig: Rig, scene: Scene) -> Iterator[Slip]:
         def away(size: float, k: int = k) -> float:
             return rig.away(rig.stand(_plus(k, size, scene), quick=True).p, scene.p)
 
-        found = _narrowed(away, np.linspace(-np.pi, np.pi, _GRID, endpoint=False))
+        found = narrowed(away, np.linspace(-np.pi, np.pi, _GRID, endpoint=False))
         if abs(found) > LEAST:
             yield offset(rig, k, found, searched=True)
 
 
-def _narrowed(misfit: Callable[[float], float], grid: NDArray[np.float64]) -> float:
-    """Where a misfit is least: the best of a grid, then halved steps around it."""
-    tried = {float(size): misfit(float(size)) for size in grid}
-    best = min(tried, key=lambda size: tried[size])
-    order = sorted(tried)
-    at = order.index(best)
-    step = max(abs(order[min(at + 1, len(order) - 1)] - best), abs(best - order[max(at - 1, 0)]))
-    for _ in range(_NARROWED):
-        step /= 2
-        for size in (best - step, best + step):
-            tried[size] = misfit(size)
-        best = min((best - step, best, best + step), key=lambda size: tried[size])
-    return best
-
-
-__all__ = ["end_zeros", "exchanged", "offset", "quarter_turns", "signs", "zeros"]
+__all__ = ["end_zeros", "exchanged", "mirrored_zeros", "offset", "quarter_turns", "signs", "zeros"]

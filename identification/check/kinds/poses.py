@@ -39,8 +39,27 @@ def poses(rig: Rig, scene: Scene) -> Iterator[Slip]:
         "give the rotation of the tool, not its inverse",
         _turned_back,
     )
-    for says, change in _angles():
+    for says, change in (*_quaternions(), *_angles()):
         yield _slip(rig, "rotation-convention", says, "write rotation vectors (axis times angle)", change)
+
+
+def _quaternions() -> Iterator[tuple[str, Callable[[Array], Array]]]:
+    """Yield orders in which a quaternion may have been read, in words and as what turns rotation vectors into the right ones."""
+    last, first = "scalar last (x, y, z, w)", "scalar first (w, x, y, z)"
+    yield (
+        f"the quaternion behind rx, ry, rz was {first} and read as {last}",
+        partial(_requaternioned, (1, 2, 3, 0)),
+    )
+    yield (
+        f"the quaternion behind rx, ry, rz was {last} and read as {first}",
+        partial(_requaternioned, (3, 0, 1, 2)),
+    )
+
+
+def _requaternioned(order: tuple[int, ...], six: Array) -> Array:
+    """Rotation vectors whose quaternions (x, y, z, w) have other places."""
+    quaternion = Rotation.from_rotvec(six[:, 3:]).as_quat()[:, list(order)]
+    return np.hstack([six[:, :3], Rotation.from_quat(quaternion).as_rotvec()])
 
 
 def _angles() -> Iterator[tuple[str, Callable[[Array], Array]]]:

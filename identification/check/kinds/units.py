@@ -5,30 +5,81 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import product
 
 import numpy as np
 
 from truepose.identification.check.pair import Field, Pair
 from truepose.identification.check.rig import Rig, Scene
-from truepose.identification.check.slip import Slip
+from truepose.identification.check.slip import RARE, SELDOM, USUAL, Slip
 from truepose.models.units import UnitSystem, convert
 from truepose.wording import joined, shortened
 
-LENGTHS = ("nm", "um", "mm", "cm", "inch", "ft", "m")
-ANGLES = ("rad", "deg", "mrad")
+LENGTHS = {"mm": USUAL, "m": USUAL, "inch": USUAL, "um": SELDOM, "cm": SELDOM, "nm": RARE, "ft": RARE}
+ANGLES = {"rad": USUAL, "deg": USUAL, "grad": SELDOM, "mrad": RARE, "turn": RARE}
+"""Units that recordings and drawings come in, with the odds that one was taken for another."""
+_ALONE = 0.1
+"""Odds that one column alone is in another unit, beside those that all of a kind are."""
 _DIMENSIONS = (("mm", "unit-length", LENGTHS), ("rad", "unit-angle", ANGLES))
 _GROUPS = (("alpha",), ("theta",), ("alpha", "theta", "beta"), ("rx", "ry", "rz"))
 
 
 def units(rig: Rig, scene: Scene) -> Iterator[Slip]:
-    """Every other unit for the readings, for the joints (all of a kind, and each alone), for the machine file's numbers."""
+    """Every other unit for the readings, the joints (all of a kind, and each alone), both, and the machine file's numbers."""
+    yield from _recordings(rig)
     yield from _readings(rig)
     yield from _joints(rig)
     yield from file_lengths(rig, scene)
     yield from _file_angles(rig)
 
 
-def _others(known: Sequence[str], unit: str) -> list[tuple[str, float]]:
+def _recordings(rig: Rig) -> Iterator[Slip]:
+    """Yield other units for all lengths and all angles of a recording at once: everything in m and rad, say."""
+    written = rig.machine.units
+    columns: dict[str, list[str]] = {inside: [] for inside, _, _ in _DIMENSIONS}
+    joints = {a.reading: a.reading_unit for a in rig.machine.mechanism.actuators}
+    seen = {n: unit for s in rig.machine.sensors for n, unit in s.columns.items()}
+    for name, unit in (*joints.items(), *seen.items()):
+        if unit in columns:
+            columns[unit].append(name)
+    said = {
+        n: written.of_joint(u) if n in joints else written.written(u)
+        for n, u in (*joints.items(), *seen.items())
+    }
+    others = [
+        [(None, {}), *((unit, factors) for unit, factors in _otherwise(rig, columns[inside], said, known))]
+        for inside, _, known in _DIMENSIONS
+    ]
+    for (length, longer), (angle, wider) in product(*others):
+        factors = {**longer, **wider}
+        if not (factors.keys() & joints.keys() and factors.keys() & seen.keys()):
+            continue
+        units = {**dict.fromkeys(longer, length or ""), **dict.fromkeys(wider, angle or "")}
+        named = [u for u, f in ((length, longer), (angle, wider)) if f and u]
+        size = max((longer[n] for n in longer if n in seen), default=1.0)
+        yield Slip(
+            "unit-length" if longer else "unit-angle",
+            tuple(factors),
+            f"the recording in {joined(named)}",
+            f"write the units in the header: {shortened([f'{n} [{u}]' for n, u in units.items()], 12)}",
+            partial(_scaled_both, factors, size),
+            partial(_said_each, units),
+            min((LENGTHS[length] if length else 1.0), (ANGLES[angle] if angle else 1.0)),
+        )
+
+
+def _scaled_both(factors: Mapping[str, float], size: float, scene: Scene) -> Scene:
+    seen = {n: f for n, f in factors.items() if n in scene.rows.observations}
+    return _scaled_joints(factors, _scaled_columns(seen, size, scene))
+
+
+def _said_each(units: Mapping[str, str], pair: Pair) -> Pair:
+    for name, unit in units.items():
+        pair = _said_in((name,), unit, pair)
+    return pair
+
+
+def _others(known: Iterable[str], unit: str) -> list[tuple[str, float]]:
     """Other units, each with how many of ``unit`` it is."""
     pairs = [(other, convert(1.0, other, unit)) for other in known]
     return [(other, factor) for other, factor in pairs if abs(factor - 1.0) > 1e-9]
@@ -38,10 +89,12 @@ def _readings(rig: Rig) -> Iterator[Slip]:
     written = rig.machine.units
     for inside, kind, known in _DIMENSIONS:
         names = tuple(n for s in rig.machine.sensors for n, unit in s.columns.items() if unit == inside)
-        for unit, factors in _otherwise(rig, names, written.written(inside), known):
+        for unit, factors in _otherwise(rig, names, dict.fromkeys(names, written.written(inside)), known):
             size = max(factors.values()) if inside == "mm" else 1.0
             change, mend = partial(_scaled_columns, factors, size), partial(_said_in, tuple(factors), unit)
-            yield Slip(kind, tuple(factors), f"readings in {unit}", _header(factors, unit), change, mend)
+            yield Slip(
+                kind, tuple(factors), f"readings in {unit}", _header(factors, unit), change, mend, known[unit]
+            )
 
 
 def _joints(rig: Rig) -> Iterator[Slip]:
@@ -50,17 +103,22 @@ def _joints(rig: Rig) -> Iterator[Slip]:
         like = [a.reading for a in rig.machine.mechanism.actuators if a.reading_unit == inside]
         sets = [tuple(like), *((name,) for name in like)] if len(like) > 1 else [tuple(like)]
         for chosen in sets:
-            for unit, factors in _otherwise(rig, chosen, written.of_joint(inside), known):
+            odds = _ALONE if len(chosen) < len(like) else 1.0
+            for unit, factors in _otherwise(
+                rig, chosen, dict.fromkeys(chosen, written.of_joint(inside)), known
+            ):
                 says = f"{joined(tuple(factors)) if len(factors) < 4 else 'joints'} in {unit}"
                 change, mend = partial(_scaled_joints, factors), partial(_said_in, tuple(factors), unit)
-                yield Slip(kind, tuple(factors), says, _header(factors, unit), change, mend)
+                yield Slip(
+                    kind, tuple(factors), says, _header(factors, unit), change, mend, odds * known[unit]
+                )
 
 
 def _otherwise(
-    rig: Rig, names: Sequence[str], unheaded: str, known: Sequence[str]
+    rig: Rig, names: Sequence[str], unheaded: Mapping[str, str], known: Iterable[str]
 ) -> Iterator[tuple[str, dict[str, float]]]:
     """Every unit that columns may be in, and by how much those that are said to be in another one then grow."""
-    said = {name: rig.recording.said.get(name, unheaded) for name in names}
+    said = {name: rig.recording.said.get(name, unheaded[name]) for name in names}
     for unit in known:
         factors = {name: convert(1.0, unit, other) for name, other in said.items()}
         factors = {name: factor for name, factor in factors.items() if abs(factor - 1.0) > 1e-9}
@@ -107,6 +165,7 @@ def file_lengths(rig: Rig, scene: Scene) -> Iterator[Slip]:
                 partial(_file_in, rig.machine.units, unit, rig)
                 if whole
                 else partial(_mend_lengths, rig, factor),
+                LENGTHS[unit],
             )
 
 
@@ -125,6 +184,7 @@ def _description_lengths(rig: Rig, places: Sequence[int]) -> Iterator[Slip]:
             "write the lengths of the URDF in m",
             partial(_redrawn, places, factor, False),
             partial(_redescribed, factor),
+            LENGTHS[unit],
         )
 
 
@@ -202,7 +262,7 @@ def _file_angles(rig: Rig) -> Iterator[Slip]:
         places = [k for k, n in enumerate(rig.names) if n in own and n.rpartition(".")[2] in ends]
         if not np.any(rig.scene.p[places]):
             continue
-        for unit, factor in _others(ANGLES[:2], written):
+        for unit, factor in _others(("rad", "deg"), written):
             fields = _table_fields(rig, ends) or [own[rig.names[k]].field for k in places]
             yield Slip(
                 "unit-angle",

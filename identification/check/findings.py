@@ -1,0 +1,129 @@
+"""What a search says: a mend where one is certain, questions where several lead, or that nothing tried explains the misfit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from truepose.identification.check.kinds.frames import frame_unknown
+from truepose.identification.check.result import Found, Verdict
+from truepose.identification.check.rig import Rig, Stand, motion
+from truepose.identification.check.search import Search
+from truepose.identification.check.weighing import CERTAIN, Weighed, allowed
+from truepose.wording import joined
+
+PHYSICS = 0.2
+"""Share of what the tool moves that nothing left out of a model makes: an open-loop piezo is off by 0.23 of its stroke."""
+_LEADS, _WORTH_A_WORD = 4, 0.01
+_CAUSES = (
+    "compare the table of constants, the order of joints and the rows with their source; where the machine moved while it was "
+    "measured, the clocks of joints and sensor; physics that was left out is what `diagnose` looks for"
+)
+
+
+def findings(rig: Rig, search: Search) -> list[Found]:
+    """Return what to say of a machine and its recording."""
+    as_it_stands = search.as_it_stands
+    if as_it_stands.near and not as_it_stands.free:
+        return []
+    if search.advised is not None:
+        return list(_advice(rig, search, search.advised))
+    leads = [members[0] for members, share in search.leads if share >= _WORTH_A_WORD]
+    gained = float(np.log(CERTAIN / (1.0 - CERTAIN)))
+    if leads and any(
+        leads[0].score - as_it_stands.score > gained and w is not as_it_stands for w in leads[:1]
+    ):
+        return [_question(rig, as_it_stands, leads)]
+    return [unexplained(rig, as_it_stands.stand)]
+
+
+def _advice(rig: Rig, search: Search, members: Sequence[Weighed]) -> Iterator[Found]:
+    """Yield what the likeliest of a class says, each slip by itself; the others of the class fit as well."""
+    best = members[0]
+    before, after, unit = shown(search.as_it_stands.stand, best.stand)
+    others = tuple(dict.fromkeys(_words(rig, w) for w in members[1:]))[:_LEADS]
+    for slip in best.hypothesis.slips:
+        yield Found(
+            slip.kind, slip.where, slip.says, slip.fix, "wrong", before, after, unit, slip.mend, others
+        )
+    for frame in best.free:
+        slip = frame_unknown(rig, frame, best.stand.p)
+        yield Found(
+            slip.kind, slip.where, slip.says, slip.fix, "wrong", before, after, unit, slip.mend, others
+        )
+
+
+def _question(rig: Rig, as_it_stands: Weighed, leads: Sequence[Weighed]) -> Found:
+    """What leads and is not certain, or leaves more than drawing and noise: to be looked at, never to be mended unseen."""
+    best = leads[0]
+    before, after, unit = shown(as_it_stands.stand, best.stand)
+    slips = best.hypothesis.slips or (frame_unknown(rig, best.free[0], best.stand.p),)
+    left = (
+        ""
+        if best.near
+        else "; more would be left than drawing and noise make, so that something else is wrong too"
+    )
+    return Found(
+        slips[0].kind,
+        slips[0].where,
+        f"it may be that {_words(rig, best)}{left}",
+        f"compare with the source: {'; '.join(slip.fix for slip in slips)}",
+        "wrong" if as_it_stands.stand.bad else "suspect",
+        before,
+        after,
+        unit,
+        None,
+        tuple(dict.fromkeys(_words(rig, w) for w in leads[1:]))[:_LEADS],
+    )
+
+
+def _words(rig: Rig, weighed: Weighed) -> str:
+    """What a hypothesis says, in one line."""
+    said = [slip.says for slip in weighed.hypothesis.slips]
+    said += [frame_unknown(rig, frame, weighed.stand.p).says for frame in weighed.free]
+    return joined(said) if said else "all is as the files say"
+
+
+def unexplained(rig: Rig, stand: Stand) -> Found:
+    """Return a misfit that no slip explains; where a joint is said never to move, that may be it. Certain beyond physics only."""
+    certain = stand.bad or stand.misfit > PHYSICS * motion(rig, stand)
+    verdict: Verdict = "wrong" if certain else "suspect"
+    before, _, unit = shown(stand, stand)
+    found = Found("unexplained", (), _misses(rig, stand), _CAUSES, verdict, before, unit=unit)
+    if not rig.still:
+        return replace(found, says=f"{found.says}, and no slip that was tried explains it")
+    names = joined(rig.still)
+    one = len(rig.still) == 1
+    return replace(
+        found,
+        kind="joint-never-moves",
+        where=rig.still,
+        says=f"{names} never {'moves' if one else 'move'} in the recording, and {found.says}: "
+        f"{'it' if one else 'they'} may have moved without being logged",
+        fix=f"record {names}",
+    )
+
+
+def _misses(rig: Rig, stand: Stand) -> str:
+    if stand.bad:
+        return "the drawn machine cannot stand as its joints were read"
+    size = f"{stand.length:.3g} mm" if stand.length is not None else f"{stand.misfit:.3g} sigma"
+    most = allowed(rig, stand) / stand.misfit
+    usual = (
+        f"{stand.length * most:.2g} mm" if stand.length is not None else f"{stand.misfit * most:.2g} sigma"
+    )
+    return f"with base and tool fitted, the drawn machine misses the readings by {size}, where drawing and noise make at most {usual}"
+
+
+def shown(before: Stand, after: Stand) -> tuple[float | None, float | None, str]:
+    """Return two misfits in a unit that users know: mm of the position where there is one, else sigmas; None where nothing fits."""
+    if before.bad:
+        return (None, after.misfit, "sigma") if after.length is None else (None, after.length, "mm")
+    if before.length is not None and after.length is not None:
+        return before.length, after.length, "mm"
+    return before.misfit, after.misfit, "sigma"
+
+
+__all__ = ["PHYSICS", "findings", "shown", "unexplained"]

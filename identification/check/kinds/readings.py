@@ -1,0 +1,161 @@
+"""Readings of joints that are not the joints' own angles: one counted from another joint, and encoders' counts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from itertools import permutations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.check.kinds.narrowed import narrowed
+from truepose.identification.check.pair import Pair
+from truepose.identification.check.rig import Rig, Scene
+from truepose.identification.check.slip import RARE, SELDOM, USUAL, Slip
+from truepose.models.mechanism import Actuator
+from truepose.models.units import convert
+from truepose.wording import joined
+
+Array = NDArray[np.float64]
+_SPANS = {"rad": np.radians([15.0, 720.0]), "mm": np.array([5.0, 5000.0])}
+"""Between what a joint's motion in a recording lies."""
+_TURNS = 4.2 * np.pi
+"""rad; no joint of an arm turns further than this between two readings, so that more are counts, or degrees taken for turns."""
+_STEP = 0.3
+"""rad, of the widest motion: a fit finds its way from there."""
+_LENGTHS = 48
+_ROUND = 0.02
+"""Share by which a count for a turn may miss a round number that fits as well."""
+
+
+def coupled(rig: Rig, scene: Scene) -> Iterator[Slip]:
+    """Yield each joint with its reading counted from another joint's: the horizon of a parallelogram or of a teach pendant."""
+    actuators = rig.machine.mechanism.actuators
+    for k, j in permutations(range(len(actuators)), 2):
+        mine, other = actuators[k], actuators[j]
+        if mine.reading_unit != other.reading_unit or mine.reading_unit not in _SPANS:
+            continue
+        for ratio in (1.0, -1.0):
+            yield Slip(
+                "coupled",
+                (mine.reading, other.reading),
+                f"the reading of {mine.reading} is coupled: its own {'angle' if mine.reading_unit == 'rad' else 'travel'} "
+                f"{'+' if ratio > 0 else '-'} {other.reading} (counted from the horizon, or by a linkage; k = {ratio:g})",
+                f"state 'coupled: {{{other.reading}: {ratio:g}}}' at {mine.reading} in the machine file",
+                partial(_uncoupled, k, j, ratio),
+                partial(_mend_coupled, rig, k, j, ratio),
+                USUAL if abs(k - j) == 1 else SELDOM,
+            )
+
+
+def _uncoupled(k: int, j: int, ratio: float, scene: Scene) -> Scene:
+    q = scene.rows.q.copy()
+    q[:, k] -= ratio * q[:, j]
+    return scene.with_joints(q)
+
+
+def _mend_coupled(rig: Rig, k: int, j: int, ratio: float, pair: Pair) -> Pair:
+    mine, other = (rig.machine.mechanism.actuators[i].reading for i in (k, j))
+    return _with_joint_field(rig, pair, mine, "coupled", {other: ratio})
+
+
+def counts(rig: Rig, scene: Scene) -> Iterator[Slip]:
+    """Yield joints that read more than a joint turns, each alone and all of them, as counts of an encoder."""
+    actuators = rig.machine.mechanism.actuators
+    units = [rig.machine.units.of_joint(a.reading_unit) for a in actuators]
+    wide = [
+        k
+        for k, (a, unit) in enumerate(zip(actuators, units, strict=True))
+        if a.reading_unit in _SPANS and _counted(a, unit, scene.rows.q[:, k])
+    ]
+    sets: list[tuple[int, ...]] = [(k,) for k in wide]
+    alike = {actuators[k].reading_unit for k in wide}
+    if len(wide) > 1 and len(alike) == 1:
+        sets = [tuple(wide), *sets]
+    for places in sets:
+        yield from _as_counts(rig, scene, places)
+
+
+def _counted(a: Actuator, unit: str, q: Array) -> bool:
+    """Whether readings may be counts: whole numbers, or further apart than a joint moves."""
+    written = np.asarray(convert(q, a.reading_unit, unit))
+    whole = len(np.unique(written)) > 3 and np.allclose(written, np.round(written), atol=1e-6)
+    far = a.reading_unit == "rad" and np.ptp(q) > _TURNS
+    return bool(far or (whole and a.reading_unit == "mm"))
+
+
+def _as_counts(rig: Rig, scene: Scene, places: Sequence[int]) -> Iterator[Slip]:
+    actuators = rig.machine.mechanism.actuators
+    unit = actuators[places[0]].reading_unit
+    written = rig.machine.units.of_joint(unit)
+    span = max(float(np.ptp(scene.rows.q[:, k])) for k in places)
+    low, high = _SPANS[unit] / span
+    if unit == "rad":
+        grid = np.linspace(low, high, int((high - low) * span / _STEP) + 1)
+    else:
+        grid = np.geomspace(low, high, _LENGTHS)
+    columns = tuple(actuators[k].reading for k in places)
+
+    def misfit(factor: float) -> float:
+        return rig.stand(_scaled(dict.fromkeys(places, factor), scene), quick=True).misfit
+
+    for sign in (1.0, -1.0):
+        factor = narrowed(misfit, sign * grid)
+        per = 2.0 * np.pi if unit == "rad" else 1.0
+        counted = convert(
+            per / abs(factor), unit, written
+        )  # how many of what was written make a turn, or a mm
+        counted = _rounded(counted, lambda n: misfit(sign * per / convert(n, written, unit)))
+        factor = sign * per / convert(counted, written, unit)
+        name = joined(columns)
+        what = "turn" if unit == "rad" else "mm"
+        yield Slip(
+            "counts",
+            columns,
+            f"{name} in counts of an encoder, {counted:.7g} a {what}{', counted the other way' if sign < 0 else ''}",
+            f"state 'counts: {sign * counted:.7g}' at {name} in the machine file",
+            partial(_scaled, dict.fromkeys(places, factor)),
+            partial(_mend_counts, rig, columns, sign * float(f"{counted:.7g}")),
+            RARE,
+        )
+
+
+def _scaled(factors: Mapping[int, float], scene: Scene) -> Scene:
+    q = scene.rows.q.copy()
+    for k, factor in factors.items():
+        q[:, k] *= factor
+    return scene.with_joints(q)
+
+
+def _rounded(number: float, misfit: object) -> float:
+    """Return the round number next to one, where it fits as well: a power of two, or few digits."""
+    if not callable(misfit):
+        raise TypeError("misfit is a function of the number")
+    powers = 2.0 ** np.round(np.log2(number))
+    decade = 10.0 ** np.floor(np.log10(number))
+    near = [powers, *(decade * np.array([1, 2, 2.5, 3.6, 4, 5, 8, 10]))]
+    close = [float(n) for n in near if abs(n / number - 1.0) < _ROUND]
+    best = misfit(number)
+    return min(
+        (n for n in close if misfit(n) <= 1.5 * best), key=lambda n: abs(n / number - 1.0), default=number
+    )
+
+
+def _mend_counts(rig: Rig, columns: Sequence[str], number: float, pair: Pair) -> Pair:
+    for name in columns:
+        pair = _with_joint_field(rig, pair, name, "counts", number)
+    return pair
+
+
+def _with_joint_field(rig: Rig, pair: Pair, reading: str, key: str, value: object) -> Pair:
+    """Return the pair with a field of the joint or leg that has a reading."""
+    names = {a.reading: {a.reading, a.drives} for a in rig.machine.mechanism.actuators}[reading]
+    for group in ("joints", "legs"):
+        for k, row in enumerate(pair.get(("mechanism", group)) or []):
+            if isinstance(row, Mapping) and {row.get("name"), row.get("joint")} & names:
+                return pair.with_field(("mechanism", group, k, key), value)
+    return pair
+
+
+__all__ = ["counts", "coupled"]

@@ -1,0 +1,196 @@
+"""How much a hypothesis is worth: one number, the evidence of a cheap fit under what the file knows.
+
+What is left of a right hypothesis is the drawing's errors, physics, and noise: of a size that nobody knows, and alike in
+neighbouring poses. So its evidence falls with the misfit to the power ``WORTH``, however many rows there are, and with how
+seldom such a slip is made. A reading that is said to be in a larger unit has to be met as much better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.check.alignment import Frames
+from truepose.identification.check.drawing import Settled, expected, settle
+from truepose.identification.check.rig import ABSURD, Rig, Scene, Stand, motion
+from truepose.identification.check.slip import RARE, SELDOM, Slip
+from truepose.models.machine import FRAMES
+from truepose.models.machine_file import Frames as StatedFrames
+
+Array = NDArray[np.float64]
+WORTH = 8.0
+"""Readings that count as independent: a slip that every workshop has seen needs to fit three times better to be certain."""
+LEAST = 0.1
+"""Sigmas below which no misfit counts as smaller."""
+CERTAIN = 0.99
+QUIET, FAR = 2.5, 4.0
+"""Misfit, in sigmas, and departures, in tolerances, that any fit may leave."""
+USUAL_REACH, DECADES = 500.0, 0.5
+"""mm: the longest dimension of a robot, roughly; and by how many decades (1-sigma) robots are larger or smaller."""
+_TURNS = (7, 11, 13, 17, 19, 23, 29, 31)
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """Slips made together, the scene without them, and their odds."""
+
+    slips: tuple[Slip, ...]
+    scene: Scene
+    odds: float = 1.0
+
+    def with_slip(self, slip: Slip) -> Hypothesis:
+        """Return the hypothesis that this slip was made too."""
+        return Hypothesis((*self.slips, slip), slip.change(self.scene), self.odds * slip.odds)
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """A hypothesis with its best fit: frames that must be ``free`` for it, and the logarithm of its evidence.
+
+    near: whether what is left is what drawing and sigma let one expect.
+    """
+
+    hypothesis: Hypothesis
+    free: tuple[str, ...]
+    stand: Stand
+    settled: Settled
+    score: float
+    near: bool
+
+
+def evidence(rig: Rig, scene: Scene, misfit: float, odds: float) -> float:
+    """Return the logarithm of a hypothesis' evidence, given its misfit in sigmas."""
+    if not np.isfinite(misfit):
+        return -np.inf
+    seen = misfit / scene.size ** float(np.mean(rig.long))
+    size = reach(rig, scene.p)
+    unlikely = 0.5 * (np.log10(size / USUAL_REACH) / DECADES) ** 2 if size > 0 else 0.0
+    return float(np.log(odds) - WORTH * np.log(max(seen, LEAST)) - unlikely)
+
+
+def reach(rig: Rig, p: Array) -> float:
+    """Return the longest dimension of the mechanism at constants p (np,), mm; 0 where none is a length."""
+    long = [rig.names.index(q.name) for q in rig.machine.mechanism.parameters if q.unit == "mm"]
+    return float(np.abs(p[long]).max(initial=0.0))
+
+
+def ways(rig: Rig) -> dict[tuple[str, ...], float]:
+    """Return which frames may be elsewhere than the file says, with the odds of it: none, either, both."""
+    known = [f for f in FRAMES if np.isfinite(rig.tolerance[rig.at[f]]).any()]
+    frames = rig.machine.file.frames if rig.machine.file else StatedFrames()
+    odds = {f: RARE if getattr(frames, f).present else SELDOM for f in known}
+    sets = [w for k in range(len(known) + 1) for w in combinations(known, k)]
+    return {way: float(np.prod([odds[f] for f in way])) for way in sets}
+
+
+def weigh(rig: Rig, hypothesis: Hypothesis, also: Sequence[Frames] = ()) -> Weighed:
+    """Return a hypothesis with its best fit; ``also``: frames to start from, beside those that closed forms have."""
+    scene, found = hypothesis.scene, []
+    for way, odds in ways(rig).items():
+        stand = rig.stand(scene, way, also=also)
+        found.append((evidence(rig, scene, stand.misfit, odds * hypothesis.odds), way, odds, stand))
+    best: Weighed | None = None
+    for bound, way, odds, stand in sorted(found, key=lambda one: -one[0]):
+        if best is not None and (best.near or bound < best.score):
+            break
+        settled = settle(rig, stand, way)
+        score = evidence(rig, scene, settled.price, odds * hypothesis.odds)
+        one = Weighed(hypothesis, way, stand, settled, score, is_near(rig, stand, settled))
+        best = one if best is None or one.score > best.score else best
+    if best is None:
+        raise ValueError("a hypothesis is weighed with at least one way for its frames")
+    return best
+
+
+def is_near(rig: Rig, stand: Stand, settled: Settled) -> bool:
+    """Return whether a misfit is what drawing and sigma let one expect, and no constant is far off."""
+    if stand.bad:
+        return False
+    return settled.misfit <= allowed(rig, stand) and settled.farthest <= FAR
+
+
+def allowed(rig: Rig, stand: Stand) -> float:
+    """Return the largest misfit, in sigmas, of a machine as it is drawn; where nobody says how well it is, of any machine."""
+    known = any(p.free for p in rig.machine.mechanism.parameters)
+    most = 2.0 * expected(rig, stand) if known else ABSURD * motion(rig, stand)
+    return max(QUIET, most)
+
+
+def shares(rig: Rig, every: Sequence[Weighed]) -> list[tuple[list[Weighed], float]]:
+    """Return classes of hypotheses that predict alike, each with its probability; the likeliest first."""
+    if not every:
+        return []
+    top = max(w.score for w in every)
+    weight = {id(w): float(np.exp(w.score - top)) for w in every}
+    classes: list[list[Weighed]] = []
+    for one in sorted(every, key=lambda w: -w.score):
+        mine = next((c for c in classes if weight[id(one)] > 1e-4 and _alike(rig, c[0], one)), None)
+        if mine is None:
+            classes.append([one])
+        else:
+            mine.append(one)
+    total = sum(weight.values())
+    told = [(members, sum(weight[id(w)] for w in members) / total) for members in classes]
+    return sorted(told, key=lambda each: -each[1])
+
+
+def _alike(rig: Rig, one: Weighed, other: Weighed) -> bool:
+    """Whether two hypotheses say the same of poses that were not recorded: joints as read, each column turned by itself."""
+    a, b = one.stand.scene.rows.observations, other.stand.scene.rows.observations
+    if any(not np.array_equal(a[name], b[name], equal_nan=True) for name in a):
+        return False
+    if one.stand.bad or other.stand.bad:
+        return False
+    q = rig.recording.q[one.stand.rows]
+    turned = np.column_stack([np.roll(q[:, k], _TURNS[k % len(_TURNS)] * (k + 1)) for k in range(q.shape[1])])
+    seen = [_predicted(rig, w, turned) for w in (one, other)]
+    apart = np.linalg.norm(seen[0][:, :3, 3] - seen[1][:, :3, 3], axis=1)
+    limits = [w.stand.length for w in (one, other)]
+    near = max(*(v or 0.0 for v in limits), 1e-6 * max(1.0, float(np.ptp(seen[0][:, :3, 3]))))
+    return bool(np.median(apart) <= 2.0 * near)
+
+
+def _predicted(rig: Rig, weighed: Weighed, q: Array) -> Array:
+    """(n, 4, 4) poses of the tool at joints (n, nq) as they would have been recorded."""
+    rows = rig.recording.subset(weighed.stand.rows)
+    scene = replace(rig.scene, rows=replace(rows, q=q))
+    for slip in weighed.hypothesis.slips:
+        scene = slip.change(scene)
+    here, p = rig.predictor.over(scene.rows), weighed.settled.p
+    x, _ = rig.assembled(here, p, weighed.stand.scene)
+    return here.poses(p, x)[0]
+
+
+def undone(rig: Rig, weighed: Weighed) -> list[Frames]:
+    """Return frames that would undo a hypothesis, if frames can: those that bring the machine as it stands to its poses."""
+    if weighed.stand.bad:
+        return []
+    q = rig.recording.q[weighed.stand.rows]
+    return list(rig.frames_for(weighed.stand.rows, _predicted(rig, weighed, q)))
+
+
+def best_of(every: Iterable[Weighed]) -> Weighed:
+    """Return the hypothesis with the most evidence."""
+    return max(every, key=lambda weighed: weighed.score)
+
+
+__all__ = [
+    "CERTAIN",
+    "FAR",
+    "QUIET",
+    "Hypothesis",
+    "Weighed",
+    "allowed",
+    "best_of",
+    "evidence",
+    "is_near",
+    "reach",
+    "shares",
+    "undone",
+    "ways",
+    "weigh",
+]
