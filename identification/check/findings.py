@@ -87,7 +87,7 @@ def _words(rig: Rig, weighed: Weighed) -> str:
 
 
 def unexplained(rig: Rig, stand: Stand) -> Found:
-    """Return a misfit that no slip explains; where a joint is said never to move, that may be it. Certain beyond physics only."""
+    """Return a misfit that no slip explains; a joint said never to move may be it. Certain beyond all physics only."""
     certain = stand.bad or stand.misfit > PHYSICS * motion(rig, stand)
     verdict: Verdict = "wrong" if certain else "suspect"
     before, _, unit = shown(stand, stand)
@@ -114,11 +114,14 @@ def _misses(rig: Rig, stand: Stand) -> str:
     usual = (
         f"{stand.length * most:.2g} mm" if stand.length is not None else f"{stand.misfit * most:.2g} sigma"
     )
-    return f"with base and tool fitted, the drawn machine misses the readings by {size}, where drawing and noise make at most {usual}"
+    return (
+        f"with base and tool fitted, the drawn machine misses the readings by {size}, "
+        f"where drawing and noise make at most {usual}"
+    )
 
 
 def shown(before: Stand, after: Stand) -> tuple[float | None, float | None, str]:
-    """Return two misfits in a unit that users know: mm of the position where there is one, else sigmas; None where nothing fits."""
+    """Return two misfits in a unit that users know: mm where positions are read, else sigmas; None where nothing fits."""
     if before.bad:
         return (None, after.misfit, "sigma") if after.length is None else (None, after.length, "mm")
     if before.length is not None and after.length is not None:

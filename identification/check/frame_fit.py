@@ -58,7 +58,7 @@ class FrameFit:
     def descended(
         self, p: Array, free: tuple[str, ...], rows: NDArray[np.intp], steps: int, held: tuple[str, ...] = ()
     ) -> Stand:
-        """Return where damped steps from constants (np,) end: frames ``free`` wherever, ``held`` nowhere, the rest by tolerances."""
+        """Return where damped steps from p (np,) end: frames ``free`` wherever, ``held`` nowhere, others as tolerances let."""
         ends, t, drawn = self.ends, p[self.ends.places], self.scene.p[self.ends.places]
         tolerance = ends.tolerance.copy()
         tolerance[:12] = [

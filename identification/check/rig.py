@@ -106,10 +106,12 @@ class Rig:
         *,
         quick: bool = False,
         also: Sequence[Frames] = (),
+        held: tuple[str, ...] = (),
     ) -> Stand:
         """The best fit of the frames ``free``, wherever they are, others within their tolerance, also from closed forms.
 
-        ``quick``: a few steps only, none where a closed form has it; ``also``: frames to start from beside those.
+        ``quick``: a few steps only, none where a closed form has it; ``also``: frames to start from beside those;
+        ``held``: frames that stay where the scene has them.
         """
         scene = scene or self.scene
         rows = chosen(self.machine, scene)
@@ -120,22 +122,23 @@ class Rig:
             return nothing
         fit = FrameFit(self.ends, here, flange, good, scene)
         stated = self.frames_of(scene.p)
-        wide = [f for f in FRAMES if f in free or not np.isfinite(self.tolerance[self.at[f]]).all()]
+        loose = [f for f in FRAMES if f in free or not np.isfinite(self.tolerance[self.at[f]]).all()]
+        wide = [f for f in loose if f not in held]
         begins = (
             starts(self.machine, here.recording, flange, stated, self._points(scene.p))
             if "base" in wide
             else [stated]
         )
-        held = [
+        starting = [
             (base if "base" in wide else stated[0], tool if "tool" in wide else stated[1])
             for base, tool in (*begins, *also)
         ]
-        costs = [fit.cost(base, tool, scene.p) for base, tool in held]
+        costs = [fit.cost(base, tool, scene.p) for base, tool in starting]
         if not np.isfinite(min(costs)):
             return nothing
-        p = self.with_frames(scene.p, held[int(np.argmin(costs))])
+        p = self.with_frames(scene.p, starting[int(np.argmin(costs))])
         steps = (0 if self.closed_form else FEW) if quick else STEPS
-        return fit.descended(p, free, rows, steps)
+        return fit.descended(p, free, rows, steps, held)
 
     def frames_for(self, rows: NDArray[np.intp], poses: Array) -> Iterator[Frames]:
         """Yield base and tool with which the machine as it stands has tool poses (n, 4, 4) at some rows (n,)."""

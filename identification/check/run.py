@@ -10,14 +10,17 @@ from pathlib import Path
 from truepose.errors import InputError
 from truepose.identification.check.bare import bare, coarse_joints, no_tolerances, out_of_range
 from truepose.identification.check.encoders import encoders
-from truepose.identification.check.findings import findings, shown
+from truepose.identification.check.findings import findings
 from truepose.identification.check.pair import Pair
 from truepose.identification.check.result import Check, Found
 from truepose.identification.check.rig import Rig
+from truepose.identification.check.rows import left_of, length_of, standing_out
 from truepose.identification.check.search import Search, search
 from truepose.identification.check.sensorless import without_sensor
+from truepose.identification.check.sessions import moved
 from truepose.identification.check.sigma import sigmas
 from truepose.identification.check.unread import unnamed_table
+from truepose.identification.check.weighing import Hypothesis, weigh
 from truepose.identification.fit.set_ups import without_set_ups
 from truepose.identification.load import load_recording
 from truepose.identification.recording.load import Sources, as_recording
@@ -104,10 +107,14 @@ def check_loaded(machine: Machine, recording: Recording) -> Check:
     if any(f.kind == "joint-never-moves" for f in said):
         found = [f for f in found if f.kind != "joint-never-moves"]
     best = result.best
+    remaining = left_of(rig, best)
+    if not any(f.kind == "sessions-mixed" for f in said):
+        found += standing_out(rig, remaining)
     found += [*said, *no_tolerances(rig, best.stand), *coarse_joints(rig, best.stand)]
     if not any(f.verdict == "wrong" for f in found):
         found += sigmas(rig, best.stand, best.settled.price)
-    left, _, unit = shown(best.stand, best.stand)
+    length = length_of(rig, remaining)
+    left, unit = (best.stand.misfit, "sigma") if length is None else (length, "mm")
     ordered = sorted(found, key=lambda f: _ORDER[f.verdict])
     missing = missing_inputs(machine, recording)
     return Check(tuple(ordered), len(recording), left, unit, missing)
@@ -129,8 +136,10 @@ def _searched(machine: Machine, recording: Recording) -> tuple[Rig, Search, list
 
 
 def _said(rig: Rig) -> tuple[Rig, Search, list[Found]]:
-    result = search(rig)
-    return rig, result, findings(rig, result)
+    as_it_stands = weigh(rig, Hypothesis((), rig.scene))
+    mixed = list(moved(rig, as_it_stands))
+    result = Search(as_it_stands) if mixed else search(rig, as_it_stands)
+    return rig, result, mixed or findings(rig, result)
 
 
 __all__ = ["check", "check_files", "check_loaded", "unbounded"]

@@ -1,7 +1,7 @@
 """The search for slips: hypotheses of the whole pair, one or several at once, weighed against the pair as it stands.
 
-A pair that fits as it stands, within its tolerances, is right: nothing is looked for. Otherwise every slip is ranked by a quick
-fit of base and tool, the best are weighed in full (``weighing``), and where none is enough, others are tried on top of the best.
+A pair that fits as it stands, within its tolerances, is right: nothing is looked for. Otherwise every slip is ranked by a
+quick fit of base and tool, the best are weighed in full (``weighing``), and where none is enough, others are tried on top.
 """
 
 from __future__ import annotations
@@ -80,9 +80,8 @@ class Search:
         return members if share >= CERTAIN and members[0].near else None
 
 
-def search(rig: Rig) -> Search:
-    """Return what may be wrong between one machine and its recording."""
-    as_it_stands = weigh(rig, Hypothesis((), rig.scene))
+def search(rig: Rig, as_it_stands: Weighed) -> Search:
+    """Return what may be wrong between one machine and its recording, weighed as it stands before."""
     if as_it_stands.near and not as_it_stands.free:
         return Search(as_it_stands)
     every = [as_it_stands]

@@ -1,82 +1,138 @@
-"""Rows of two set-ups in one recording: the base (or the tool) stood elsewhere from some row on."""
+"""Rows of two set-ups in one recording: base or tool stood elsewhere from some row on."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.check.drawing import expected
+from truepose.identification.check.drawing import settle
 from truepose.identification.check.pair import Pair, Sheet
 from truepose.identification.check.result import Found, Verdict
 from truepose.identification.check.rig import ABSURD, Rig, Scene, Stand, motion
+from truepose.identification.check.slip import SELDOM
+from truepose.identification.check.weighing import CERTAIN, Weighed, evidence
+from truepose.models import lie
+from truepose.models.machine import FRAMES
+from truepose.models.mechanism import AXES
+from truepose.models.units import convert
 
 Array = NDArray[np.float64]
 _PARTS = 8
 _TELL = "give each set-up its own number in a column 'session', or calibrate them one by one"
 _STATE = "if base or tool were set up anew, say so in the machine file: 'per: session' in frames.base, or in frames.tool"
 _FEWEST = 8
-_TIMES = 3.0
+_APART = 0.5
+"""How much better one frame alone must explain the second set-up than the other one to be named."""
 
 
-def moved(rig: Rig, scene: Scene, stand: Stand, price: float) -> Iterator[Found]:
-    """A change of set-up, where two parts of the rows fit several times better each by itself."""
-    if (
-        price <= 2.0
-        or stand.bad
-        or scene.rows.from_row is not None
-        or stand.misfit < 3.0 * expected(rig, stand)
-    ):
+@dataclass(frozen=True)
+class _Cut:
+    """The rows before and after a cut, each fitted by itself."""
+
+    row: int
+    before: Stand
+    after: Stand
+
+    @property
+    def misfit(self) -> float:
+        """That of the worse part, in sigmas."""
+        return max(self.before.misfit, self.after.misfit)
+
+
+def moved(rig: Rig, weighed: Weighed) -> Iterator[Found]:
+    """Yield a change of set-up, where two parts of the rows fit several times better each by itself."""
+    scene, stand = rig.scene, weighed.stand
+    if stand.bad or scene.rows.from_row is not None or (weighed.near and not weighed.free):
         return
-    cuts = _cuts(scene)
-    sizes = {cut: _apart(rig, scene, cut) for cut in cuts}
-    if not sizes:
+    cut = _best_cut(rig, scene)
+    if cut is None:
         return
-    best = min(sizes, key=lambda cut: sizes[cut][0])
-    for _ in range(3):  # towards the very row
-        step = max((max(cuts) - min(cuts)) // (2 * _PARTS), 1)
-        near = [c for c in (best - step, best + step) if _FEWEST <= c <= len(scene.rows) - _FEWEST]
-        sizes |= {cut: _apart(rig, scene, cut) for cut in near if cut not in sizes}
-        best = min(sizes, key=lambda cut: sizes[cut][0])
-        cuts = [best - step, best + step]
-    size, length = sizes[best]
-    if stand.misfit < _TIMES * size:
+    sides = [settle(rig, part, FRAMES) for part in (cut.before, cut.after)]
+    whole = evidence(rig, scene, weighed.settled.price, 1.0)
+    apart = evidence(rig, scene, max(side.price for side in sides), SELDOM)
+    if not apart - whole > np.log(CERTAIN / (1.0 - CERTAIN)):
         return
-    known = best in _edges(scene)
+    known = cut.row in _edges(scene)
     if known and stand.misfit < ABSURD * motion(rig, stand):
         return  # a mount that moved a little between sessions is physics, with a name of its own
-    yield _two_setups(scene, best, "suspect" if known else "wrong", stand.length, length)
+    yield _two_setups(rig, scene, cut, "suspect" if known else "wrong", stand.length)
 
 
-def _two_setups(scene: Scene, cut: int, verdict: Verdict, before: float | None, after: float | None) -> Found:
-    """What is said of a recording whose rows from ``cut`` on are another set-up; misfits before and after, mm."""
-    row = scene.rows.where(min(cut, len(scene.rows) - 1))
+def _best_cut(rig: Rig, scene: Scene) -> _Cut | None:
+    """Return where two parts fit best: coarsely, then towards the very row."""
+    cuts = _cuts(scene)
+    if not cuts:
+        return None
+    tried = {row: _apart(rig, scene, row) for row in cuts}
+    best = min(tried, key=lambda row: tried[row].misfit)
+    step = max(len(scene.rows) // (2 * _PARTS), 1)
+    while True:
+        near = [row for row in (best - step, best + step) if _FEWEST <= row <= len(scene.rows) - _FEWEST]
+        tried |= {row: _apart(rig, scene, row) for row in near if row not in tried}
+        best = min(tried, key=lambda row: tried[row].misfit)
+        if step == 1:
+            return tried[best]
+        step = (step + 1) // 2
+
+
+def _two_setups(rig: Rig, scene: Scene, cut: _Cut, verdict: Verdict, before: float | None) -> Found:
+    """What is said of a recording whose rows from a cut on are another set-up; misfits before and after, mm."""
+    row = scene.rows.where(min(cut.row, len(scene.rows) - 1))
+    lengths = [part.length for part in (cut.before, cut.after) if part.length is not None]
 
     def mended(pair: Pair) -> Pair:
         if len(pair.sheets) != 1:
             return pair
-        return replace(pair, sheets=tuple(_with_session(s, cut) for s in pair.sheets))
+        return replace(pair, sheets=tuple(_with_session(s, cut.row) for s in pair.sheets))
 
     return Found(
         "sessions-mixed",
         ("session",),
-        f"two set-ups in one recording, the second from about {row} on",
+        f"two set-ups in one recording, the second from {row} on: {_what_moved(rig, scene, cut)}",
         _STATE if verdict == "suspect" else _TELL,
         verdict,
         before,
-        after,
+        max(lengths) if lengths else None,
         "mm",
         mended,
     )
 
 
+def _what_moved(rig: Rig, scene: Scene, cut: _Cut) -> str:
+    """Which frame explains the rows behind the cut, the other one held where it stood before, and by how much it moved."""
+    there = replace(cut.after.scene, p=settle(rig, cut.before, FRAMES).p)
+    alone = {
+        frame: rig.stand(there, (frame,), held=tuple(f for f in FRAMES if f != frame)) for frame in FRAMES
+    }
+    order = sorted(FRAMES, key=lambda frame: alone[frame].misfit)
+    if not alone[order[0]].misfit < _APART * alone[order[1]].misfit:
+        return "base or tool stands elsewhere"
+    frame = order[0]
+    return f"the {frame} stands elsewhere, by {_shift(rig, frame, there.p, alone[frame].p)}"
+
+
+def _shift(rig: Rig, frame: str, old: Array, new: Array) -> str:
+    """How a frame moved, in its own axes: ``z +12 mm``, and by which angle it turned."""
+    k, units = FRAMES.index(frame), rig.machine.units
+    here, there = rig.frames_of(old)[k], rig.frames_of(new)[k]
+    away = there[:3, 3] - here[:3, 3]
+    largest = float(np.max(np.abs(away)))
+    told = [
+        f"{frame} {axis} {convert(float(v), 'mm', units.length):+.3g} {units.length}"
+        for axis, v in zip(AXES, away, strict=False)
+        if abs(v) > 0.2 * largest
+    ]
+    angle = float(np.degrees(np.linalg.norm(lie.log_so3(here[:3, :3].T @ there[:3, :3]))))
+    return ", ".join([*told, *([f"turned by {angle:.2g} deg"] if angle > 0.05 else [])])
+
+
 def _cuts(scene: Scene) -> list[int]:
     n = len(scene.rows)
-    edges = _edges(scene)
     even = np.linspace(0, n, _PARTS + 1).round().astype(int)[1:-1]
-    return sorted({int(c) for c in (*edges, *even) if _FEWEST <= c <= n - _FEWEST})
+    return sorted({int(c) for c in (*_edges(scene), *even) if _FEWEST <= c <= n - _FEWEST})
 
 
 def _edges(scene: Scene) -> list[int]:
@@ -84,15 +140,14 @@ def _edges(scene: Scene) -> list[int]:
     return (np.flatnonzero(np.diff(scene.rows.source_file) | np.diff(scene.rows.session)) + 1).tolist()
 
 
-def _apart(rig: Rig, scene: Scene, cut: int) -> tuple[float, float | None]:
-    """Misfit (and rms length) of the rows before and after a cut, each fitted by itself."""
+def _apart(rig: Rig, scene: Scene, row: int) -> _Cut:
+    """Return the rows before and after a cut, each fitted by itself."""
     parts = []
-    for mine in (slice(0, cut), slice(cut, None)):
+    for mine in (slice(0, row), slice(row, None)):
         lost = np.ones(len(scene.rows), dtype=bool)
         lost[mine] = False
         parts.append(rig.stand(replace(scene, lost=lost)))
-    lengths = [p.length for p in parts if p.length is not None]
-    return max(p.misfit for p in parts), max(lengths) if lengths else None
+    return _Cut(row, *parts)
 
 
 def _with_session(sheet: Sheet, cut: int) -> Sheet:

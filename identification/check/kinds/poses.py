@@ -44,7 +44,7 @@ def poses(rig: Rig, scene: Scene) -> Iterator[Slip]:
 
 
 def _quaternions() -> Iterator[tuple[str, Callable[[Array], Array]]]:
-    """Yield orders in which a quaternion may have been read, in words and as what turns rotation vectors into the right ones."""
+    """Yield orders in which a quaternion may have been read: in words, and as what puts rotation vectors right."""
     last, first = "scalar last (x, y, z, w)", "scalar first (w, x, y, z)"
     yield (
         f"the quaternion behind rx, ry, rz was {first} and read as {last}",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import permutations
 
@@ -100,23 +100,23 @@ def _as_counts(rig: Rig, scene: Scene, places: Sequence[int]) -> Iterator[Slip]:
     def misfit(factor: float) -> float:
         return rig.stand(_scaled(dict.fromkeys(places, factor), scene), quick=True).misfit
 
-    for sign in (1.0, -1.0):
-        factor = narrowed(misfit, sign * grid)
-        per = 2.0 * np.pi if unit == "rad" else 1.0
-        counted = convert(
-            per / abs(factor), unit, written
-        )  # how many of what was written make a turn, or a mm
-        counted = _rounded(counted, lambda n: misfit(sign * per / convert(n, written, unit)))
-        factor = sign * per / convert(counted, written, unit)
-        name = joined(columns)
-        what = "turn" if unit == "rad" else "mm"
+    per, what = (2.0 * np.pi, "turn") if unit == "rad" else (1.0, "mm")
+    name = joined(columns)
+
+    def factor_of(counted: float) -> float:
+        return per / convert(counted, written, unit)
+
+    for sign, way in ((1.0, ""), (-1.0, ", counted the other way")):
+        found = abs(narrowed(misfit, sign * grid))
+        counted = convert(per / found, unit, written)  # how many of what was written make a turn, or a mm
+        counted = float(f"{_rounded(counted, lambda n, s=sign: misfit(s * factor_of(n))):.7g}")  # type: ignore[misc]
         yield Slip(
             "counts",
             columns,
-            f"{name} in counts of an encoder, {counted:.7g} a {what}{', counted the other way' if sign < 0 else ''}",
+            f"{name} in counts of an encoder, {counted:.7g} a {what}{way}",
             f"state 'counts: {sign * counted:.7g}' at {name} in the machine file",
-            partial(_scaled, dict.fromkeys(places, factor)),
-            partial(_mend_counts, rig, columns, sign * float(f"{counted:.7g}")),
+            partial(_scaled, dict.fromkeys(places, sign * factor_of(counted))),
+            partial(_mend_counts, rig, columns, sign * counted),
             RARE,
         )
 
@@ -128,10 +128,8 @@ def _scaled(factors: Mapping[int, float], scene: Scene) -> Scene:
     return scene.with_joints(q)
 
 
-def _rounded(number: float, misfit: object) -> float:
+def _rounded(number: float, misfit: Callable[[float], float]) -> float:
     """Return the round number next to one, where it fits as well: a power of two, or few digits."""
-    if not callable(misfit):
-        raise TypeError("misfit is a function of the number")
     powers = 2.0 ** np.round(np.log2(number))
     decade = 10.0 ** np.floor(np.log10(number))
     near = [powers, *(decade * np.array([1, 2, 2.5, 3.6, 4, 5, 8, 10]))]

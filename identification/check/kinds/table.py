@@ -44,7 +44,7 @@ def conventions(rig: Rig, scene: Scene) -> Iterator[Slip]:
     if stated is None:
         return
     own = stated == "khalil"
-    for convention in _MEANT:
+    for convention, words in _MEANT.items():
         for swapped in (False, True):
             behind = convention == "standard"
             if behind == (stated == "standard") and not swapped:
@@ -55,7 +55,7 @@ def conventions(rig: Rig, scene: Scene) -> Iterator[Slip]:
             yield Slip(
                 "dh-convention",
                 ("mechanism.convention" if not own else "mechanism.joints",),
-                f"the joints' rows are those of {_MEANT[convention]}{typed}",
+                f"the joints' rows are those of {words}{typed}",
                 f"state 'convention: {convention}'" + (" with fields a, alpha, d, theta" if typed else ""),
                 partial(_retold, rig, stated, behind, swapped),
                 partial(_mend, convention, fields),

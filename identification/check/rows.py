@@ -1,0 +1,147 @@
+"""Rows whose readings stand out of the rest, told in numbers: which, by how much, and what would bring them back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.check.result import Found
+from truepose.identification.check.rig import Rig
+from truepose.identification.check.weighing import Weighed, allowed
+from truepose.models.sensors.base import Channel
+from truepose.models.units import convert
+from truepose.wording import shortened
+
+Array = NDArray[np.float64]
+_OUT, _MOST = 8.0, 0.4
+"""How many times the middle row's misfit stands out, and the share of rows from which on they are no exception."""
+_SAME = 0.05
+"""Share by which factors of several rows may differ and be one."""
+_UNITS = {25.4: "inch", 1000.0: "m", 10.0: "cm", 304.8: "ft"}
+_ROWS_TOLD = 6
+
+
+@dataclass(frozen=True)
+class Left:
+    """What a fit leaves of all rows that it may use: whitened residuals (n, m), their rms (n,) by row, and their places (n,).
+
+    limit: sigmas; what is off by more stands out of the rest, and of what the drawing's tolerances make.
+    """
+
+    residual: Array
+    sizes: Array
+    places: NDArray[np.intp]
+    limit: float
+
+    @property
+    def far(self) -> NDArray[np.bool_]:
+        """(n,) rows that stand out."""
+        return np.asarray(self.sizes > self.limit)
+
+
+def left_of(rig: Rig, weighed: Weighed) -> Left:
+    """Return what a hypothesis leaves of every row."""
+    scene = weighed.hypothesis.scene
+    use = ~scene.rows.validation
+    if scene.lost is not None:
+        use &= ~scene.lost
+    places = np.flatnonzero(use)
+    here = rig.predictor.over(scene.rows.subset(places))
+    x, good = rig.assembled(here, weighed.settled.p, scene)
+    residual = np.concatenate([b.residual for b in here.blocks(weighed.settled.p, x)])
+    fine = good & np.isfinite(residual).all(axis=1)
+    residual = residual[fine]
+    sizes = np.sqrt(np.mean(residual**2, axis=1))
+    middle = _OUT * float(np.median(sizes)) if len(sizes) else 0.0
+    return Left(residual, sizes, places[fine], max(middle, allowed(rig, weighed.stand)))
+
+
+def length_of(rig: Rig, left: Left) -> float | None:
+    """Return the rms of the 3-D error over all rows, mm; None where no length is read."""
+    if not rig.long.any() or not len(left.residual):
+        return None
+    sigma = np.array([c.sigma for c in rig.machine.channels])
+    points = {c.point for c in rig.machine.channels if c.unit == "mm"}
+    mm = (left.residual * sigma)[:, rig.long]
+    return float(np.sqrt(np.mean(np.sum(mm**2, axis=1)) / max(len(points), 1)))
+
+
+def standing_out(rig: Rig, left: Left) -> Iterator[Found]:
+    """Yield the rows that stand out of the rest; none where they are no exception."""
+    far = left.far
+    if not far.any() or far.mean() > _MOST:
+        return
+    recording = rig.recording
+    rows = [str(recording.source_row[k]) for k in left.places[far]]
+    head = (
+        f"row{'s' if len(rows) > 1 else ''} {shortened(rows, _ROWS_TOLD)} ({len(rows)} of {len(left.sizes)})"
+    )
+    yield Found(
+        "rows-stand-out",
+        ("rows",),
+        f"{head}: {_what_is_wrong(rig, left)}",
+        "compare these rows with their source; mend them, or take them out",
+        "suspect",
+    )
+
+
+def _what_is_wrong(rig: Rig, left: Left) -> str:
+    far, channels = left.far, rig.machine.channels
+    off = np.sqrt(np.mean(left.residual[far] ** 2, axis=0))
+    # a column that is wrong pulls the others' residuals a little, through the fit
+    own = [k for k, size in enumerate(off) if size > max(left.limit, 0.2 * off.max())]
+    every = [_factor(rig, left, k) for k in own]
+    factors = {round(f, 3) for f in every if f is not None}
+    names = ", ".join(channels[k].name for k in own)
+    if None not in every and len(factors) == 1:
+        return f"{names} {_times(factors.pop())}"
+    steps = [_offset(left, channels[k], k) for k in own]
+    if None not in steps:
+        written = [rig.machine.units.written(channels[k].unit) for k in own]
+        told = [
+            f"{channels[k].name} {convert(float(step or 0.0), channels[k].unit, unit):+.4g} {unit}"
+            for k, unit, step in zip(own, written, steps, strict=True)
+        ]
+        return f"off by a constant: {', '.join(told)}"
+    sizes = left.sizes[far]
+    middle = float(np.median(left.sizes))
+    return f"{names} off by {sizes.min():.3g} to {sizes.max():.3g} sigma, where the middle row is off by {middle:.2g}"
+
+
+def _factor(rig: Rig, left: Left, k: int) -> float | None:
+    """By which factor a column's readings are too large in all rows that stand out; None where there is none."""
+    channel = rig.machine.channels[k]
+    read = rig.recording.observations.get(channel.name)
+    if read is None or channel.unit != "mm":
+        return None
+    rows = left.places[left.far]
+    meant = read[rows] + left.residual[left.far, k] * channel.sigma
+    ratio = read[rows] / np.where(meant == 0.0, np.nan, meant)
+    middle = float(np.nanmedian(ratio))
+    if not np.isfinite(middle) or middle == 0.0 or np.nanmax(np.abs(ratio / middle - 1.0)) > _SAME:
+        return None
+    known = [s for f in _UNITS for s in (f, 1.0 / f, -1.0) if abs(middle / s - 1.0) < _SAME]
+    return known[0] if known else (middle if not 0.9 < middle < 1.1 else None)
+
+
+def _times(factor: float) -> str:
+    if factor == -1.0:
+        return "with the other sign"
+    times = factor if abs(factor) > 1.0 else 1.0 / factor
+    unit = next((u for f, u in _UNITS.items() if abs(times / f - 1.0) < _SAME), None)
+    return f"{times:.4g} times too {'large' if abs(factor) > 1.0 else 'small'}" + (
+        f" (in {unit}?)" if unit else ""
+    )
+
+
+def _offset(left: Left, channel: Channel, k: int) -> float | None:
+    """How much too large a column is in all rows that stand out, mm or rad; None where it differs from row to row."""
+    off = -left.residual[left.far, k] * channel.sigma
+    middle = float(np.median(off))
+    return middle if len(off) > 1 and np.max(np.abs(off - middle)) <= 4.0 * _SAME * abs(middle) else None
+
+
+__all__ = ["Left", "left_of", "length_of", "standing_out"]
