@@ -99,18 +99,29 @@ def weigh(rig: Rig, hypothesis: Hypothesis, also: Sequence[Frames] = ()) -> Weig
             break
         settled = settle(rig, stand, way)
         score = evidence(rig, scene, settled.price, odds * hypothesis.odds)
-        one = Weighed(hypothesis, way, stand, settled, score, is_near(rig, stand, settled))
+        one = Weighed(hypothesis, way, stand, settled, score, is_near(rig, stand, settled, way))
         best = one if best is None or one.score > best.score else best
     if best is None:
         raise ValueError("a hypothesis is weighed with at least one way for its frames")
     return best
 
 
-def is_near(rig: Rig, stand: Stand, settled: Settled) -> bool:
-    """Return whether a misfit is what drawing and sigma let one expect, and no constant is far off."""
-    if stand.bad:
-        return False
-    return settled.misfit <= allowed(rig, stand) and settled.farthest <= FAR
+def is_near(rig: Rig, stand: Stand, settled: Settled, free: tuple[str, ...] = ()) -> bool:
+    """Return whether what is left is what drawing and sigma let one expect, with no constant far off.
+
+    It is where the machine fits as it is drawn, however far constants would bend to take up physics, and where it fits with
+    all constants inside ``FAR`` tolerances.
+    """
+    most = allowed(rig, stand) if not stand.bad else 0.0
+    drawn = stand.misfit <= most and _frames_away(rig, stand, free) <= FAR
+    return drawn or (settled.misfit <= most and settled.farthest <= FAR)
+
+
+def _frames_away(rig: Rig, stand: Stand, free: tuple[str, ...]) -> float:
+    """How far frames that are known stand from where the file has them, in tolerances."""
+    places = [k for frame in FRAMES if frame not in free for k in rig.at[frame] if rig.tolerance[k] > 0]
+    off = np.abs(stand.p - stand.scene.p)[places] / rig.tolerance[places]
+    return float(off.max(initial=0.0))
 
 
 def allowed(rig: Rig, stand: Stand) -> float:
