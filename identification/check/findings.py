@@ -11,6 +11,7 @@ from truepose.identification.check.kinds.frames import frame_unknown
 from truepose.identification.check.result import Found, Verdict
 from truepose.identification.check.rig import Rig, Stand, motion
 from truepose.identification.check.search import Search
+from truepose.identification.check.sessions import moved
 from truepose.identification.check.weighing import CERTAIN, Weighed, allowed
 from truepose.wording import joined
 
@@ -26,15 +27,16 @@ _CAUSES = (
 def findings(rig: Rig, search: Search) -> list[Found]:
     """Return what to say of a machine and its recording."""
     as_it_stands = search.as_it_stands
-    if as_it_stands.near and not as_it_stands.free:
+    if as_it_stands.near:
         return []
     if search.advised is not None:
         return list(_advice(rig, search, search.advised))
+    mixed = list(moved(rig, as_it_stands))
+    if mixed:
+        return mixed
     leads = [members[0] for members, share in search.leads if share >= _WORTH_A_WORD]
-    gained = float(np.log(CERTAIN / (1.0 - CERTAIN)))
-    if leads and any(
-        leads[0].score - as_it_stands.score > gained and w is not as_it_stands for w in leads[:1]
-    ):
+    gained = leads[0].score - as_it_stands.score if leads else 0.0
+    if gained > np.log(CERTAIN / (1.0 - CERTAIN)):
         return [_question(rig, as_it_stands, leads)]
     return [unexplained(rig, as_it_stands.stand)]
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from truepose.identification.check.result import Found
 from truepose.identification.check.rig import Rig
+from truepose.identification.check.scene import usable
 from truepose.identification.check.weighing import Weighed, allowed
 from truepose.models.sensors.base import Channel
 from truepose.models.units import convert
@@ -45,10 +46,7 @@ class Left:
 def left_of(rig: Rig, weighed: Weighed) -> Left:
     """Return what a hypothesis leaves of every row."""
     scene = weighed.hypothesis.scene
-    use = ~scene.rows.validation
-    if scene.lost is not None:
-        use &= ~scene.lost
-    places = np.flatnonzero(use)
+    places = usable(rig.machine, scene)
     here = rig.predictor.over(scene.rows.subset(places))
     x, good = rig.assembled(here, weighed.settled.p, scene)
     residual = np.concatenate([b.residual for b in here.blocks(weighed.settled.p, x)])

@@ -17,10 +17,9 @@ from truepose.identification.check.rig import Rig
 from truepose.identification.check.rows import left_of, length_of, standing_out
 from truepose.identification.check.search import Search, search
 from truepose.identification.check.sensorless import without_sensor
-from truepose.identification.check.sessions import moved
 from truepose.identification.check.sigma import sigmas
 from truepose.identification.check.unread import unnamed_table
-from truepose.identification.check.weighing import Hypothesis, weigh
+from truepose.identification.check.weighing import NOWHERE_ELSE, Hypothesis, weigh
 from truepose.identification.fit.set_ups import without_set_ups
 from truepose.identification.load import load_recording
 from truepose.identification.recording.load import Sources, as_recording
@@ -136,10 +135,8 @@ def _searched(machine: Machine, recording: Recording) -> tuple[Rig, Search, list
 
 
 def _said(rig: Rig) -> tuple[Rig, Search, list[Found]]:
-    as_it_stands = weigh(rig, Hypothesis((), rig.scene))
-    mixed = list(moved(rig, as_it_stands))
-    result = Search(as_it_stands) if mixed else search(rig, as_it_stands)
-    return rig, result, mixed or findings(rig, result)
+    result = search(rig, weigh(rig, Hypothesis((), rig.scene), NOWHERE_ELSE))
+    return rig, result, findings(rig, result)
 
 
 __all__ = ["check", "check_files", "check_loaded", "unbounded"]

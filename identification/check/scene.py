@@ -63,14 +63,22 @@ class Stand:
         return not np.isfinite(self.misfit)
 
 
-def chosen(machine: Machine, scene: Scene) -> NDArray[np.intp]:
-    """Places of the rows to judge by, spread over the recording; with those that ``from`` names."""
+def usable(machine: Machine, scene: Scene) -> NDArray[np.intp]:
+    """Return the places of all rows to judge by; where rows count from others, of motions and the rows that they start at."""
     use = ~scene.rows.validation
     if scene.lost is not None:
         use &= ~scene.lost
     rows = np.flatnonzero(use)
     if len(rows) and differs(machine) and scene.rows.from_row is not None:
         return _with_origins(scene.rows.q, rows, scene.rows.from_row)
+    return rows
+
+
+def chosen(machine: Machine, scene: Scene) -> NDArray[np.intp]:
+    """Return the places of the rows to judge by, spread over the recording; with those that ``from`` names."""
+    rows = usable(machine, scene)
+    if differs(machine) and scene.rows.from_row is not None:
+        return rows
     return _spread(rows)
 
 
@@ -98,4 +106,4 @@ def differs(machine: Machine) -> bool:
     return any(sensor.differs_from_row for sensor in machine.sensors)
 
 
-__all__ = ["Array", "Mask", "Scene", "Stand", "chosen", "differs"]
+__all__ = ["Array", "Mask", "Scene", "Stand", "chosen", "differs", "usable"]

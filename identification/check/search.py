@@ -28,6 +28,7 @@ from truepose.identification.check.rig import Rig, Scene
 from truepose.identification.check.slip import Slip
 from truepose.identification.check.weighing import (
     CERTAIN,
+    NOWHERE_ELSE,
     Hypothesis,
     Weighed,
     best_of,
@@ -81,33 +82,26 @@ class Search:
 
 
 def search(rig: Rig, as_it_stands: Weighed) -> Search:
-    """Return what may be wrong between one machine and its recording, weighed as it stands before."""
-    if as_it_stands.near and not as_it_stands.free:
+    """Return what may be wrong between one machine and its recording, which was weighed as it stands."""
+    if as_it_stands.near:
         return Search(as_it_stands)
-    every = [as_it_stands]
-    beam = [Hypothesis((), rig.scene)]
+    every = [as_it_stands, weigh(rig, as_it_stands.hypothesis)]
+    beam = [as_it_stands.hypothesis]
     for depth in range(_DEEPEST):
         for makers in (QUICK, SLOW) if depth == 0 else (QUICK,):
             ranked = _ranked(rig, list(_extended(rig, beam, makers, depth)))
             every += [weigh(rig, hypothesis) for hypothesis in ranked[:_WEIGHED]]
             if _enough(rig, every):
                 break
-        else:
-            beam = [
-                w.hypothesis
-                for w in sorted(every, key=lambda w: -w.score)
-                if len(w.hypothesis.slips) == depth + 1
-            ]
-            if beam and _hopeless(rig, every):
-                continue
-        break
-    again = weigh(rig, Hypothesis((), rig.scene), also=undone(rig, best_of(every)))
-    if again.score >= every[0].score:
-        every[0] = again
-    if again.near and not again.free:
+        if any(w.near for w in every):
+            break
+        order = sorted(every, key=lambda w: -w.score)
+        beam = [w.hypothesis for w in order if len(w.hypothesis.slips) == depth + 1]
+    again = weigh(rig, as_it_stands.hypothesis, NOWHERE_ELSE, undone(rig, best_of(every)))
+    if again.near:
         return Search(again)
     classes = shares(rig, every)
-    return Search(every[0], tuple((tuple(members), share) for members, share in classes))
+    return Search(as_it_stands, tuple((tuple(members), share) for members, share in classes))
 
 
 def _extended(rig: Rig, beam: Sequence[Hypothesis], makers: Makers, depth: int) -> Iterator[Hypothesis]:
@@ -148,15 +142,10 @@ def _ranked(rig: Rig, tried: Sequence[Hypothesis]) -> list[Hypothesis]:
 def _enough(rig: Rig, every: Sequence[Weighed]) -> bool:
     """Whether one class of hypotheses is certain, and leaves nothing to explain."""
     top = best_of(every)
-    if not (top.near and top.hypothesis.slips):
+    if not top.near:
         return False
     members, share = shares(rig, every)[0]
     return share >= CERTAIN and members[0].near
-
-
-def _hopeless(rig: Rig, every: Sequence[Weighed]) -> bool:
-    """Whether nothing that was weighed leaves only what drawing and sigma let one expect."""
-    return not any(w.near for w in every)
 
 
 __all__ = ["Search", "search"]

@@ -45,13 +45,13 @@ class _Cut:
 def moved(rig: Rig, weighed: Weighed) -> Iterator[Found]:
     """Yield a change of set-up, where two parts of the rows fit several times better each by itself."""
     scene, stand = rig.scene, weighed.stand
-    if stand.bad or scene.rows.from_row is not None or (weighed.near and not weighed.free):
+    if stand.bad or scene.rows.from_row is not None or weighed.near:
         return
     cut = _best_cut(rig, scene)
     if cut is None:
         return
     sides = [settle(rig, part, FRAMES) for part in (cut.before, cut.after)]
-    whole = evidence(rig, scene, weighed.settled.price, 1.0)
+    whole = evidence(rig, scene, settle(rig, rig.stand(scene), FRAMES).price, 1.0)
     apart = evidence(rig, scene, max(side.price for side in sides), SELDOM)
     if not apart - whole > np.log(CERTAIN / (1.0 - CERTAIN)):
         return

@@ -7,7 +7,7 @@ seldom such a slip is made. A reading that is said to be in a larger unit has to
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -31,6 +31,8 @@ QUIET, FAR = 2.5, 4.0
 """Misfit, in sigmas, and departures, in tolerances, that any fit may leave."""
 USUAL_REACH, DECADES = 500.0, 0.5
 """mm: the longest dimension of a robot, roughly; and by how many decades (1-sigma) robots are larger or smaller."""
+NOWHERE_ELSE: Mapping[tuple[str, ...], float] = {(): 1.0}
+"""The one way of frames that stand where the file has them."""
 _TURNS = (7, 11, 13, 17, 19, 23, 29, 31)
 
 
@@ -87,10 +89,18 @@ def ways(rig: Rig) -> dict[tuple[str, ...], float]:
     return {way: float(np.prod([odds[f] for f in way])) for way in sets}
 
 
-def weigh(rig: Rig, hypothesis: Hypothesis, also: Sequence[Frames] = ()) -> Weighed:
-    """Return a hypothesis with its best fit; ``also``: frames to start from, beside those that closed forms have."""
+def weigh(
+    rig: Rig,
+    hypothesis: Hypothesis,
+    among: Mapping[tuple[str, ...], float] | None = None,
+    also: Sequence[Frames] = (),
+) -> Weighed:
+    """Return a hypothesis with its best fit among some of its ``ways``.
+
+    ``also``: frames to start from, beside those that closed forms have.
+    """
     scene, found = hypothesis.scene, []
-    for way, odds in ways(rig).items():
+    for way, odds in (among or ways(rig)).items():
         stand = rig.stand(scene, way, also=also)
         found.append((evidence(rig, scene, stand.misfit, odds * hypothesis.odds), way, odds, stand))
     best: Weighed | None = None
@@ -138,15 +148,22 @@ def shares(rig: Rig, every: Sequence[Weighed]) -> list[tuple[list[Weighed], floa
     top = max(w.score for w in every)
     weight = {id(w): float(np.exp(w.score - top)) for w in every}
     classes: list[list[Weighed]] = []
-    for one in sorted(every, key=lambda w: -w.score):
+    needed = [w for w in every if not any(_enough_without(w, other) for other in every)]
+    for one in sorted(needed, key=lambda w: -w.score):
         mine = next((c for c in classes if weight[id(one)] > 1e-4 and _alike(rig, c[0], one)), None)
         if mine is None:
             classes.append([one])
         else:
             mine.append(one)
-    total = sum(weight.values())
+    total = sum(weight[id(w)] for w in needed)
     told = [(members, sum(weight[id(w)] for w in members) / total) for members in classes]
     return sorted(told, key=lambda each: -each[1])
+
+
+def _enough_without(more: Weighed, fewer: Weighed) -> bool:
+    """Whether a hypothesis says more than another that is enough, and fits no better: a free frame undoes the rest."""
+    less, whole = ({s.says for s in w.hypothesis.slips} | set(w.free) for w in (fewer, more))
+    return less < whole and fewer.near and fewer.settled.price < 2.0 * more.settled.price
 
 
 def _alike(rig: Rig, one: Weighed, other: Weighed) -> bool:
@@ -192,6 +209,7 @@ def best_of(every: Iterable[Weighed]) -> Weighed:
 __all__ = [
     "CERTAIN",
     "FAR",
+    "NOWHERE_ELSE",
     "QUIET",
     "Hypothesis",
     "Weighed",
