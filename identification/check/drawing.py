@@ -15,7 +15,7 @@ from truepose.identification.check.rig import KEPT, Rig, Stand
 from truepose.identification.prediction.predictor import Predictor
 
 Array = NDArray[np.float64]
-_STEPS, _ENOUGH = 4, 0.01
+_STEPS, _PARTS, _ENOUGH = 6, (1.0, 0.3, 0.1), 0.01
 _LOOSE = 1e3
 """Steps allowed to what is unknown (frames, infinite tolerances), in natural sizes: none is in the way."""
 
@@ -43,7 +43,7 @@ def expected(rig: Rig, stand: Stand) -> float:
     """Return the misfit (whitened rms) that the tolerances alone would leave once base and tool are fitted; at least 1."""
     here, p = _over(rig, stand), stand.p
     jacobian, _ = _rows(rig, here, p, stand)
-    tolerance = _tolerance(rig, stand)
+    tolerance = rig.tolerances(stand.scene)
     known = np.flatnonzero(np.isfinite(tolerance) & (tolerance > 0) & ~_loose(rig))
     if not len(known) or not len(jacobian):
         return 1.0
@@ -71,7 +71,7 @@ class _Problem:
     def __init__(self, rig: Rig, stand: Stand, noise: float, free: tuple[str, ...]) -> None:
         self.rig, self.stand, self.noise = rig, stand, noise
         self.here = _over(rig, stand)
-        tolerance = _tolerance(rig, stand)
+        tolerance = rig.tolerances(stand.scene)
         for frame in free:
             tolerance[rig.at[frame]] = np.inf
         self.moving = np.flatnonzero(tolerance > 0)
@@ -93,10 +93,13 @@ class _Problem:
             off = self._off(p) * self.held
             right = -np.concatenate([residual[keep].reshape(-1) / self.noise, np.where(self.known, off, 0.0)])
             step = np.linalg.lstsq(np.vstack([j, np.diag(self.held)]), right, rcond=None)[0]
-            trial = p.copy()
-            trial[self.moving] += step * self.scale
-            price, left = self._price(trial)
-            if not price < best:
+            for part in _PARTS:
+                trial = p.copy()
+                trial[self.moving] += part * step * self.scale
+                price, left = self._price(trial)
+                if price < best:
+                    break
+            else:
                 break
             gained, best, misfit, p = (best - price) / best, price, left, trial
             if gained < _ENOUGH:
@@ -129,12 +132,6 @@ def _rows(rig: Rig, here: Predictor, p: Array, stand: Stand) -> tuple[Array, Arr
     jacobian = np.concatenate([b.jacobian for b in blocks])
     fine = good & np.isfinite(residual).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2))
     return jacobian[fine], residual[fine]
-
-
-def _tolerance(rig: Rig, stand: Stand) -> Array:
-    """(np,) tolerances as the hypothesis has them."""
-    tolerance: Array = np.where(rig.lengths, stand.scene.stated, 1.0) * rig.tolerance
-    return tolerance
 
 
 def _over(rig: Rig, stand: Stand) -> Predictor:

@@ -86,6 +86,14 @@ class Rig:
             scene = best.scene
         return scene
 
+    def tolerances(self, scene: Scene) -> Array:
+        """(np,) tolerances as a hypothesis has them, mm or rad."""
+        tolerance: Array = np.where(self.lengths, scene.stated, 1.0) * self.tolerance
+        if scene.exchanged:
+            base, tool = (self.at[frame] for frame in FRAMES)
+            tolerance[base], tolerance[tool] = tolerance[tool], tolerance[base].copy()
+        return tolerance
+
     def frames_of(self, p: Array) -> Frames:
         """Base and tool (4, 4) that constants have."""
         base, tool = (transform(p[self.at[frame]]) for frame in FRAMES)
@@ -120,9 +128,11 @@ class Rig:
         nothing = Stand(scene.p, float("inf"), None, np.zeros((0, len(self.long))), rows, scene)
         if len(rows) == 0 or good.mean() < 0.5:
             return nothing
-        fit = FrameFit(self.ends, here, flange, good, scene)
+        ends = replace(self.ends, tolerance=self.tolerances(scene)[self.ends.places])
+        fit = FrameFit(ends, here, flange, good, scene)
         stated = self.frames_of(scene.p)
-        loose = [f for f in FRAMES if f in free or not np.isfinite(self.tolerance[self.at[f]]).all()]
+        tolerance = self.tolerances(scene)
+        loose = [f for f in FRAMES if f in free or not np.isfinite(tolerance[self.at[f]]).all()]
         wide = [f for f in loose if f not in held]
         begins = (
             starts(self.machine, here.recording, flange, stated, self._points(scene.p))

@@ -22,7 +22,8 @@ class Scene:
     """What a hypothesis says: all rows (their readings may be changed), constants p (np,), the factor by which it changed
     measured lengths, and the rows (n,) that it leaves without a reading.
 
-    drawn, stated: the factors by which it changed the lengths of the mechanism and those of tolerances.
+    drawn, stated: the factors by which it changed the lengths of the mechanism and those of tolerances. exchanged: whether base
+    and tool have each other's tolerances.
     """
 
     rows: Recording
@@ -31,6 +32,7 @@ class Scene:
     lost: Mask | None = None
     drawn: float = 1.0
     stated: float = 1.0
+    exchanged: bool = False
 
     def with_joints(self, q: Array) -> Scene:
         """The same with other readings of the joints (n, nq)."""

@@ -129,8 +129,9 @@ def is_near(rig: Rig, stand: Stand, settled: Settled, free: tuple[str, ...] = ()
 
 def _frames_away(rig: Rig, stand: Stand, free: tuple[str, ...]) -> float:
     """How far frames that are known stand from where the file has them, in tolerances."""
-    places = [k for frame in FRAMES if frame not in free for k in rig.at[frame] if rig.tolerance[k] > 0]
-    off = np.abs(stand.p - stand.scene.p)[places] / rig.tolerance[places]
+    tolerance = rig.tolerances(stand.scene)
+    places = [k for frame in FRAMES if frame not in free for k in rig.at[frame] if tolerance[k] > 0]
+    off = np.abs(stand.p - stand.scene.p)[places] / tolerance[places]
     return float(off.max(initial=0.0))
 
 

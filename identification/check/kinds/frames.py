@@ -28,7 +28,7 @@ def frames_swapped(rig: Rig, scene: Scene) -> Iterator[Slip]:
     def change(scene: Scene) -> Scene:
         p = scene.p.copy()
         p[base], p[tool] = scene.p[tool], scene.p[base]
-        return replace(scene, p=p)
+        return replace(scene, p=p, exchanged=not scene.exchanged)
 
     yield Slip(
         "frames-swapped",
