@@ -143,7 +143,10 @@ def allowed(rig: Rig, stand: Stand) -> float:
 
 
 def shares(rig: Rig, every: Sequence[Weighed]) -> list[tuple[list[Weighed], float]]:
-    """Return classes of hypotheses that predict alike, each with its probability; the likeliest first."""
+    """Return classes of hypotheses that predict alike, each with its probability, the likeliest first.
+
+    Of a class, those come first that leave no more than drawing and sigma.
+    """
     if not every:
         return []
     top = max(w.score for w in every)
@@ -157,7 +160,10 @@ def shares(rig: Rig, every: Sequence[Weighed]) -> list[tuple[list[Weighed], floa
         else:
             mine.append(one)
     total = sum(weight[id(w)] for w in needed)
-    told = [(members, sum(weight[id(w)] for w in members) / total) for members in classes]
+    told = [
+        (sorted(members, key=lambda w: (not w.near, -w.score)), sum(weight[id(w)] for w in members) / total)
+        for members in classes
+    ]
     return sorted(told, key=lambda each: -each[1])
 
 
