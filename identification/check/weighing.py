@@ -123,16 +123,17 @@ def is_near(rig: Rig, stand: Stand, settled: Settled, free: tuple[str, ...] = ()
     all constants inside ``FAR`` tolerances.
     """
     most = allowed(rig, stand) if not stand.bad else 0.0
-    drawn = stand.misfit <= most and _frames_away(rig, stand, free) <= FAR
+    drawn = stand.misfit <= most and _farthest(rig, stand, free) <= FAR
     return drawn or (settled.misfit <= most and settled.farthest <= FAR)
 
 
-def _frames_away(rig: Rig, stand: Stand, free: tuple[str, ...]) -> float:
-    """How far frames that are known stand from where the file has them, in tolerances."""
+def _farthest(rig: Rig, stand: Stand, free: tuple[str, ...]) -> float:
+    """How far a constant that is known (of frames or instrument) is from where the file has it, in tolerances."""
     tolerance = rig.tolerances(stand.scene)
-    places = [k for frame in FRAMES if frame not in free for k in rig.at[frame] if tolerance[k] > 0]
-    off = np.abs(stand.p - stand.scene.p)[places] / tolerance[places]
-    return float(off.max(initial=0.0))
+    for frame in free:
+        tolerance[rig.at[frame]] = np.inf
+    known = tolerance > 0
+    return float((np.abs(stand.p - stand.scene.p)[known] / tolerance[known]).max(initial=0.0))
 
 
 def allowed(rig: Rig, stand: Stand) -> float:
