@@ -33,6 +33,8 @@ USUAL_REACH, DECADES = 500.0, 0.5
 """mm: the longest dimension of a robot, roughly; and by how many decades (1-sigma) robots are larger or smaller."""
 NOWHERE_ELSE: Mapping[tuple[str, ...], float] = {(): 1.0}
 """The one way of frames that stand where the file has them."""
+_SAME = 1e-9
+"""mm, rad, or a share: readings that differ by less are the same."""
 _TURNS = (7, 11, 13, 17, 19, 23, 29, 31)
 
 
@@ -177,7 +179,7 @@ def _enough_without(more: Weighed, fewer: Weighed) -> bool:
 def _alike(rig: Rig, one: Weighed, other: Weighed) -> bool:
     """Whether two hypotheses say the same of poses that were not recorded: joints as read, each column turned by itself."""
     a, b = one.stand.scene.rows.observations, other.stand.scene.rows.observations
-    if any(not np.array_equal(a[name], b[name], equal_nan=True) for name in a):
+    if not all(np.allclose(a[name], b[name], rtol=_SAME, atol=_SAME, equal_nan=True) for name in a):
         return False
     if one.stand.bad or other.stand.bad:
         return False
