@@ -20,6 +20,7 @@ from truepose.identification.check.rig import ABSURD, Rig, Scene, Stand, motion
 from truepose.identification.check.slip import RARE, SELDOM, Slip
 from truepose.models.machine import FRAMES
 from truepose.models.machine_file import Frames as StatedFrames
+from truepose.models.sensors.pose import Position
 
 Array = NDArray[np.float64]
 WORTH = 8.0
@@ -84,7 +85,10 @@ def reach(rig: Rig, p: Array) -> float:
 
 def ways(rig: Rig) -> dict[tuple[str, ...], float]:
     """Return which frames may be elsewhere than the file says, with the odds of it: none, either, both."""
-    known = [f for f in FRAMES if np.isfinite(rig.tolerance[rig.at[f]]).any()]
+    # how a tool is turned that is read as a point does not matter where nobody knows that point
+    points = all(isinstance(sensor, Position) for sensor in rig.machine.sensors)
+    seen = {f: rig.at[f][: 3 if points and f == "tool" else 6] for f in FRAMES}
+    known = [f for f in FRAMES if np.isfinite(rig.tolerance[seen[f]]).any()]
     frames = rig.machine.file.frames if rig.machine.file else StatedFrames()
     odds = {f: RARE if getattr(frames, f).present else SELDOM for f in known}
     sets = [w for k in range(len(known) + 1) for w in combinations(known, k)]
