@@ -62,6 +62,8 @@ NEEDS: Mapping[str, Mapping[str, object]] = {
 }
 """Conditions without which a slip makes no sense."""
 WORDS: Mapping[str, str] = {
+    "order": r"permutation|order",
+    "signs": r"\bsign|other way",
     "clock": r"clock|time|latency|earlier|later|early|late|slip",
     "counts": r"count|offset|unit-angle|per turn",
     "wrapped": r"wrap|360|whole turn|full turn",

@@ -38,6 +38,8 @@ MORE: Mapping[str, Maker] = {
     "table-rows": conventions.table_rows,
     "table-stated": conventions.table_stated,
     "counts": encoders.counts,
+    "order": joints.order,
+    "signs": joints.signs,
     "wrapped": encoders.wrapped,
     "coupled": encoders.coupled,
     "clock": encoders.clock,
