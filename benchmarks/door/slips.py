@@ -91,4 +91,11 @@ def is_told(found: Found, kind: str, spoilt: Spoilt) -> bool:
     return (of_kind or in_words) and bool(words & set(spoilt.where))
 
 
-__all__ = ["NEEDS", "SINGLE", "SLIPS", "is_told"]
+def names_no_cause(found: Found) -> bool:
+    """Return True if a finding reports what does not fit and advises nothing: a misfit, a reading out of its range."""
+    return found.mend is None and (
+        found.kind == "unexplained" or re.search(r"range \[[^\]]*\]$", found.says) is not None
+    )
+
+
+__all__ = ["NEEDS", "SINGLE", "SLIPS", "is_told", "names_no_cause"]
