@@ -21,8 +21,8 @@ TURN = 57.3
 @dataclass(frozen=True)
 class Conditions:
     """sigma of a point (mm), tolerance of lengths (mm), whether base and tool are known, how many poses, the share of the
-    ranges of turning joints that is used, and whether the machine is read while it moves. Without a tolerance all is as
-    drawn, frames too."""
+    ranges of turning joints that is used, whether the machine is read while it moves, and how many times as large as usual
+    the physics is that the file does not state. Without a tolerance all is as drawn, frames too."""
 
     sigma: float
     tolerance: float
@@ -30,6 +30,7 @@ class Conditions:
     poses: int = 50
     turning: float = 1.0
     moving: bool = False
+    physics: float = 1.0
 
     def stood(self, known: tuple[float, float]) -> tuple[float, float]:
         """Return how well a frame is known (mm, deg) that is known so well in a machine of some tolerance."""
@@ -78,7 +79,8 @@ def drawn_conditions(rng: np.random.Generator, **given: object) -> Conditions:
         "tolerance": float(f"{np.exp(rng.uniform(*np.log([0.015, 0.8]))):.2g}"),
         "known": bool(rng.random() < 0.6),
         "poses": int(rng.integers(FEWEST, MOST)) if short else int(rng.integers(30, 70)),
-        "turning": float(rng.choice([1.0, 1.0, 1.0, 0.4, 0.08])),
+        "turning": float(rng.choice([1.0, 1.0, 0.4, 0.08, 0.02])),
+        "physics": float(np.exp(rng.uniform(*np.log([0.3, 6.0])))),
     }
     return Conditions(**{**drawn, **given})  # type: ignore[arg-type]
 

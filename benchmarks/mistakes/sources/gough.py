@@ -68,6 +68,8 @@ def gough(
     base = _mounted(drawn.base, drawn.base_tolerance, rng)
     tool = base @ seen @ _mounted(drawn.tool, drawn.tool_tolerance, rng)
     commanded = _errors(c, drawn, rng, effects)
+    if under is not None:
+        commanded = c.q + under.physics * (commanded - c.q)
     logs = Campaign(commanded, c.pose, c.approach, c.payload, c.temperature)
     digits = {} if under is None else {"digits": DIGITS}
     table = logged(logs, drawn.names, np.zeros(6), rng, **digits)

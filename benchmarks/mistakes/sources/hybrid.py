@@ -81,7 +81,7 @@ def hybrid(sensor: str, rng: np.random.Generator, *, effects: int, under: Condit
     zeros = angle * rng.standard_normal(3)
     sides = np.where(rng.random(c.q.shape) < 0.5, -1.0, 1.0)
     read = np.hstack([built.limbs(passive) - t * rng.standard_normal(3), wrist - zeros])
-    read += _physics(read, sides, effects, rng)
+    read += under.physics * _physics(read, sides, effects, rng)
     mounts = _mounts(drawn, under, rng)
     tool = mounts[0] @ built.flange(passive, wrist) @ mounts[1]
     names = [f"q{k}" for k in range(1, 7)]

@@ -62,6 +62,8 @@ def serial(
     held = int(rng.integers(1, len(slides) - 1)) if still else None
     c = campaign(low, high, rng, held) if under is None else under.campaign(low, high, ~slides, rng)
     physics = _physics(drawn, rng, effects)
+    if under is not None:
+        physics = physics.times(under.physics)
     tool = tool_poses(_specimen(drawn, rng), c, physics)
     digits = {} if under is None else {"digits": DIGITS}
     table = pd.concat(
