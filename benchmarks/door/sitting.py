@@ -23,7 +23,7 @@ from .drawing import draw
 from .judging import Worth, fits, is_off, may_be_right, worth
 from .outcome import RIGHT, Outcome
 from .recordings import recordings
-from .slips import NEEDS, SLIPS, is_told, names_no_cause
+from .slips import NEEDS, SEVERAL, SLIPS, is_told, names_no_cause
 
 TRIES = 60
 ELSEWHERE = 7
@@ -152,7 +152,7 @@ def advised(answer: Answer, kind: str, spoilt: Spoilt | None, folder: Path, righ
     told = spoilt is not None and is_told(certain[0], kind, spoilt)
     if certain[0].mend is None:
         return "right" if told else "none" if names_no_cause(certain[0]) else "wrong"
-    if told and spoilt is not None and (not spoilt.mends or kind == "two"):
+    if told and spoilt is not None and (not spoilt.mends or kind in SEVERAL):
         return "right"
     return "right" if fits(_mended(answer.check, folder), right) else "wrong"
 

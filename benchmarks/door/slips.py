@@ -54,6 +54,8 @@ def two(pair: Pair, rng: np.random.Generator) -> Spoilt | None:
 
 SINGLE: Mapping[str, Maker] = {**{k: m for k, m in KINDS.items() if k not in UNREADABLE}, **MORE}
 SLIPS: Mapping[str, Maker] = {**SINGLE, "two": two}
+SEVERAL = ("two", "signs")
+"""Several slips in one: advice on one of them is right."""
 NEEDS: Mapping[str, Mapping[str, object]] = {
     "clock": {"moving": True, "poses": 80},
     "frames-swapped": {"known": True},
@@ -98,4 +100,4 @@ def names_no_cause(found: Found) -> bool:
     )
 
 
-__all__ = ["NEEDS", "SINGLE", "SLIPS", "is_told", "names_no_cause"]
+__all__ = ["NEEDS", "SEVERAL", "SINGLE", "SLIPS", "is_told", "names_no_cause"]
