@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Document = dict[str, Any]
 MACHINE, RECORDING = "machine.yaml", "recording.csv"
-XYZ, TURNS = ("x", "y", "z"), ("rx", "ry", "rz")
+XYZ, TURNS, ANGLES = ("x", "y", "z"), ("rx", "ry", "rz"), ("azimuth", "elevation")
 TABLES = (".csv", ".parquet")
 
 
@@ -28,6 +28,7 @@ class Pair:
     joints: kinds (``revolute`` or ``prismatic``) by column. files: what lies beside the machine file, by name.
     sheet: rows of the data sheet (standard convention: a, alpha, d, theta) where the machine is made from one.
     masses: whether the machine states weights. plain: whether nothing but geometry and noise is in the readings.
+    tool: true poses (n, 4, 4) of the tool in the sensor's frame, where the source knows them.
     """
 
     source: str
@@ -37,6 +38,7 @@ class Pair:
     files: Mapping[str, str] = field(default_factory=dict)
     sheet: tuple[Mapping[str, float], ...] = ()
     plain: bool = False
+    tool: Array | None = None
 
     @property
     def form(self) -> str:
@@ -58,13 +60,15 @@ class Pair:
     @property
     def readings(self) -> tuple[str, ...]:
         """All columns of the sensor."""
-        other = {"pose": TURNS, "distance": ("dL",), "ballbar": ("length",)}.get(self.sensor, ())
+        other = {"pose": TURNS, "distance": ("dL",), "ballbar": ("length",), "direction": ANGLES}.get(
+            self.sensor, ()
+        )
         return (*(c for point in self.points for c in point), *other)
 
     @property
     def lengths(self) -> tuple[str, ...]:
         """Columns of the sensor that are lengths."""
-        return tuple(c for c in self.readings if c not in TURNS)
+        return tuple(c for c in self.readings if c not in (*TURNS, *ANGLES))
 
     def draft(self) -> tuple[Document, pd.DataFrame]:
         """Copies to be spoilt."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from . import axes, dh, frames, joints, omitted, rows, units
+from . import axes, conventions, dh, encoders, frames, joints, omitted, rows, runs, units, weights
 from .spoilt import Maker, Spoilt
 
 KINDS: Mapping[str, Maker] = {
@@ -30,5 +30,27 @@ KINDS: Mapping[str, Maker] = {
     "no-gravity": omitted.no_gravity,
     "sigma": omitted.sigma,
 }
+MORE: Mapping[str, Maker] = {
+    "all-si": conventions.all_si,
+    "odd-unit": conventions.odd_unit,
+    "one-column": conventions.one_column,
+    "quaternion-order": conventions.quaternion_order,
+    "table-rows": conventions.table_rows,
+    "table-stated": conventions.table_stated,
+    "counts": encoders.counts,
+    "order": joints.order,
+    "signs": joints.signs,
+    "wrapped": encoders.wrapped,
+    "coupled": encoders.coupled,
+    "clock": encoders.clock,
+    "whole-degrees": encoders.whole_degrees,
+    "stands-still": encoders.stands_still,
+    "rows-unit": runs.rows_unit,
+    "tool-changed": runs.tool_changed,
+    "base-moved": runs.base_moved,
+    "grams": weights.grams,
+    "gravity-reversed": weights.gravity_reversed,
+}
+"""Kinds of the study of the door alone: the cases of a seed of the study of two hundred follow from ``KINDS``."""
 
-__all__ = ["KINDS", "Maker", "Spoilt"]
+__all__ = ["KINDS", "MORE", "Maker", "Spoilt"]

@@ -89,3 +89,24 @@ def offset(pair: Pair, rng: np.random.Generator) -> Spoilt | None:
     if rng.random() < 0.4:
         table[name] = (table[name] + 180.0) % 360.0 - 180.0
     return Spoilt(variant, document, table, (name,), exact=True)
+
+
+def order(pair: Pair, rng: np.random.Generator) -> Spoilt | None:
+    """Joints logged in another order: from the tool to the base, or from the second joint on."""
+    kinds = set(pair.joints.values())
+    if len(kinds) > 1 or len(pair.joints) < 3:
+        return None
+    names = list(pair.joints)
+    other = names[::-1] if rng.random() < 0.5 else [*names[1:], names[0]]
+    document, table = pair.draft()
+    table[names] = pair.table[other].to_numpy()
+    return Spoilt(f"columns hold {', '.join(other)}", document, table, tuple(names))
+
+
+def signs(pair: Pair, rng: np.random.Generator) -> Spoilt:
+    """Several joints count the other way, or all."""
+    names = list(pair.joints)
+    chosen = names if rng.random() < 0.3 else [names[k] for k in sorted(rng.permutation(len(names))[:2])]
+    document, table = pair.draft()
+    table[chosen] = -table[chosen]
+    return Spoilt(f"-{', -'.join(chosen)}", document, table, tuple(chosen))

@@ -44,13 +44,15 @@ def visits(q: Array, again: int, rng: np.random.Generator) -> Campaign:
     return Campaign(q[order], order + 1.0, sides, load, air.round(2))
 
 
-def logged(c: Campaign, names: list[str], revolute: Array, rng: np.random.Generator) -> pd.DataFrame:
-    """Joints in mm and deg, and what else a laboratory writes down; not every one writes all of it."""
+def logged(
+    c: Campaign, names: list[str], revolute: Array, rng: np.random.Generator, digits: int = 6
+) -> pd.DataFrame:
+    """Joints in mm and deg to so many digits, and what else a laboratory writes down; not every one writes all of it."""
     table = pd.DataFrame({"pose": c.pose.astype(int)})
     if rng.random() < 0.6:
         table["time"] = np.round(60.0 + 40.0 * np.arange(len(c)), 1)
     for k, name in enumerate(names):
-        table[name] = np.round(np.degrees(c.q[:, k]) if revolute[k] else c.q[:, k], 6)
+        table[name] = np.round(np.degrees(c.q[:, k]) if revolute[k] else c.q[:, k], digits)
     for k, name in enumerate(names):
         table[f"approach.{name}"] = c.approach[:, k].astype(int)
     table["payload"] = c.payload

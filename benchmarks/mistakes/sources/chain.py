@@ -5,7 +5,7 @@ Rows are (beta, alpha, d, theta, r) of RotY(beta) RotX(alpha) TransX(d) RotZ(the
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -30,6 +30,12 @@ class Physics:
     wave: Array
     ratio: Array
     heat: bool = False
+
+    def times(self, factor: float) -> Physics:
+        """Return as many times as much of it; heat stays."""
+        return replace(
+            self, compliance=factor * self.compliance, play=factor * self.play, wave=factor * self.wave
+        )
 
     @property
     def none(self) -> bool:

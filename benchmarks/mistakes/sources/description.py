@@ -36,7 +36,7 @@ def urdf_text(sheet: Sheet, names: Sequence[str], rng: np.random.Generator) -> s
         kind = "prismatic" if sheet.slides[k] else "revolute"
         scale = 1e-3 if sheet.slides[k] else np.pi / 180
         low, high = (f"{scale * v:.9g}" for v in sheet.ranges[k])
-        xyz, rpy = (" ".join(f"{v:.12g}" for v in values) for values in (origin[:3, 3] / 1e3, _rpy(origin)))
+        xyz, rpy = (" ".join(f"{v:.15g}" for v in values) for values in (origin[:3, 3] / 1e3, _rpy(origin)))
         parent = f"link{k}" if k else "base"
         lines += [
             f"  <link name='link{k + 1}'/>",
@@ -89,4 +89,4 @@ def _rpy(pose: Array) -> Array:
 
 
 def _rounded(values: Array) -> list[float]:
-    return [float(v) for v in np.round(values, 9) + 0.0]
+    return [float(v) for v in np.round(values, 12) + 0.0]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ import pandas as pd
 from ..pairs import Array, Document, Pair
 from ..rotations import frame, turn
 from .campaign import Campaign, logged, visits
+from .conditions import DIGITS, Conditions, sweep
 from .reading import Instrument, instrument
 
 GRAVITY = [0.0, 0.0, -9.80665]
@@ -40,27 +41,43 @@ class Drawing:
     tolerance: float
     instrument: Instrument
     names: list[str]
+    angle: float = 0.05
+    tool_tolerance: tuple[float, float] = (0.5, 0.2)
 
 
-def gough(form: str, sensor: str, rng: np.random.Generator, *, effects: int = 1, still: bool = False) -> Pair:
+def gough(
+    form: str,
+    sensor: str,
+    rng: np.random.Generator,
+    *,
+    effects: int = 1,
+    still: bool = False,
+    under: Conditions | None = None,
+) -> Pair:
     """A pair of ``6-ups`` or ``6-pus``. ``still``: the platform moves so that one leg keeps its reading."""
     drawn = _drawing(form, sensor, rng)
-    poses = _poses(drawn, rng, int(rng.integers(35, 70)))
+    if under is not None:
+        drawn = _under(drawn, under)
+    poses = _poses(drawn, rng, int(rng.integers(35, 70))) if under is None else _asked(drawn, under, rng)
     built = _specimen(drawn, rng)
     exact = _readings(form, built, poses)
     if still:
         poses, exact = _holding(form, built, poses, exact)
-    c = visits(exact, int(rng.integers(5, 12)), rng)
+    c = visits(exact, int(rng.integers(5, 12)), rng) if under is None else under.visited(exact, rng)
     seen = poses[c.pose.astype(int) - 1]
     base = _mounted(drawn.base, drawn.base_tolerance, rng)
-    tool = base @ seen @ _mounted(drawn.tool, (0.5, 0.2), rng)
+    tool = base @ seen @ _mounted(drawn.tool, drawn.tool_tolerance, rng)
     commanded = _errors(c, drawn, rng, effects)
-    table = logged(
-        Campaign(commanded, c.pose, c.approach, c.payload, c.temperature), drawn.names, np.zeros(6), rng
-    )
+    if under is not None:
+        commanded = c.q + under.physics * (commanded - c.q)
+    logs = Campaign(commanded, c.pose, c.approach, c.payload, c.temperature)
+    digits = {} if under is None else {"digits": DIGITS}
+    table = logged(logs, drawn.names, np.zeros(6), rng, **digits)
     table = pd.concat([table, drawn.instrument.read(tool, rng)], axis=1)
+    if under is not None:
+        table = under.clocked(table)
     kinds = dict.fromkeys(drawn.names, "prismatic")
-    return Pair(f"own {form} {sensor}", _document(drawn, c.q), table, kinds, plain=effects == 0)
+    return Pair(f"own {form} {sensor}", _document(drawn, c.q), table, kinds, plain=effects == 0, tool=tool)
 
 
 def _drawing(form: str, sensor: str, rng: np.random.Generator) -> Drawing:
@@ -109,6 +126,32 @@ def _poses(drawn: Drawing, rng: np.random.Generator, n: int) -> Array:
     return out
 
 
+def _under(drawn: Drawing, under: Conditions) -> Drawing:
+    """Return the drawing with the noise, tolerances and frames of the conditions."""
+    base = (4.0, 0.8) if under.known else (np.inf, np.inf)
+    instrument = drawn.instrument.with_sigma(under.sigma)
+    return replace(
+        drawn,
+        tolerance=under.tolerance,
+        angle=under.stood((0.0, drawn.angle))[1],
+        base_tolerance=under.stood(base),
+        tool_tolerance=under.stood(drawn.tool_tolerance),
+        instrument=instrument,
+    )
+
+
+def _asked(drawn: Drawing, under: Conditions, rng: np.random.Generator) -> Array:
+    """Return poses (n, 4, 4) of the platform, spread or swept as the conditions say."""
+    moved = rng.uniform(-1, 1, (under.poses, 6))
+    if under.moving:
+        moved = sweep(np.zeros(6), np.ones(6), under.poses, rng).q
+    out = np.tile(np.eye(4), (under.poses, 1, 1))
+    for k, axis in enumerate("xyz"):
+        out = out @ turn(axis, np.radians(10.0 * under.turning * moved[:, k]))
+    out[:, :3, 3] = 0.12 * drawn.height * moved[:, 3:] + [0.0, 0.0, drawn.height]
+    return out
+
+
 def _readings(form: str, legs: Legs, poses: Array) -> Array:
     """(n, 6) mm."""
     tip = np.einsum("nij,kj->nki", poses[:, :3, :3], legs.b) + poses[:, None, :3, 3]
@@ -137,7 +180,7 @@ def _specimen(drawn: Drawing, rng: np.random.Generator) -> Legs:
     a, b = (v + tol * rng.standard_normal((6, 3)) for v in (legs.a, legs.b))
     offset, length = (v + tol * rng.standard_normal(6) for v in (legs.offset, legs.length))
     u = legs.u.copy()
-    u[:, :2] += np.radians(0.05) * rng.standard_normal((6, 2))
+    u[:, :2] += np.radians(drawn.angle) * rng.standard_normal((6, 2))
     return Legs(a, b, u / np.linalg.norm(u, axis=1)[:, None], offset, length)
 
 
@@ -187,9 +230,9 @@ def _document(drawn: Drawing, q: Array) -> Document:
         "mechanism": mechanism,
         "frames": {
             "base": {**base, "tolerance": {"xyz": length, "rpy": angle}},
-            "tool": {**tool, "tolerance": {"xyz": 0.5, "rpy": 0.2}},
+            "tool": {**tool, "tolerance": dict(zip(("xyz", "rpy"), drawn.tool_tolerance, strict=True))},
         },
         "sensor": drawn.instrument.section(),
-        "tolerances": {"length": drawn.tolerance, "angle": 0.05},
+        "tolerances": {"length": drawn.tolerance, "angle": drawn.angle},
         "masses": {"platform": {"kg": 20.0, "com": [0.0, 0.0, 15.0], "in": "platform"}},
     }

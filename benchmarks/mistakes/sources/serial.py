@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,9 +13,10 @@ from ..pairs import Array, Document, Pair
 from ..rotations import frame
 from .campaign import campaign, logged
 from .chain import Arm, Body, Physics, tool_poses
+from .conditions import DIGITS, Conditions
 from .description import graph_section, urdf_text
 from .reading import Instrument, instrument
-from .tables import FAMILIES, RATIOS, Sheet
+from .tables import ALL, RATIOS, Sheet
 
 NAMES = ("q{}", "j{}", "A{}", "axis{}", "theta{}")
 FIELDS = ("beta", "alpha", "d", "theta", "r")
@@ -49,22 +50,32 @@ def serial(
     effects: int = 1,
     still: bool = False,
     unknown: bool = False,
+    under: Conditions | None = None,
 ) -> Pair:
     """A pair of one family in one form. ``unknown``: base and tool are told as such; ``still``: one joint never moves."""
-    drawn = _drawing(FAMILIES[family](rng), sensor, rng, unknown)
+    drawn = _drawing(ALL[family](rng), sensor, rng, unknown)
+    if under is not None:
+        drawn = _under(drawn, under)
     sheet = drawn.sheet
     slides = np.array(sheet.slides)
     low, high = np.where(slides[:, None], sheet.ranges, np.radians(sheet.ranges)).T
     held = int(rng.integers(1, len(slides) - 1)) if still else None
-    c = campaign(low, high, rng, held)
+    c = campaign(low, high, rng, held) if under is None else under.campaign(low, high, ~slides, rng)
     physics = _physics(drawn, rng, effects)
+    if under is not None:
+        physics = physics.times(under.physics)
     tool = tool_poses(_specimen(drawn, rng), c, physics)
-    table = pd.concat([logged(c, drawn.names, ~slides, rng), drawn.instrument.read(tool, rng)], axis=1)
+    digits = {} if under is None else {"digits": DIGITS}
+    table = pd.concat(
+        [logged(c, drawn.names, ~slides, rng, **digits), drawn.instrument.read(tool, rng)], axis=1
+    )
+    if under is not None:
+        table = under.clocked(table)
     document, files = _document(drawn, form, rng)
     kinds = {n: "prismatic" if s else "revolute" for n, s in zip(drawn.names, slides, strict=True)}
     rows = [dict(zip(("a", "alpha", "d", "theta"), map(float, row), strict=True)) for row in sheet.rows]
     told = tuple(rows) if form == "serial" and sheet.rest == (0.0, 0.0) else ()
-    return Pair(f"{family} {form} {sensor}", document, table, kinds, files, told, plain=physics.none)
+    return Pair(f"{family} {form} {sensor}", document, table, kinds, files, told, physics.none, tool)
 
 
 def _drawing(sheet: Sheet, sensor: str, rng: np.random.Generator, unknown: bool) -> Drawing:
@@ -93,6 +104,18 @@ def _drawing(sheet: Sheet, sensor: str, rng: np.random.Generator, unknown: bool)
         _bodies(sheet, rng),
         rng.choice(RATIOS, n).astype(float),
         bool(rng.random() < 0.5),
+    )
+
+
+def _under(drawn: Drawing, under: Conditions) -> Drawing:
+    """Return the drawing with the noise and tolerances of the conditions."""
+    return replace(
+        drawn,
+        length=under.tolerance,
+        angle=under.angle(drawn.sheet.reach),
+        instrument=drawn.instrument.with_sigma(under.sigma),
+        base_tolerance=under.stood(drawn.base_tolerance),
+        tool_tolerance=under.stood(drawn.tool_tolerance),
     )
 
 
@@ -202,4 +225,8 @@ def _masses(drawn: Drawing) -> dict[str, Any]:
 
 def forms(family: str) -> Sequence[str]:
     """Mechanism forms that a family is written in."""
-    return ("serial",) if family in ("scara", "gantry", "spherical-slide") else ("serial", "graph", "urdf")
+    return (
+        ("serial",)
+        if family in ("scara", "gantry", "spherical-slide", "cartesian")
+        else ("serial", "graph", "urdf")
+    )

@@ -108,6 +108,14 @@ def spherical_slide(rng: np.random.Generator) -> Sheet:
     return _sheet(rows, ranges, {2}, 600.0)
 
 
+def cartesian(rng: np.random.Generator) -> Sheet:
+    """Three slides at right angles; the tool never turns."""
+    v = _lengths(rng, x=(300, 900), y=(200, 700), z=(150, 400))
+    rows = [(0, -90, 120, 0), (0, -90, 85, -90), (0, 0, 60, -90)]
+    ranges = [(0, v["x"]), (-v["y"] / 2, v["y"] / 2), (0, v["z"])]
+    return _sheet(rows, ranges, {0, 1, 2}, v["x"])
+
+
 FAMILIES: Mapping[str, Callable[[np.random.Generator], Sheet]] = {
     "elbow": elbow,
     "three-parallel": three_parallel,
@@ -116,3 +124,5 @@ FAMILIES: Mapping[str, Callable[[np.random.Generator], Sheet]] = {
     "gantry": gantry,
     "spherical-slide": spherical_slide,
 }
+ALL = {**FAMILIES, "cartesian": cartesian}
+"""With those that the study of two hundred does not draw: its seeds stay what they were."""
