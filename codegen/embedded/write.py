@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from truepose.codegen.c import generate
+from truepose.codegen.names import machine_identifier
 from truepose.codegen.embedded.measure import OPTIMISATIONS, Measurement, measure
 from truepose.codegen.embedded.section import sizes_section
 from truepose.codegen.embedded.toolchain import required
@@ -33,7 +34,8 @@ def generate_measured(
     with atomic_directory(directory) as partial:
         files = generate(machine, partial, real, nominal=nominal, features=features)
         measured = [
-            measure(partial, machine.name, optimisation=level, tools=tools) for level in optimisations
+            measure(partial, machine_identifier(machine.name), optimisation=level, tools=tools)
+            for level in optimisations
         ]
         readme = partial / "README.md"
         text = readme.read_text(encoding="utf-8") + "\n" + sizes_section(measured)

@@ -16,6 +16,7 @@ from truepose.identification.recording.history import latest_earlier_row
 from truepose.identification.recording.ignored import ignored_columns, untried_columns
 from truepose.identification.recording.names import in_known_case, missing_column
 from truepose.identification.recording.table import Table, read_table
+from truepose.models.column_names import OF_ROWS
 from truepose.models.driver import APPROACH, MEASURED_LOADS, VELOCITY, DeclaredDriver, Driver
 from truepose.models.limits import LARGEST, LATEST
 from truepose.models.units import FloatArray, UnitSystem, convert
@@ -26,7 +27,6 @@ IntArray = npt.NDArray[np.int64]
 LABEL: Final = "label"
 LOGGED: Final = ("payload", "pressure", "humidity")
 OF_JOINTS: Final = (APPROACH, VELOCITY, *MEASURED_LOADS)
-OF_ROWS: Final = ("time", "session", "pose", "from", "role")
 _ROLES: Final = ("calibration", "validation")
 SLACK: Final = 0.05
 """Share of a range's width that readings may be beyond it: commands overshoot a little."""
