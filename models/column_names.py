@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 from truepose.errors import InputError
-from truepose.models.driver import DeclaredDriver, Driver, is_known_driver
+from truepose.models.driver import DeclaredDriver, is_known_driver
 from truepose.models.sensor import Sensor
 
 OF_ROWS: Final = ("time", "session", "pose", "from", "role")

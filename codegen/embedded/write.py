@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from truepose.codegen.c import generate
-from truepose.codegen.names import machine_identifier
 from truepose.codegen.embedded.measure import OPTIMISATIONS, Measurement, measure
 from truepose.codegen.embedded.section import sizes_section
 from truepose.codegen.embedded.toolchain import required
 from truepose.codegen.features import ALL, Features
+from truepose.codegen.names import machine_identifier
 from truepose.codegen.printer import Real
 from truepose.files import atomic_directory
 from truepose.models.machine import Machine

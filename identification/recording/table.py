@@ -207,12 +207,13 @@ def _table(file: str, found: TextTable) -> Table:
 
 
 def _parse_header(header: str) -> Column:
-    """``x [um]``, and ``x (um)`` where the brackets hold a unit."""
+    """Return the column of a header: ``x [um]``, and ``x[um]`` or ``x (um)`` where the brackets hold a unit, no index."""
     text = header.strip()
     for opening, closing in ("[]", "()"):
         name, found, unit = text[:-1].rpartition(opening)
         enclosed = found and text.endswith(closing) and closing not in unit
-        if enclosed and (opening == "[" or (is_unit(unit) and not unit.isdigit())):
+        stated = opening == "[" and name.endswith(" ")
+        if enclosed and (stated or (is_unit(unit) and not unit.isdigit())):
             return Column(name.rstrip(), unit.strip())
     return Column(text)
 
