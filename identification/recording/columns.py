@@ -144,8 +144,8 @@ ORDER: Final = (
         "time",
         "time",
         "s",
-        "When the row was measured, on one clock: seconds, or dates (2026-05-01T10:11:12.125) or times of day. Creep, slow heat and latency need it; drift is told in hours by it, and in "
-        "rows without it.",
+        "When the row was measured, on one clock: seconds, dates (2026-05-01T10:11:12.125) or times of day. Creep, slow heat "
+        "and latency need it; drift is told in hours by it, and in rows without it.",
         "the order of the rows",
     ),
     KnownColumn(

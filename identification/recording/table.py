@@ -197,7 +197,7 @@ def is_bag(path: Path) -> bool:
 
 def _table(file: str, found: TextTable) -> Table:
     check_size(file, len(found.headers), len(found.columns[0]) if found.columns else 0)
-    parsed = tuple(_parse_header(header) for header in found.headers)
+    parsed = tuple(parse_header(header) for header in found.headers)
     _refuse_duplicates(file, parsed)
     cells = {column.name: values for column, values in zip(parsed, found.columns, strict=True)}
     n_rows = len(found.columns[0]) if found.columns else 0
@@ -206,7 +206,7 @@ def _table(file: str, found: TextTable) -> Table:
     return Table(file, parsed, cells, n_rows, found.line, found.notes)
 
 
-def _parse_header(header: str) -> Column:
+def parse_header(header: str) -> Column:
     """Return the column of a header: ``x [um]``, and ``x[um]`` or ``x (um)`` where the brackets hold a unit, no index."""
     text = header.strip()
     for opening, closing in ("[]", "()"):

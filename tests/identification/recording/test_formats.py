@@ -218,7 +218,7 @@ def test_names_nearby_are_named(tmp_path: Path, header: str, expected: str) -> N
 def test_an_index_in_brackets_is_a_part_of_the_name(name: str, index: str) -> None:
     """A unit stands in brackets that hold one, or behind a space."""
     headers = [f"{name}[{index}]", f"{name}a [{index}]", f"{name}b[um]", f"{name}c (deg)"]
-    found = tables(pd.DataFrame(dict.fromkeys(headers, [1.0])))[0]
+    found = tables(pd.DataFrame({header: [1.0] for header in headers}))[0]
     assert [(c.name, c.unit) for c in found.columns] == [
         (headers[0], None), (f"{name}a", index), (f"{name}b", "um"), (f"{name}c", "deg")
     ]  # fmt: skip
