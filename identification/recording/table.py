@@ -141,15 +141,16 @@ class Table:
         return replace(self, columns=columns, cells={n: c for n, c in self.cells.items() if n not in names})
 
 
-def read_table(path: Path | str) -> Table:
+def read_table(path: Path | str, readings: Sequence[str] = ()) -> Table:
     """Read text (columns apart by commas, semicolons, tabs or spaces; ``#`` comments), Parquet, Excel or a ROS bag.
 
-    Kinds are told apart by content. Raises InputError for an unreadable or ambiguous file, a row of the wrong
-    length, a column given twice (also ``x`` and ``x [um]``) and a table without rows.
+    Kinds are told apart by content. ``readings``: a machine's joints; others of a bag then do not matter.
+    Raises InputError for an unreadable or ambiguous file, a row of the wrong length, a column given twice (also ``x`` and
+    ``x [um]``) and a table without rows.
     """
     file = str(path)
     try:
-        return _read(Path(path))
+        return _read(Path(path), readings)
     except OSError as exc:
         reason = exc.strerror or str(exc)
         raise InputError(f"{file}: cannot read the file: {reason}") from None
@@ -165,11 +166,11 @@ def table_in_memory(source: Any, name: str) -> Table:
     return _table(name, TextTable(headers, columns))
 
 
-def _read(path: Path) -> Table:
+def _read(path: Path, readings: Sequence[str]) -> Table:
     file = str(path)
     check_file(path)
     if is_bag(path):
-        return bag_table(path)
+        return bag_table(path, readings=readings)
     with path.open("rb") as stream:
         start = stream.read(8)
     if start.startswith(_PARQUET_MAGIC):
@@ -180,11 +181,13 @@ def _read(path: Path) -> Table:
     return _table(file, read_spreadsheet(path) if start.startswith(MAGIC) else read_text(path))
 
 
-def bag_table(path: Path, topic: str | None = None, joints: Sequence[str] = ()) -> Table:
+def bag_table(
+    path: Path, topic: str | None = None, joints: Sequence[str] = (), readings: Sequence[str] = ()
+) -> Table:
     """A ROS bag as a table, a row for each stretch in which all joints stand; see ``bags.read_bag``."""
     from truepose.identification.recording.bags import read_bag
 
-    return _table(str(path), read_bag(path, topic, joints))
+    return _table(str(path), read_bag(path, topic, joints, readings))
 
 
 def is_bag(path: Path) -> bool:
