@@ -10,11 +10,13 @@ import pytest
 import yaml
 
 from truepose.errors import InputError
+from truepose.identification.compensation.path_table import load_path
 from truepose.identification.prediction.predict import predict
 from truepose.identification.recording.columns import LOGGED, ORDER
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
+from truepose.models.mechanism import AXIS_UNITS
 from truepose.models.sensor import sensors
 from truepose.models.starting.sensors import PRESETS
 
@@ -100,3 +102,18 @@ def test_a_driver_is_no_column_of_the_sensor(tmp_path: Path) -> None:
 def test_joints_have_names_of_their_own(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="'A'"):
         gantry(tmp_path, ("A", "A", "B"), section("position"))
+
+
+def test_a_path_holds_joints_or_poses_and_says_which(tmp_path: Path) -> None:
+    """Where joints are called x, y and z, columns of poses begin with `pose.`."""
+    named = gantry(tmp_path, ("x", "y", "z"), section("position", name="sensor"), task=["x", "y", "z"])
+    path, poses = tmp_path / "path.csv", np.arange(18.0).reshape(3, 6) / 10.0
+    np.savetxt(path, poses, delimiter=",", header="x,y,z,rx,ry,rz", comments="")
+    with pytest.raises(
+        InputError, match="poses or the joints x, y, z, expected the joints alone, or poses in pose.x"
+    ):
+        load_path(named, path)
+    np.savetxt(path, poses, delimiter=",", header=",".join(f"pose.{a}" for a in AXIS_UNITS), comments="")
+    np.testing.assert_allclose(load_path(named, path)[1].q, poses[:, :3], atol=1e-6)
+    np.savetxt(path, poses[:, :3], delimiter=",", header="x,y,z", comments="")
+    np.testing.assert_allclose(load_path(named, path)[1].q, poses[:, :3], atol=1e-12)
