@@ -110,7 +110,7 @@ def test_a_path_holds_joints_or_poses_and_says_which(tmp_path: Path) -> None:
     path, poses = tmp_path / "path.csv", np.arange(18.0).reshape(3, 6) / 10.0
     np.savetxt(path, poses, delimiter=",", header="x,y,z,rx,ry,rz", comments="")
     with pytest.raises(
-        InputError, match="poses or the joints x, y, z, expected the joints alone, or poses in pose.x"
+        InputError, match=r"poses or the joints x, y, z, expected the joints alone, or poses in pose.x"
     ):
         load_path(named, path)
     np.savetxt(path, poses, delimiter=",", header=",".join(f"pose.{a}" for a in AXIS_UNITS), comments="")
