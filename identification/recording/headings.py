@@ -95,9 +95,19 @@ def names_columns(columns: Sequence[Column], count: int, *, is_comment: bool) ->
 def asked_columns(names: Sequence[str], where: str) -> InputError:
     """Return the error of a heading that says of no columns that they are x, y and z, with a line to copy."""
     listed = shortened([repr(name) for name in names], _LISTED)
+    found = f"{where}: found the columns {listed}, expected x, y and z"
+    if len(set(names)) < len(names):
+        return InputError(
+            f"{found} once each; say which they are by their numbers from 1: --columns x=N,y=N,z=N"
+        )
     return InputError(
-        f"{where}: found the columns {listed}, expected x, y and z; say which they are: {_to_copy(names)}"
+        f"{found} (--format table keeps the columns as they are); say which they are: {_to_copy(names)}"
     )
+
+
+def is_asked(names: Sequence[str]) -> bool:
+    """Return True if x, y and z are there under other names alone."""
+    return not set(XYZ) & set(names) and _triple(names) is not None
 
 
 def asked_numbers(count: int, where: str) -> InputError:
@@ -147,6 +157,7 @@ __all__ = [
     "asked_columns",
     "asked_numbers",
     "chosen_columns",
+    "is_asked",
     "length_or_angle",
     "names_columns",
     "read_column",

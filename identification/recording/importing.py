@@ -13,7 +13,13 @@ import pandas as pd
 from truepose.bounded import MIB, read_at_most
 from truepose.errors import InputError
 from truepose.identification.recording.encoding import decoded
-from truepose.identification.recording.headings import XYZ, asked_columns, chosen_columns, read_column
+from truepose.identification.recording.headings import (
+    XYZ,
+    asked_columns,
+    chosen_columns,
+    is_asked,
+    read_column,
+)
 from truepose.identification.recording.languages import refuse_languages
 from truepose.identification.recording.names import in_known_case
 from truepose.identification.recording.spreadsheet import MAGIC
@@ -60,9 +66,12 @@ def read_foreign(
     if form not in FORMATS:
         raise InputError(f"--format: found {form!r}, expected {joined(FORMATS, 'or')}")
     try:
-        form = _form(path, chosen) if form == "auto" else form
+        asked, form = form, _form(path, chosen) if form == "auto" else form
         if form in ("excel", "table"):
-            return _table(path, unit, chosen)
+            table = _table(path, unit, chosen)
+            if asked == "auto" and not _has_readings(table) and is_asked(table.names):
+                raise asked_columns(table.names, table.file)
+            return table
         if form == "bag":
             return _with_choice(bag_table(path, topic, joints), chosen)
         text, notes = decoded(read_at_most(path, TEXT_MOST), str(path))
@@ -109,13 +118,17 @@ def _form(path: Path, chosen: Mapping[str, str] | None = None) -> str:
 def _is_table(path: Path, chosen: Mapping[str, str]) -> bool:
     """Whether a text has one header, with readings among its columns, and rows of numbers below."""
     try:
-        table = _with_choice(read_table(path), chosen)
-        groups = [heads for heads in _groups(table) if all(name in table for name in heads)]
-        for name in (name for names in groups for name in names):
-            table.readings(name)
-    except (InputError, KeyError):
+        return _has_readings(_with_choice(read_table(path), chosen))
+    except InputError:
         return False
-    return bool(groups)
+
+
+def _has_readings(table: Table) -> bool:
+    """Return True if columns are readings by their names. Raises InputError for cells of theirs that are no numbers."""
+    names = [name for group in _groups(table) if all(name in table for name in group) for name in group]
+    for name in names:
+        table.readings(name)
+    return bool(names)
 
 
 def _groups(table: Table) -> list[tuple[str, ...]]:

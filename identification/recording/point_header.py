@@ -70,7 +70,7 @@ def header_of(columns: Sequence[Column], chosen: Mapping[str, str]) -> Header | 
     """What a line of headings says of the columns; None where it is no such line."""
     names = [column.name for column in columns]
     wanted = [chosen.get(axis, axis) for axis in XYZ]
-    if not set(wanted) <= set(names):
+    if any(names.count(name) != 1 for name in wanted):
         return None
     return Header(tuple(columns), tuple(names.index(name) for name in wanted))
 

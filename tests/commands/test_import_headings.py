@@ -9,6 +9,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -148,6 +149,26 @@ def test_columns_without_a_heading_are_chosen_by_number(name: str, extra: int) -
         path.write_text(f"{name} {numbers}\n{name}b {numbers}\n")
         found = read_foreign(path, columns="x=4,y=3,z=7")
         assert [found.numbers(axis)[0] for axis in "xyz"] == [2.5, 1.5, 5.5]
+
+
+def test_points_of_one_name_are_chosen_by_number(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("Trajectories\nFrame,X,Y,Z,X,Y,Z\n,mm,mm,mm,mm,mm,mm\n1,1.5,2.5,3.5,4.5,5.5,6.5\n")
+    with pytest.raises(
+        InputError, match=r"expected x, y and z once each; say which .*: --columns x=N,y=N,z=N"
+    ):
+        read_foreign(path)
+    found = read_foreign(path, columns="x=5,y=6,z=7", unit="mm")
+    assert [found.numbers(axis)[0] for axis in "xyz"] == [4.5, 5.5, 6.5]
+
+
+def test_a_file_of_columns_is_asked_about_too(tmp_path: Path) -> None:
+    path = tmp_path / "log.parquet"
+    pd.DataFrame({"J1": [1.0], "TCPX": [2.0], "TCPY": [3.0], "TCPZ": [4.0]}).to_parquet(path)
+    with pytest.raises(InputError, match=r"found the columns 'J1', 'TCPX'.*--columns x=TCPX,y=TCPY,z=TCPZ"):
+        read_foreign(path)
+    assert read_foreign(path, columns="x=TCPX,y=TCPY,z=TCPZ").names == ("J1", "x", "y", "z")
+    assert read_foreign(path, "table").names == ("J1", "TCPX", "TCPY", "TCPZ")
 
 
 def test_units_may_stand_below_their_names(tmp_path: Path) -> None:
