@@ -11,6 +11,7 @@ import csv
 import io
 import math
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from truepose.codegen.blocks import blocks_of
 from truepose.codegen.features import ALL, Features
 from truepose.codegen.layout import Layout, layout_of
 from truepose.codegen.left_out import left_out, left_out_words
-from truepose.codegen.names import check_machine_name
+from truepose.codegen.names import machine_identifier
 from truepose.codegen.offered import driver_units, entries, offered
 from truepose.codegen.printer import Real, literal
 from truepose.codegen.pruning import pruned
@@ -78,11 +79,11 @@ def generate(
     for ``NAME_compensate``; what it does not name, and all without it, is as the machine file has it. ``features``: what is
     generated, everything by default, or a list ("warm,p"); files of features that an earlier run had are deleted.
 
-    Raises InputError when the machine's name is no C identifier, ``nominal`` names an unknown parameter, or a feature was
-    asked for that this machine cannot have.
+    A machine whose name is no C identifier is called by the nearest one. Raises InputError when ``nominal`` names an unknown
+    parameter, or a feature was asked for that this machine cannot have.
     """
     machine = as_machine(machine)
-    check_machine_name(machine.name)
+    machine = replace(machine, name=machine_identifier(machine.name))
     if real not in ("double", "float"):
         raise InputError(f"real: found {real!r}, expected 'double' or 'float'")
     chosen = Features.of(features) if isinstance(features, str) else features

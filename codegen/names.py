@@ -1,11 +1,9 @@
-"""Names in the generated C: which machine names can be used, and identifiers of parameters and drivers."""
+"""Names in the generated C: identifiers of machines, parameters and drivers."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-
-from truepose.errors import InputError
 
 LONGEST = 63
 """Initial characters of an internal identifier that C99 guarantees to tell apart."""
@@ -17,26 +15,12 @@ _KEYWORDS = """
 """
 
 
-def check_machine_name(name: str) -> str:
-    """The name, if it can stand in C as it is written. Raises InputError that says which rule it breaks."""
-    broken = _broken_rule(name)
-    if broken:
-        raise InputError(f"name: found {name!r}, expected a C identifier for the generated code: {broken}")
-    return name
-
-
-def _broken_rule(name: str) -> str | None:
-    """The first rule that a name breaks, in words."""
-    wrong = re.search(r"[^A-Za-z0-9_]", name)
-    rules = (
-        (not name, "it is empty"),
-        (name[:1] == "_", "it begins with an underscore, which C reserves"),
-        (name[:1].isdigit(), f"it begins with {name[:1]!r}, not with a letter a-z or A-Z"),
-        (wrong, f"it contains {wrong and wrong.group()!r}, which is no letter a-z A-Z, digit or underscore"),
-        (name in _KEYWORDS.split(), "it is a keyword of C"),
-        (len(name) > LONGEST, f"it has {len(name)} characters, more than the {LONGEST} that C tells apart"),
-    )
-    return next((text for broken, text in rules if broken), None)
+def machine_identifier(name: str) -> str:
+    """Return what a machine is called in C: its name as it is written where C can have it, else the nearest identifier."""
+    plain = re.sub(r"[^A-Za-z0-9_]", "_", name).lstrip("_")
+    if not plain[:1].isalpha() or plain in _KEYWORDS.split():
+        plain = f"machine_{plain}".rstrip("_")
+    return plain[:LONGEST]
 
 
 def identifiers(names: Sequence[str]) -> list[str]:

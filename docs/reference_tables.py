@@ -35,6 +35,7 @@ _UNITS: Final = {
 """How the pages print units that a file may choose."""
 _WORDS: Final = {
     "number": "number",
+    "time": "number or time",
     "integer": "whole number",
     "string": "text",
     "boolean": "true or false",

@@ -37,7 +37,7 @@ def load_recording(
     machine = as_machine(machine)
     if irradiance:
         sensor_of(machine)
-    files = tables(source)
+    files = tables(source, machine.mechanism.readings)
     counted = need_observations and any(isinstance(sensor, Irradiance) for sensor in machine.sensors)
     lacking = _to_count(files, len(irradiance)) if counted else []
     if not lacking:

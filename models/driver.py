@@ -205,6 +205,12 @@ class DeclaredDriver:
     everywhere: bool = False
 
 
+def is_known_driver(name: str) -> bool:
+    """Return True if a column of this name logs a known driver: one of the whole row, or one of a part, `KIND.PART`."""
+    driver = Driver.of(name)
+    return driver.kind in (_KINDS if driver.place else (SESSION, TIME, ROW, PAYLOAD, *_AIRS))
+
+
 def driven_by_unit(unit: str) -> DriverKind:
     """What a column of this unit makes vary: ``load``, ``temperature`` or ``time``, else ``coupling`` with another thing."""
     found = (kind for like, kind in _BY_DIMENSION.items() if compatible(unit, like))
@@ -232,4 +238,5 @@ __all__ = [
     "Driver",
     "DriverKind",
     "driven_by_unit",
+    "is_known_driver",
 ]

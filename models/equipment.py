@@ -17,6 +17,7 @@ from truepose.models.driver import PAYLOAD, DeclaredDriver
 from truepose.models.machine import Equipment, Machine, Mass
 from truepose.models.machine_file import MachineFile, MassSpec
 from truepose.models.mechanism import Mechanism
+from truepose.models.moments import seconds_since_1970
 from truepose.models.recording_section import OwnPayload
 from truepose.models.sensor import TOOL, Sensor
 from truepose.models.weights import mass_of
@@ -45,7 +46,7 @@ def equipment(file: MachineFile, mechanism: Mechanism, sensors: tuple[Sensor, ..
                 tool=None if own is None else (*own.xyz, *own.rpy),
                 on_tool=own is not None and own.in_ == "tool",
                 mass=mass,
-                date=None if section.date is None else section.date.timestamp(),
+                date=None if section.date is None else seconds_since_1970(section.date),
             )
         )
     return tuple(out)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from truepose.errors import InputError
 from truepose.models.builder import builders
+from truepose.models.column_names import check_column_names
 from truepose.models.context import BuildContext
 from truepose.models.declared import declared_drivers, driver_names
 from truepose.models.effect import effects
@@ -59,6 +60,7 @@ def build_machine(file: MachineFile) -> Machine:
         declared_drivers=with_recordings(with_columns(declared, forces, file), own, masses),
     )
     _check_names(machine, file)
+    check_column_names(mechanism.readings, read, machine.declared_drivers, str(file.path))
     _check_task(machine, file)
     placed = [place_effect(machine, e, f"{file.path}: effects[{k}]") for k, e in enumerate(file.effects)]
     _check_once(placed, str(file.path))
@@ -154,20 +156,7 @@ def _sensors(file: MachineFile, mechanism: Mechanism) -> tuple[Sensor, ...]:
                     "expected a finite number > 0"
                 )
         out.append(sensor)
-    _check_columns(out, file)
     return tuple(out)
-
-
-def _check_columns(made: Sequence[Sensor], file: MachineFile) -> None:
-    """Sensors that read different things need different columns."""
-    reading: dict[str, Sensor] = {}
-    for sensor in made:
-        for column in sensor.columns:
-            if reading.setdefault(column, sensor).view != sensor.view:
-                raise InputError(
-                    f"{file.path}: sensor: found two sensors of different frames that read the column {column!r}, "
-                    "expected columns of their own: give each a `name`, which opens them (`NAME.x`)"
-                )
 
 
 def _check_names(machine: Machine, file: MachineFile) -> None:

@@ -141,6 +141,11 @@ class Actuator:
         """Name of the port that adds to the displacement."""
         return f"{self.reading}.displacement"
 
+    @property
+    def zero(self) -> str:
+        """Name of the constant that says where the joint is when its reading is 0."""
+        return self.offset or f"{self.drives}.{'theta' if self.unit == 'rad' else 'r'}"
+
 
 @dataclass(frozen=True)
 class Follower:

@@ -94,6 +94,8 @@ class Sensor(ABC):
 
     type: ClassVar[str]
     view: View = TOOL_IN_WORLD
+    opens_columns: ClassVar[bool] = False
+    """Whether the sensor's `name` opens those of its columns: `NAME.x`."""
     differs_from_row: ClassVar[bool] = False
     """Whether a reading is the change since the row that ``from`` names."""
     label_columns: ClassVar[tuple[str, ...]] = ()

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from truepose.errors import InputError
 from truepose.files import atomic_directory
 from truepose.identification.recording.load import tables
-from truepose.identification.recording.table import Table
+from truepose.identification.recording.table import Table, is_bag
+from truepose.models.load import load_machine
 from truepose.models.urdf_lengths import rescaled
 from truepose.models.yaml_document import parse_document, read_text
 from truepose.models.yaml_edit import edited_text
@@ -89,7 +90,8 @@ class Pair:
     @classmethod
     def read(cls, machine: Path, recordings: Sequence[Path]) -> Pair:
         """From the files."""
-        sheets = tuple(Sheet.of(table) for table in tables(list(recordings)))
+        readings = _readings(machine) if any(path.exists() and is_bag(path) for path in recordings) else ()
+        sheets = tuple(Sheet.of(table) for table in tables(list(recordings), readings))
         text = read_text(machine)
         return cls(str(machine), text, parse_document(text, machine), sheets)
 
@@ -160,6 +162,14 @@ class Pair:
             text = rescaled(read_text(source), self.described)
             (directory / source.name).write_text(text, encoding="utf-8", newline="")
         return [source.name]
+
+
+def _readings(machine: Path) -> tuple[str, ...]:
+    """Return the joints of a machine file; none where it is not right, which is told elsewhere."""
+    try:
+        return load_machine(machine).mechanism.readings
+    except InputError:
+        return ()
 
 
 __all__ = ["Field", "Pair", "Sheet"]

@@ -1,11 +1,13 @@
 """A path to follow as a table: nominal joint values, or poses of the tool that nominal joints are solved for.
 
-Poses stand in the nominal frame of the base, as in the generated C: columns x y z and the rotation vector rx ry rz.
+Poses stand in the nominal frame of the base, as in the generated C: columns x y z and the rotation vector rx ry rz, or the
+same behind ``pose.``.
 """
 
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -47,19 +49,35 @@ def load_path(machine: Machine, path: Path | str) -> tuple[Table, Recording]:
     reach, a joint out of its range.
     """
     table, joints = read_table(path), machine.mechanism.readings
-    poses = not any(name in table for name in joints) and all(name in table for name in POSE)
+    poses = _pose_columns(table, joints)
     notes: tuple[str, ...] = ()
     if poses:
-        table, notes = _with_joints(machine, table)
+        table, notes = _with_joints(machine, table, poses)
     for name in joints:
         if name not in table:
             raise InputError(
                 f"{path}: missing column {name!r}, expected the joints {', '.join(joints)}, or the tool's poses in "
                 f"{', '.join(POSE)}; {close_matches(name, table.names)}"
             )
-    used = POSE if poses else {}
-    rows = read_recording([table], joint_columns(machine), used, machine.units, need_observations=False)
+    rows = read_recording([table], joint_columns(machine), poses, machine.units, need_observations=False)
     return table, replace(rows, notes=(*rows.notes, *notes))
+
+
+def _pose_columns(table: Table, joints: Sequence[str]) -> Mapping[str, str]:
+    """Return the columns of a table of poses with their units inside, none of them for a table of joints.
+
+    They are called ``pose.x`` ... where a joint is called as one of them. Raises InputError where both could be meant.
+    """
+    whole = all(name in table for name in POSE)
+    if whole and set(joints) < set(POSE):
+        raise InputError(
+            f"{table.file}: found the columns {', '.join(POSE)}, poses or the joints {', '.join(joints)}, expected the joints "
+            f"alone, or poses in {', '.join(f'pose.{name}' for name in POSE)}"
+        )
+    opened = {f"pose.{name}": unit for name, unit in POSE.items()}
+    if any(name in table for name in joints):
+        return {}
+    return POSE if whole else opened if all(name in table for name in opened) else {}
 
 
 def commands(table: Table, machine: Machine, found: Compensation) -> pd.DataFrame:
@@ -77,11 +95,11 @@ def commands(table: Table, machine: Machine, found: Compensation) -> pd.DataFram
     )
 
 
-def _with_joints(machine: Machine, table: Table) -> tuple[Table, tuple[str, ...]]:
+def _with_joints(machine: Machine, table: Table, columns: Mapping[str, str]) -> tuple[Table, tuple[str, ...]]:
     """The table with nominal joints for its poses, and what they do not meet of these."""
     units = machine.units
     parts = []
-    for name, internal in POSE.items():
+    for name, internal in columns.items():
         unit = table.unit(name, units.written(internal), internal)
         parts.append(convert(table.numbers(name), unit, internal))
     poses = np.broadcast_to(np.eye(4), (table.n_rows, 4, 4)).copy()

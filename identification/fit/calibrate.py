@@ -26,7 +26,7 @@ from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.bounds import Bounds, bounds_of
 from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, blame, estimate, result
 from truepose.identification.fit.fitted import Fitted
-from truepose.identification.fit.only import held_but, kept_covariance, prior_but
+from truepose.identification.fit.only import held_but, kept_covariance, prior_but, with_zeros
 from truepose.identification.fit.problem import Prior, Problem, prior_of
 from truepose.identification.fit.reading_errors import estimate_reading_errors
 from truepose.identification.fit.relinearised import TUNING, Scaling, relinearised
@@ -108,8 +108,8 @@ def calibrate(
 ) -> Calibration:
     """Fit the machine with the effects of its file; a path, a DataFrame or a dict of columns is a recording, too.
 
-    ``only``: frames, parts or constants (``base``, ``q4``, ``q4.theta``) that alone are fitted; all else, effects included,
-    is held as the file has it (``truepose.identification.fit.only``).
+    ``only``: frames, parts or constants (``base``, ``q4``, ``q4.theta``), or the zeros of all joints (``offset``), that alone
+    are fitted; all else, effects included, is held as the file has it (``truepose.identification.fit.only``).
 
     ``scaling`` is the unit of the columns of ``liu``, ``ridge`` and ``pcr``, on which their bias depends, and
     ``tuning`` Liu's d, ridge's k or the number of components where it is not to be chosen by rule (see
@@ -120,10 +120,11 @@ def calibrate(
     machine = as_machine(machine)
     biased = _checked(estimator, solver, scaling)
     recording = as_recording(machine, recording)
+    only = with_zeros(machine, only)
     machine = with_set_ups(held_but(machine, only) if only else machine, recording)
     progress("fitting")
     corrected = estimate_reading_errors(machine, recording)
-    work = _Work(machine, corrected, solver, bounds_of(machine, machine.effects), tuple(only))
+    work = _Work(machine, corrected, solver, bounds_of(machine, machine.effects), only)
     method = {"estimator": estimator, "solver": solver, **({"only": ", ".join(only)} if only else {})}
     fit, notes = work.linear(estimator, scaling, tuning) if biased else work.unbiased(estimator)
     if biased and fit.shrunk is not None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
@@ -23,6 +24,18 @@ from truepose.models.machine import FRAME_OF, Machine
 from truepose.models.parameters import Parameter
 from truepose.models.placed import PlacedEffect
 from truepose.wording import close_matches
+
+OFFSET: Final = "offset"
+"""What the zeros of all joints are called together, whatever each is called in its mechanism."""
+
+
+def with_zeros(machine: Machine, only: Sequence[str]) -> tuple[str, ...]:
+    """Return the names with ``offset`` as the zeros of all joints that are not exactly known, and ``J.offset`` as that of J."""
+    free = {p.name: p.free for p in machine.parameters}
+    zeros = {f"{a.reading}.offset": a.zero for a in machine.mechanism.actuators if a.zero in free}
+    of_all = [zero for zero in zeros.values() if free[zero]]
+    out = [of_all if name == OFFSET and of_all else [zeros.get(name, name)] for name in only]
+    return tuple(dict.fromkeys(name for names in out for name in names))
 
 
 def held_but(machine: Machine, only: Sequence[str]) -> Machine:

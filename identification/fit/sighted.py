@@ -41,7 +41,7 @@ def station_of(sensor: Direction, values: Iterable[float]) -> tuple[Array, Array
 def unknown_zeros(machine: Machine) -> tuple[str, ...]:
     """Parameters of joints that turn which say where their reading is 0, and of which nothing is known: any angle may be."""
     turning = [a for a in machine.mechanism.actuators if a.unit == "rad"]
-    names = [a.offset or f"{a.drives}.theta" for a in turning]
+    names = [a.zero for a in turning]
     known = machine.geometry
     return tuple(name for name in names if name in known and np.isinf(known[name].tolerance))
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -93,13 +93,15 @@ class _Log:
         self.poses.setdefault(name, _Samples(len(values))).add(_stamp(header, logged), values)
 
 
-def read_bag(path: Path, topic: str | None = None, joints: Sequence[str] = ()) -> TextTable:
+def read_bag(
+    path: Path, topic: str | None = None, joints: Sequence[str] = (), readings: Sequence[str] = ()
+) -> TextTable:
     """A row for each stretch in which all joints stand still for ``SECONDS`` within ``BAND`` (rad, m), with its time.
 
     ``topic``: the topic of poses or points, or the frame ``parent->child``, where there are several; ``joints``: those
-    that matter, by default all. Beside the pose's columns stand ``<column>.sigma``, the 1-sigma of the average by its
-    scatter, and ``samples``. Raises InputError without rosbags, for what is no bag, for one without joints or poses,
-    and where several could be meant.
+    that matter, by default the ``readings`` of a machine if all are there, else all. Beside the pose's columns stand
+    ``<column>.sigma``, the 1-sigma of the average by its scatter, and ``samples``. Raises InputError without rosbags, for what
+    is no bag, for one without joints or poses, and where several could be meant.
     """
     log = _read(path)
     if not log.joints:
@@ -109,16 +111,38 @@ def read_bag(path: Path, topic: str | None = None, joints: Sequence[str] = ()) -
         raise InputError(
             f"{path}: found no joint {unknown[0]!r}, expected {joined(map(repr, log.joints), 'or')}"
         )
-    streams = {name: log.joints[name].stream for name in joints or log.joints}
+    wanted = joints or _of_machine(log, readings)
+    streams = {name: log.joints[name].stream for name in wanted or log.joints}
     seen = {prefix: log.poses[name].stream for prefix, name in _chosen(log, topic, path).items()}
     found = stretches(streams)
     rows = [(start, end) for start, end in found if any(len(s.between(start, end)) for s in seen.values())]
+    hint = "" if wanted else _restless(streams, len(found))
     if not rows:
         raise InputError(
             f"{path}: found {len(found)} stretches in which all joints stand still for {SECONDS:g} s within {BAND:g} "
-            f"rad (m), none with a pose in it; expected at least one (joints: {', '.join(streams)})"
+            f"rad (m), none with a pose in it; expected at least one (joints: {', '.join(streams)}){hint and '; ' + hint}"
         )
-    return _table(path, rows, streams, seen, len(found) - len(rows))
+    table = _table(path, rows, streams, seen, len(found) - len(rows))
+    return replace(table, notes=(*table.notes, f"{path}: {hint}")) if hint else table
+
+
+def _of_machine(log: _Log, readings: Sequence[str]) -> list[str]:
+    """Return the joints of a log that a machine has, whatever their case; none unless it has all of them."""
+    known = {name.casefold() for name in readings}
+    found = [name for name in log.joints if name.casefold() in known]
+    return found if {name.casefold() for name in found} == known else []
+
+
+def _restless(streams: Mapping[str, Stream], count: int) -> str:
+    """Return a hint at joints that hardly ever stand still, where the others do in far more than ``count`` stretches."""
+    still = {name: sum(b - a for a, b in stretches({name: stream})) for name, stream in streams.items()}
+    usual = [name for name in streams if still[name] >= 0.5 * float(np.median(list(still.values())))]
+    more = len(stretches({name: streams[name] for name in usual})) if len(usual) < len(streams) else 0
+    if more < 2 * max(count, 1):
+        return ""
+    restless = [name for name in streams if name not in usual]
+    named = " ".join(f"--joint {name}" for name in usual)
+    return f"without {joined(map(repr, restless))} {more} stretches stand still, with it {count}: import with {named}"
 
 
 def _read(path: Path) -> _Log:

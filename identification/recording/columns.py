@@ -11,7 +11,7 @@ from typing import Final, Literal
 
 from truepose.models.driver import Driver
 
-Holds = Literal["number", "integer", "text"]
+Holds = Literal["number", "integer", "text", "time"]
 _PLACEHOLDER: Final = re.compile(r"<\w+>")
 
 
@@ -142,10 +142,10 @@ READINGS: Final = (
 ORDER: Final = (
     KnownColumn(
         "time",
-        "number",
+        "time",
         "s",
-        "When the row was measured, on one clock. Creep, slow heat and latency need it; drift is told in hours by it, and in "
-        "rows without it.",
+        "When the row was measured, on one clock: seconds, dates (2026-05-01T10:11:12.125) or times of day. Creep, slow heat "
+        "and latency need it; drift is told in hours by it, and in rows without it.",
         "the order of the rows",
     ),
     KnownColumn(

@@ -16,6 +16,8 @@ from truepose.identification.recording.history import latest_earlier_row
 from truepose.identification.recording.ignored import ignored_columns, untried_columns
 from truepose.identification.recording.names import in_known_case, missing_column
 from truepose.identification.recording.table import Table, read_table
+from truepose.identification.recording.times import Times, read_times
+from truepose.models.column_names import OF_ROWS
 from truepose.models.driver import APPROACH, MEASURED_LOADS, VELOCITY, DeclaredDriver, Driver
 from truepose.models.limits import LARGEST, LATEST
 from truepose.models.units import FloatArray, UnitSystem, convert
@@ -26,7 +28,6 @@ IntArray = npt.NDArray[np.int64]
 LABEL: Final = "label"
 LOGGED: Final = ("payload", "pressure", "humidity")
 OF_JOINTS: Final = (APPROACH, VELOCITY, *MEASURED_LOADS)
-OF_ROWS: Final = ("time", "session", "pose", "from", "role")
 _ROLES: Final = ("calibration", "validation")
 SLACK: Final = 0.05
 """Share of a range's width that readings may be beyond it: commands overshoot a little."""
@@ -61,6 +62,7 @@ class RecordingPart:
     session: IntArray | None
     pose: IntArray | None
     time: FloatArray | None
+    times: Times | None
     from_row: IntArray | None
     notes: tuple[str, ...]
     said: Mapping[str, str]
@@ -93,7 +95,8 @@ def read_part(
     said = {j.name: table.unit(j.name, units.of_joint(j.unit), j.unit) for j in joints}
     said |= {name: table.unit(name, units.written(unit), unit) for name, unit in readings.items()}
     observations = {n: _reading(table, n, said[n], unit) for n, unit in readings.items()}
-    time = _converted(table, "time", "s", "s") if "time" in table else None
+    times = read_times(table) if "time" in table else None
+    time = None if times is None else _sized(table, "time", times.seconds, times.seconds, LATEST)
     pose = table.integers("pose") if "pose" in table else None
     drivers = _drivers(table, joints, units, declared)
     known = {*names, *sensor_columns, *drivers, *OF_ROWS}
@@ -107,6 +110,7 @@ def read_part(
         session=table.integers("session") if "session" in table else None,
         pose=pose,
         time=time,
+        times=times,
         from_row=_from_row(table, pose, time) if "from" in table else None,
         notes=(
             *table.notes,

@@ -13,12 +13,21 @@ import pandas as pd
 from truepose.bounded import MIB, read_at_most
 from truepose.errors import InputError
 from truepose.identification.recording.encoding import decoded
+from truepose.identification.recording.headings import (
+    XYZ,
+    asked_columns,
+    chosen_columns,
+    is_asked,
+    read_column,
+)
+from truepose.identification.recording.languages import refuse_languages
 from truepose.identification.recording.names import in_known_case
 from truepose.identification.recording.spreadsheet import MAGIC
 from truepose.identification.recording.table import Column, Table, bag_table, is_bag, read_table
 from truepose.identification.recording.text import SI
 from truepose.identification.recording.tpoint import is_tpoint, machine_text, read_tpoint
 from truepose.identification.recording.tracker_text import ANY, DIALECTS, dialect_of, read_points
+from truepose.models.units import parse_unit
 from truepose.wording import joined, shortened
 
 FORMATS: Final = ("auto", *DIALECTS, "tpoint", "excel", "bag", "table")
@@ -26,7 +35,16 @@ TEXT_MOST: Final = 100 * MIB
 """Bytes of a point list or of stars: 100 MiB, some two million points."""
 _KEYS: Final = ("name", "point", "target", "pose")
 """Columns of a joints table that name each row's point."""
-_XYZ: Final = ("x", "y", "z")
+_READ_ALONE: Final = (
+    ("dL",),
+    ("length",),
+    ("azimuth", "elevation"),
+    ("ux", "uy", "uz"),
+    ("tilt.x", "tilt.y"),
+)
+"""Columns of readings that are no point."""
+_BEGINNING: Final = 20_000
+"""Characters that tell the language of a text."""
 
 
 def read_foreign(
@@ -36,27 +54,36 @@ def read_foreign(
     unit: str | None = None,
     topic: str | None = None,
     joints: Sequence[str] = (),
+    columns: str | None = None,
 ) -> Table:
     """A file of another program as a table; ``form`` is one of FORMATS.
 
-    ``unit``: of the lengths of a point list; ``topic``: of the poses in a bag; ``joints``: those of a bag that matter.
-    Raises InputError for an unknown format and for a file that is not of it.
+    ``unit``: of the lengths of a point list; ``topic``: of the poses in a bag; ``joints``: those of a bag that matter;
+    ``columns``: what columns are, ``x=TCPX,y=TCPY,z=TCPZ``. Raises InputError for an unknown format, for a file that is not of
+    it, and for one that does not say which columns are x, y and z.
     """
+    chosen = chosen_columns(columns)
     if form not in FORMATS:
         raise InputError(f"--format: found {form!r}, expected {joined(FORMATS, 'or')}")
     try:
-        form = _form(path) if form == "auto" else form
+        asked, form = form, _form(path, chosen) if form == "auto" else form
         if form in ("excel", "table"):
-            return _table(path, unit)
+            table = _table(path, unit, chosen)
+            if asked == "auto" and not _has_readings(table) and is_asked(table.names):
+                raise asked_columns(table.names, table.file)
+            return table
         if form == "bag":
-            return bag_table(path, topic, joints)
+            return _with_choice(bag_table(path, topic, joints), chosen)
         text, notes = decoded(read_at_most(path, TEXT_MOST), str(path))
     except OSError as exc:
         raise InputError(f"{path}: cannot read the file: {exc.strerror or exc}") from None
     if form == "tpoint":
-        return read_tpoint(text, str(path))
+        return _with_choice(read_tpoint(text, str(path)), chosen)
+    others = [new for new in chosen if new not in XYZ]
+    if others:
+        raise InputError(f"--columns: found {others[0]!r}, expected x, y and z, which a list of points has")
     dialect = DIALECTS.get(form) or dialect_of(text)
-    found = read_points(text, str(path), dialect, unit)
+    found = read_points(text, str(path), dialect, unit, chosen)
     return replace(found, notes=(*notes, *found.notes))
 
 
@@ -70,7 +97,8 @@ def machine_of(path: Path) -> str:
     return machine_text(text, str(path))
 
 
-def _form(path: Path) -> str:
+def _form(path: Path, chosen: Mapping[str, str] | None = None) -> str:
+    """Return the format of a file by its content; a text is a list of points unless its header says what its columns are."""
     if is_bag(path):
         return "bag"
     with path.open("rb") as stream:
@@ -82,26 +110,63 @@ def _form(path: Path) -> str:
     text, _ = decoded(read_at_most(path, TEXT_MOST), str(path))
     if is_tpoint(text):
         return "tpoint"
-    marked = dialect_of(text) is not ANY
-    return "points" if marked or not _is_table(path) else "table"
+    refuse_languages(text[:_BEGINNING], str(path))
+    marked = dialect_of(text) is not ANY and not chosen
+    return "points" if marked or not _is_table(path, chosen or {}) else "table"
 
 
-def _is_table(path: Path) -> bool:
-    """Whether a text has one header, with x y z among its columns, and rows of numbers below."""
+def _is_table(path: Path, chosen: Mapping[str, str]) -> bool:
+    """Whether a text has one header, with readings among its columns, and rows of numbers below."""
     try:
-        table = in_known_case(read_table(path), _XYZ)
-        for axis in _XYZ:
-            table.readings(axis)
-    except (InputError, KeyError):
+        return _has_readings(_with_choice(read_table(path), chosen))
+    except InputError:
         return False
-    return True
 
 
-def _table(path: Path, unit: str | None) -> Table:
-    table = in_known_case(read_table(path), (*_XYZ, *_KEYS))
-    if unit is None:
-        return table
-    columns = tuple(replace(c, unit=c.unit or unit) if c.name in _XYZ else c for c in table.columns)
+def _has_readings(table: Table) -> bool:
+    """Return True if columns are readings by their names. Raises InputError for cells of theirs that are no numbers."""
+    names = [name for group in _groups(table) if all(name in table for name in group) for name in group]
+    for name in names:
+        table.readings(name)
+    return bool(names)
+
+
+def _groups(table: Table) -> list[tuple[str, ...]]:
+    """Return columns that are readings where all of a group are there: of a point, of a direction, or of a length."""
+    heads = dict.fromkeys(name[:-1] for name in table.names if name.endswith(".x"))
+    return [*(tuple(f"{head}{axis}" for axis in XYZ) for head in ("", *heads)), *_READ_ALONE]
+
+
+def _with_choice(table: Table, chosen: Mapping[str, str]) -> Table:
+    """Return the table with columns called as chosen, and with x, y and z as their headings write them, units included."""
+    for new, old in chosen.items():
+        if old not in table:
+            raise asked_columns(table.names, f"{table.file}: --columns: found no column {old!r}")
+        if new in table:
+            raise InputError(f"--columns {new}={old}: found a column {new!r} already")
+    table = table.renamed({old: new for new, old in chosen.items()})
+    read = {column.name: read_column(_header_text(column)) for column in table.columns}
+    places = {
+        name: c for name, c in read.items() if c.name in XYZ and (c.name == name or c.name not in table)
+    }
+    if len({column.name for column in places.values()}) < len(places):
+        raise asked_columns(table.names, table.file)
+    columns = tuple(places.get(column.name, column) for column in table.columns)
+    renamed = table.renamed({name: column.name for name, column in places.items()})
+    return in_known_case(replace(renamed, columns=columns), _KEYS)
+
+
+def _header_text(column: Column) -> str:
+    return column.name if column.unit is None else f"{column.name} [{column.unit}]"
+
+
+def _table(path: Path, unit: str | None, chosen: Mapping[str, str]) -> Table:
+    """Return a table whose x, y and z are lengths. Raises InputError where a header says otherwise."""
+    table = _with_choice(read_table(path), chosen)
+    columns = tuple(replace(c, unit=c.unit or unit) if c.name in XYZ else c for c in table.columns)
+    for column in columns:
+        if column.name in XYZ and column.unit not in (None, SI):
+            parse_unit(column.unit, "length", table.where(column.name))
     return replace(table, columns=columns)
 
 

@@ -34,23 +34,26 @@ def joint_columns(machine: Machine) -> list[JointColumn]:
     return [JointColumn(a.reading, a.reading_unit, a.range) for a in machine.mechanism.actuators]
 
 
-def tables(source: Sources) -> list[Table]:
-    """The table of every recording in ``source``. Raises InputError for what is none, and as ``read_table`` does."""
+def tables(source: Sources, readings: Sequence[str] = ()) -> list[Table]:
+    """The table of every recording in ``source``, for a machine whose joints are ``readings``.
+
+    Raises InputError for what is none, and as ``read_table`` does.
+    """
     if isinstance(source, (str, os.PathLike, Table, pd.DataFrame, Mapping)) or is_table(source):
-        return [_table(source, "")]
+        return [_table(source, "", readings)]
     if not isinstance(source, Sequence):
         raise InputError(
             f"recording: found {type(source).__name__}, expected a path, a DataFrame, a dict of columns, "
             "or several of these"
         )
-    return [_table(item, f" {k}" if len(source) > 1 else "") for k, item in enumerate(source, start=1)]
+    return [_table(s, f" {k}" if len(source) > 1 else "", readings) for k, s in enumerate(source, start=1)]
 
 
-def _table(source: Any, number: str) -> Table:
+def _table(source: Any, number: str, readings: Sequence[str]) -> Table:
     if isinstance(source, Table):
         return source
     if isinstance(source, (str, os.PathLike)):
-        return read_table(Path(source))
+        return read_table(Path(source), readings)
     if is_table(source):
         return table_in_memory(source, f"{type(source).__name__}{number}")
     raise InputError(
@@ -79,7 +82,7 @@ def load_recording(
     if without:
         required = (*required, *(name for name in columns if name != without))
         need_observations = False
-    files = tables(source)
+    files = tables(source, machine.mechanism.readings)
     recording = read_recording(
         files,
         joint_columns(machine),

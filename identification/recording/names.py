@@ -38,7 +38,10 @@ def missing_column(table: Table, name: str, known: Collection[str]) -> InputErro
     """The error of a column that is not there, with what was written in its place."""
     spare = [written for written in table.names if written not in known]
     glued = next((written for written in spare if _glued(written, name)), None)
-    if glued is not None:
+    indexed = next((w for w in spare if w.casefold().startswith(f"{name.casefold()}[")), None)
+    if indexed is not None:
+        hint = f"found {indexed!r}, whose brackets hold no unit"
+    elif glued is not None:
         unit = glued[len(name) + 1 :]
         hint = f"found {glued!r}: write it '{name} [{unit}]'"
     elif meant(name, spare):

@@ -42,7 +42,7 @@ def with_own_equipment(machine: Machine, recording: Recording) -> Recording:
 
 
 def begun(machine: Machine, files: Sequence[str]) -> Mapping[str, float]:
-    """When each file was begun, s from the first of them on; empty where the machine file dates none.
+    """When each file was begun, s since 1970; empty where the machine file dates none.
 
     Raises InputError where it dates some of them only, or one twice.
     """
@@ -62,7 +62,7 @@ def begun(machine: Machine, files: Sequence[str]) -> Mapping[str, float]:
             f"{without[0]}: found no date of it in `recordings`, expected one beside those of {joined(list(dates))}: "
             "they share one clock"
         )
-    return {file: date - min(dates.values()) for file, date in dates.items()}
+    return dates
 
 
 def _is_of(own: Equipment, file: str) -> bool:

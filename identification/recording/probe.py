@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime
 from typing import Final
 
 import numpy as np
@@ -18,6 +17,7 @@ from truepose.identification.recording.clock_offset import MOVING, Clock, Motion
 from truepose.identification.recording.columns import LOGGED, ORDER
 from truepose.identification.recording.names import in_known_case
 from truepose.identification.recording.table import Column, Table
+from truepose.identification.recording.times import read_times
 from truepose.models.driver import VELOCITY
 from truepose.models.limits import LARGEST
 from truepose.models.units import compatible, convert
@@ -137,14 +137,11 @@ class Pairing:
 
 
 def _time(table: Table) -> Array:
-    """(n,) seconds of a table's column of time: numbers, or dates as ISO 8601 has them."""
+    """(n,) seconds of a table's column of time: numbers, dates or times of day."""
     name = next((name for name in _TIMES if name in table), None)
     if name is None:
         raise InputError(f"{table.file}: found no column of time, expected one called {joined(_TIMES, 'or')}")
-    cells = table.cells[name]
-    if isinstance(cells[0], str) and re.match(r"\s*\d{4}-\d\d-\d\d", cells[0]):
-        return np.array([_date(str(cell), table.where(name, row)) for row, cell in enumerate(cells)])
-    return convert(_sized(table, name, table.numbers(name)), table.unit(name, "s", "s"), "s")
+    return _sized(table, name, read_times(table, name).seconds)
 
 
 def _sized(table: Table, name: str, values: Array) -> Array:
@@ -154,15 +151,6 @@ def _sized(table: Table, name: str, values: Array) -> Array:
         row = int(far[0])
         raise InputError(f"{table.where(name, row)}: found {values[row]:g}, expected at most {LARGEST:g}")
     return values
-
-
-def _date(text: str, where: str) -> float:
-    try:
-        return datetime.fromisoformat(text.strip()).timestamp()
-    except ValueError:
-        raise InputError(
-            f"{where}: found {text!r}, expected seconds or a date such as 2026-05-01T10:11:12.125"
-        ) from None
 
 
 def _logged(log: Table, joints: Sequence[str]) -> Log:

@@ -43,8 +43,7 @@ def read_recording(
     asked = {**sensor_columns, **dict.fromkeys(optional_labels, "label")}
     needed = (*(sensor_columns if need_observations else ()), *required)
     parts = [read_part(path, joints, asked, units, needed, declared) for path in paths]
-    if begun:
-        parts = [replace(part, time=begun[part.file] + _own_time(part)) for part in parts]
+    parts = _on_one_clock(parts, begun or {})
     absent = {driver.name: driver.absent for driver in declared if driver.absent is not None}
     joined = _join(parts, tuple(joint.name for joint in joints), tuple(asked), absent)
     told = [part.file for part in parts if shuffled or says_shuffled(part.file)]
@@ -54,9 +53,33 @@ def read_recording(
     return replace(joined, written=written)
 
 
-def _own_time(part: RecordingPart) -> FloatArray:
-    """(n,) s; all rows at once where the file has no clock."""
-    return np.zeros(len(part.q)) if part.time is None else part.time
+def _on_one_clock(parts: Sequence[RecordingPart], begun: Mapping[str, float]) -> list[RecordingPart]:
+    """Return the parts with times from the first date in ``begun`` on, where it has some; all rows of a file without times are
+    at its date.
+
+    Raises InputError where dates are missing and files count from different things.
+    """
+    if begun:
+        origin = min(begun.values())
+        return [replace(part, time=_since(part, begun[part.file], origin)) for part in parts]
+    timed = [part for part in parts if part.times is not None]
+    for part in timed[1:]:
+        _check_clock(part, timed[0])
+    return list(parts)
+
+
+def _since(part: RecordingPart, begun: float, origin: float) -> FloatArray:
+    return np.full(len(part.q), begun - origin) if part.times is None else part.times.since(origin, begun)
+
+
+def _check_clock(part: RecordingPart, first: RecordingPart) -> None:
+    """Refuse times that count from something else than those of the first file with times."""
+    assert part.times is not None and first.times is not None
+    if part.times.clock is not first.times.clock:
+        raise InputError(
+            f"{part.file}: column 'time': found {part.times.clock.value}, expected {first.times.clock.value} as in "
+            f"{first.file}: all recordings of a command share one clock"
+        )
 
 
 def _join(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from truepose.identification.recording.columns import COLUMNS, JOINTS, KnownColumn
 from truepose.models.schema_line import RECORDING_SCHEMA
 from truepose.models.schemas.machine import DIALECT
@@ -11,6 +13,14 @@ _TEXT = (
     "One row of a recording, as cells by column. A header may end with a unit in brackets, `x [um]`. Columns that "
     "no pattern names are those of the machine's joints, or mean nothing to truepose and are left out with a note."
 )
+
+
+_KINDS: Final = {
+    "number": ["number"],
+    "integer": ["integer"],
+    "text": ["string", "integer"],
+    "time": ["number", "string"],
+}
 
 
 def row_schema() -> Schema:
@@ -33,7 +43,7 @@ def row_schema() -> Schema:
 
 def _cell(column: KnownColumn) -> Schema:
     """A lost reading is an empty cell; labels may be numbers."""
-    kinds = {"number": ["number"], "integer": ["integer"], "text": ["string", "integer"]}[column.holds]
+    kinds = _KINDS[column.holds]
     lost = ["null"] if column.sensor and column.holds == "number" else []
     missing = f" Left out: {column.default}." if column.default else ""
     out: Schema = {"title": column.name, "description": f"{column.text}{missing}"}

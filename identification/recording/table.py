@@ -141,15 +141,16 @@ class Table:
         return replace(self, columns=columns, cells={n: c for n, c in self.cells.items() if n not in names})
 
 
-def read_table(path: Path | str) -> Table:
+def read_table(path: Path | str, readings: Sequence[str] = ()) -> Table:
     """Read text (columns apart by commas, semicolons, tabs or spaces; ``#`` comments), Parquet, Excel or a ROS bag.
 
-    Kinds are told apart by content. Raises InputError for an unreadable or ambiguous file, a row of the wrong
-    length, a column given twice (also ``x`` and ``x [um]``) and a table without rows.
+    Kinds are told apart by content. ``readings``: a machine's joints; others of a bag then do not matter.
+    Raises InputError for an unreadable or ambiguous file, a row of the wrong length, a column given twice (also ``x`` and
+    ``x [um]``) and a table without rows.
     """
     file = str(path)
     try:
-        return _read(Path(path))
+        return _read(Path(path), readings)
     except OSError as exc:
         reason = exc.strerror or str(exc)
         raise InputError(f"{file}: cannot read the file: {reason}") from None
@@ -165,11 +166,11 @@ def table_in_memory(source: Any, name: str) -> Table:
     return _table(name, TextTable(headers, columns))
 
 
-def _read(path: Path) -> Table:
+def _read(path: Path, readings: Sequence[str]) -> Table:
     file = str(path)
     check_file(path)
     if is_bag(path):
-        return bag_table(path)
+        return bag_table(path, readings=readings)
     with path.open("rb") as stream:
         start = stream.read(8)
     if start.startswith(_PARQUET_MAGIC):
@@ -180,11 +181,13 @@ def _read(path: Path) -> Table:
     return _table(file, read_spreadsheet(path) if start.startswith(MAGIC) else read_text(path))
 
 
-def bag_table(path: Path, topic: str | None = None, joints: Sequence[str] = ()) -> Table:
+def bag_table(
+    path: Path, topic: str | None = None, joints: Sequence[str] = (), readings: Sequence[str] = ()
+) -> Table:
     """A ROS bag as a table, a row for each stretch in which all joints stand; see ``bags.read_bag``."""
     from truepose.identification.recording.bags import read_bag
 
-    return _table(str(path), read_bag(path, topic, joints))
+    return _table(str(path), read_bag(path, topic, joints, readings))
 
 
 def is_bag(path: Path) -> bool:
@@ -197,7 +200,7 @@ def is_bag(path: Path) -> bool:
 
 def _table(file: str, found: TextTable) -> Table:
     check_size(file, len(found.headers), len(found.columns[0]) if found.columns else 0)
-    parsed = tuple(_parse_header(header) for header in found.headers)
+    parsed = tuple(parse_header(header) for header in found.headers)
     _refuse_duplicates(file, parsed)
     cells = {column.name: values for column, values in zip(parsed, found.columns, strict=True)}
     n_rows = len(found.columns[0]) if found.columns else 0
@@ -206,13 +209,14 @@ def _table(file: str, found: TextTable) -> Table:
     return Table(file, parsed, cells, n_rows, found.line, found.notes)
 
 
-def _parse_header(header: str) -> Column:
-    """``x [um]``, and ``x (um)`` where the brackets hold a unit."""
+def parse_header(header: str) -> Column:
+    """Return the column of a header: ``x [um]``, and ``x[um]`` or ``x (um)`` where the brackets hold a unit, no index."""
     text = header.strip()
     for opening, closing in ("[]", "()"):
         name, found, unit = text[:-1].rpartition(opening)
         enclosed = found and text.endswith(closing) and closing not in unit
-        if enclosed and (opening == "[" or (is_unit(unit) and not unit.isdigit())):
+        stated = opening == "[" and name.endswith(" ")
+        if enclosed and (stated or (is_unit(unit) and not unit.isdigit())):
             return Column(name.rstrip(), unit.strip())
     return Column(text)
 

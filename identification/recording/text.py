@@ -20,6 +20,7 @@ from truepose.errors import InputError
 from truepose.identification.recording.arrow_columns import ArrowCells, TextCells
 from truepose.identification.recording.decimals import DecimalMarks, with_points
 from truepose.identification.recording.encoding import encoding_of
+from truepose.identification.recording.languages import refuse_languages
 from truepose.identification.recording.plain_text import SPACES, counts
 from truepose.identification.recording.size import check_line, check_size
 from truepose.identification.recording.text_rows import TextRows, open_text
@@ -95,6 +96,7 @@ def _rows_of(path: Path, encoding: str) -> TextRows:
     with open_text(path, encoding) as stream:
         whole = (check_line(str(path), line) for line in iter(partial(stream.readline, LINE + 1), ""))
         lines = list(islice(filter(counts, whole), _SAMPLE))
+    refuse_languages("".join(lines), str(path))
     told = _SEPARATOR_LINE.fullmatch(lines[0]) if lines else None  # a spreadsheet's own first line
     header = next(iter(lines[1:] if told else lines), "")
     if not header:

@@ -12,6 +12,19 @@ from dataclasses import dataclass
 from typing import Final
 
 from truepose.errors import InputError
+from truepose.identification.recording.headings import (
+    XYZ,
+    asked_columns,
+    asked_numbers,
+    names_columns,
+)
+from truepose.identification.recording.point_header import (
+    Header,
+    are_units,
+    columns_of_line,
+    header_of,
+    numbered_header,
+)
 from truepose.identification.recording.table import Column, Table
 from truepose.models.limits import LARGEST
 from truepose.models.units import parse_unit
@@ -33,27 +46,14 @@ DIALECTS: Final[Mapping[str, Dialect]] = {
         ("!", "%", "#", "*"), re.compile(r"leica|axyz|tracker\s*pilot|t-scan|t-probe|emscon", re.IGNORECASE)
     ),
     "faro": Dialect(
-        ("!", "#", "//", "*"), re.compile(r"\bfaro\b|\bcam2\b|\bX\s*[=:]?\s*[-+]?\d", re.IGNORECASE)
+        ("!", "#", "//", "*"), re.compile(r"\bfaro\b|\bcam2\b|\bX[ \t]*[=:]?[ \t]*[-+]?\d", re.IGNORECASE)
     ),
 }
 ANY: Final = Dialect(("!", "%", "#", "//", "*"), re.compile(""))
-_AXES: Final = ("x", "y", "z")
 _NUMBER: Final = re.compile(r"[-+]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eEdD][-+]?\d++)?")
 _WHOLE: Final = re.compile(r"\d+")
 _LABEL: Final = re.compile(r"(?<![^\s,;\t])[XYZ]\s*[=:]?\s*(?=[-+]?[\d.])")
 _UNIT: Final = re.compile(r"units?\b[^A-Za-z]*(?:length\b[^A-Za-z]*|are\s+|in\s+)?([A-Za-z]+)", re.IGNORECASE)
-_IN_HEADER: Final = re.compile(r"[\[(]\s*([A-Za-z]+)\s*[\])]")
-_TURNS: Final = frozenset({"rx", "ry", "rz", "roll", "pitch", "yaw", "q0", "q1", "q2", "q3", "i", "j", "k"})
-
-
-@dataclass(frozen=True)
-class _Header:
-    """Where the columns of a point list stand: its name (several words) and x y z; the unit, None where not said."""
-
-    name: tuple[int, ...]
-    axes: tuple[int, int, int]
-    unit: str | None
-    turns: tuple[str, ...]
 
 
 def dialect_of(text: str) -> Dialect:
@@ -61,16 +61,21 @@ def dialect_of(text: str) -> Dialect:
     return next((found for found in DIALECTS.values() if found.signs.search(text)), ANY)
 
 
-def read_points(text: str, file: str, dialect: Dialect, unit: str | None = None) -> Table:
-    """Columns ``name``, x, y and z of every point. ``unit`` of the lengths; None: as the file says.
+def read_points(
+    text: str,
+    file: str,
+    dialect: Dialect,
+    unit: str | None = None,
+    chosen: Mapping[str, str] | None = None,
+) -> Table:
+    """Columns ``name``, x, y and z of every point. ``unit`` of the lengths, None: as the file says; ``chosen``: what x, y and z
+    are called, or their numbers.
 
-    Raises InputError naming file and line for a line that is no point, and for a unit that is no length.
+    Raises InputError naming file and line for a line that is no point, for a heading that does not say which columns are x, y
+    and z, and for a unit that is no length.
     """
-    header: _Header | None = None
-    said: str | None = None
-    names: list[str] = []
-    points: list[list[float]] = []
-    lines: list[int] = []
+    header, above, said = None, _Above(()), None
+    points: list[_Point] = []
     for number, line in enumerate(text.splitlines(), start=1):
         if not line.strip():
             continue
@@ -80,66 +85,104 @@ def read_points(text: str, file: str, dialect: Dialect, unit: str | None = None)
             said = _length(found[1])
             continue
         words = _words(line.lstrip("/!%#* ") if comment else line)
-        header = _header(words) or header if not points else header
+        if points and comment:
+            continue
         if comment or (not points and not _numeric(words)):
-            continue  # a heading
-        name, xyz = _point(words, header, f"{file}: line {number}")
-        names.append(name)
-        points.append(xyz)
-        lines.append(number)
+            columns = columns_of_line(words)
+            if header is not None and are_units(words):
+                header = header.with_units(words)
+            elif not are_units(words):
+                header = header_of(columns, chosen or {}) or header
+                above = _Above(tuple(columns), number, comment)
+            continue
+        where = f"{file}: line {number}"
+        if not points and header is None:
+            header = numbered_header(words, chosen or {})
+            _check_heading(above, words, header, dialect, file, where)
+        points.append(_point(words, header, where, number))
     if not points:
         raise InputError(f"{file}: found no point, expected lines with a name and x y z")
-    return _table(file, names, points, lines, header, unit, said, dialect)
+    return _table(file, points, header, unit, said, dialect)
+
+
+@dataclass(frozen=True)
+class _Above:
+    """The last line above the points that holds no unit alone."""
+
+    columns: tuple[Column, ...]
+    number: int = 0
+    is_comment: bool = False
+
+
+@dataclass(frozen=True)
+class _Point:
+    name: str
+    xyz: Sequence[float]
+    others: Mapping[int, float]
+    line: int
+
+
+def _check_heading(
+    above: _Above, words: Sequence[str], header: Header | None, dialect: Dialect, file: str, where: str
+) -> None:
+    """Refuse the first row of points, where a heading names other columns, or nothing says which numbers are x, y and z."""
+    names = [column.name for column in above.columns]
+    if header is not None:
+        return
+    if names_columns(above.columns, len(words), is_comment=above.is_comment):
+        raise asked_columns(names, f"{file}: line {above.number}")
+    first = _first_number(words)
+    others = any(_NUMBER.fullmatch(word) for word in words[first + 3 :])
+    named = first == 0 or _WHOLE.fullmatch(words[0]) or not _NUMBER.fullmatch(words[0])
+    if dialect is ANY and (others or not named):
+        raise asked_numbers(len(words), where)
 
 
 def _table(
     file: str,
-    names: Sequence[str],
-    points: Sequence[Sequence[float]],
-    lines: Sequence[int],
-    header: _Header | None,
+    points: Sequence[_Point],
+    header: Header | None,
     unit: str | None,
     said: str | None,
     dialect: Dialect,
 ) -> Table:
     notes = []
-    known = unit or (header.unit if header and header.unit else said)
-    if known is None:
+    units = [unit or own or said for own in (header.units() if header else [None] * 3)]
+    if None in units:
         notes.append(
             f"{file}: states no unit: its lengths are taken as {dialect.unit} (--unit says otherwise)"
         )
-    if header and header.turns:
-        notes.append(
-            f"{file}: {', '.join(header.turns)} left out: the file does not say which rotation they mean"
-        )
-    length = parse_unit(known or dialect.unit, "length", f"{file}: unit")
-    cells: dict[str, Sequence[object]] = {"name": list(names)}
-    cells |= {axis: [point[k] for point in points] for k, axis in enumerate(_AXES)}
-    columns = (Column("name"), *(Column(axis, length) for axis in _AXES))
-    return Table(file, columns, cells, len(points), lines.__getitem__, tuple(notes))
+    turns = header.turns(points[0].others) if header else ()
+    if turns:
+        notes.append(f"{file}: {', '.join(turns)} left out: the file does not say which rotation they mean")
+    lengths = [
+        parse_unit(own or dialect.unit, "length", f"{file}: column {axis!r}: unit")
+        for axis, own in zip(XYZ, units, strict=True)
+    ]
+    cells: dict[str, Sequence[object]] = {}
+    columns: list[Column] = []
+    if not points[0].others or any(point.name for point in points):
+        columns, cells = [Column("name")], {"name": [point.name for point in points]}
+    for k, column in enumerate(header.columns if header else ()):
+        if k in points[0].others:
+            columns.append(column)
+            cells[column.name] = [point.others.get(k) for point in points]
+    cells |= {axis: [point.xyz[k] for point in points] for k, axis in enumerate(XYZ)}
+    columns += [Column(axis, length) for axis, length in zip(XYZ, lengths, strict=True)]
+    lines = [point.line for point in points]
+    return Table(file, tuple(columns), cells, len(points), lines.__getitem__, tuple(notes))
 
 
 def _words(line: str) -> list[str]:
     """Words of a line, apart by semicolons, tabs, commas, or spaces; labels of numbers (``X=1.0``) are left out."""
-    line = _LABEL.sub(" ", line)
+    if len(_LABEL.findall(line)) == len(XYZ):  # else a point is called X
+        line = _LABEL.sub(" ", line)
     for separator in (";", "\t", ","):
         if separator in line:
             parts = line.split(separator)
             decimals = separator == ";"
             return [part.strip().strip('"').replace(",", "." if decimals else ",") for part in parts]
     return re.findall(r'(?<=")[^"]*(?=")|[^\s"]+', line)
-
-
-def _header(words: Sequence[str]) -> _Header | None:
-    """What a line of headings says of the columns; None where it is no such line."""
-    plain = [_IN_HEADER.sub("", word).strip().casefold() for word in words]
-    plain = [word for word in plain if word]
-    if not set(_AXES) <= set(plain):
-        return None
-    at = tuple(plain.index(axis) for axis in _AXES)
-    units = {found[1] for word in words for found in [_IN_HEADER.search(word)] if found}
-    unit = next((known for known in map(_length, sorted(units)) if known), None)
-    return _Header(tuple(range(min(at))), (at[0], at[1], at[2]), unit, tuple(w for w in plain if w in _TURNS))
 
 
 def _length(word: str) -> str | None:
@@ -164,19 +207,45 @@ def _numeric(words: Sequence[str]) -> bool:
     return sum(bool(_NUMBER.fullmatch(word)) for word in words) >= 3
 
 
-def _point(words: Sequence[str], header: _Header | None, where: str) -> tuple[str, list[float]]:
-    if header is not None:
-        at, own = header.axes, header.name
-    else:
-        first = _first_number(words)
-        at, own = (first, first + 1, first + 2), tuple(range(first))
-    cells = [words[k] if k < len(words) else "" for k in at]
-    if not all(_NUMBER.fullmatch(cell) for cell in cells):
-        raise InputError(f"{where}: found {cut(' '.join(words))!r}, expected a name and x y z")
-    xyz = [float(cell.replace("D", "e").replace("d", "e")) for cell in cells]
+def _point(words: Sequence[str], header: Header | None, where: str, line: int) -> _Point:
+    found = [axes for axes in _places(words, header) if _are_numbers(words, axes)]
+    if len(found) != 1:
+        expected = "a name and x y z" if header is None else f"{len(header.columns)} cells as in its heading"
+        raise InputError(
+            f"{where}: found {cut(' '.join(words))!r}, expected {expected if found else 'a name and x y z'}"
+        )
+    axes = found[0]
+    xyz = [_float(words[k]) for k in axes]
     if not max(map(abs, xyz)) <= LARGEST:
-        raise InputError(f"{where}: found {cut(' '.join(cells))!r}, expected x y z of at most {LARGEST:g}")
-    return "::".join(words[k] for k in own), xyz
+        shown = cut(" ".join(words[k] for k in axes))
+        raise InputError(f"{where}: found {shown!r}, expected x y z of at most {LARGEST:g}")
+    before = range(min(axes))
+    others = {
+        k: _float(words[k])
+        for k in before
+        if header is not None
+        and len(words) == len(header.columns)
+        and not header.names_point(k)
+        and _NUMBER.fullmatch(words[k])
+    }
+    return _Point("::".join(words[k] for k in before if k not in others), xyz, others, line)
+
+
+def _places(words: Sequence[str], header: Header | None) -> list[tuple[int, ...]]:
+    """Where x, y and z may stand in a row: names of more words than their headings move them, dates behind them do not."""
+    if header is None:
+        first = _first_number(words)
+        return [(first, first + 1, first + 2)]
+    more = max(0, len(words) - len(header.columns))
+    return [tuple(k + moved for k in header.axes) for moved in dict.fromkeys((0, more))]
+
+
+def _are_numbers(words: Sequence[str], at: Sequence[int]) -> bool:
+    return all(k < len(words) and _NUMBER.fullmatch(words[k]) for k in at)
+
+
+def _float(word: str) -> float:
+    return float(word.replace("D", "e").replace("d", "e"))
 
 
 def _first_number(words: Sequence[str]) -> int:

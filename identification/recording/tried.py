@@ -22,7 +22,7 @@ def try_columns(machine: Machine, source: Sources, names: Sequence[str] = ()) ->
     A recording that is loaded for it has them, and ``diagnose`` weighs what they drive, each at a share of the prior that the
     number of them divides. Raises InputError for a name that is no such column.
     """
-    files = tables(source)
+    files = tables(source, machine.mechanism.readings)
     untried = load_recording(machine, files, need_observations=False).untried
     known = [d.name for d in machine.declared_drivers]
     for name in names:

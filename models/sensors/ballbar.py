@@ -59,6 +59,7 @@ class BallBar(Sensor):
     prefix: str = ""
     view: View = TOOL_IN_WORLD
     type = "ballbar"
+    opens_columns = True
 
     @classmethod
     def build(cls, section: Mapping[str, Any], context: BuildContext) -> BallBar:

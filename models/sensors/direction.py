@@ -93,6 +93,7 @@ class Direction(Sensor):
     sigma: float
     own: tuple[Parameter, ...] = ()
     type = "direction"
+    opens_columns = True
 
     @classmethod
     def build(cls, section: Mapping[str, Any], context: BuildContext) -> Direction:

@@ -59,6 +59,7 @@ class Pose(Sensor):
     view: View = TOOL_IN_WORLD
     prefix: str = ""
     type = "pose"
+    opens_columns = True
 
     @classmethod
     def build(cls, section: Mapping[str, Any], context: BuildContext) -> Pose:
@@ -110,6 +111,7 @@ class Position(Sensor):
     view: View = TOOL_IN_WORLD
     prefix: str = ""
     type = "position"
+    opens_columns = True
 
     @classmethod
     def build(cls, section: Mapping[str, Any], context: BuildContext) -> Position:

@@ -112,7 +112,20 @@ def presets(names: str, readings: Mapping[str, str]) -> tuple[Preset, ...]:
             raise InputError(
                 f"--sensor: found {part!r}{twice}, expected one of {', '.join(PRESETS)}, or several of them with commas between"
             )
-    return tuple(_preset(part, readings) for part in parts)
+    return tuple(_apart(_preset(part, readings), readings) for part in parts)
+
+
+def _apart(preset: Preset, readings: Mapping[str, str]) -> Preset:
+    """Return the preset, with a name that opens its columns where a joint is called as one of them."""
+    section, columns = preset.section, preset.columns
+    if not columns.keys() & readings.keys():
+        return preset
+    from truepose.models.sensor import sensors  # takes longer to load than all else here
+
+    if not sensors.get(section["type"], "--sensor").opens_columns:
+        return preset
+    named = {"type": section["type"], "name": "sensor", **section}
+    return replace(preset, section=named, columns={f"sensor.{name}": unit for name, unit in columns.items()})
 
 
 def _preset(name: str, readings: Mapping[str, str]) -> Preset:

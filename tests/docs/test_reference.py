@@ -21,6 +21,7 @@ from truepose.identification.recording import columns, file
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.row_schema import row_schema
 from truepose.models.builder import builders
+from truepose.models.column_names import OF_ROWS
 from truepose.models.driver import Driver
 from truepose.models.fields import Section
 from truepose.models.load import load_machine
@@ -98,9 +99,9 @@ def test_descriptions_fit_into_a_table() -> None:
 def test_every_column_of_the_code_stands_in_the_list_and_none_else(tmp_path: Path) -> None:
     known = {column.name for column in columns.COLUMNS}
     spelled = {f"{kind}.<joint>" for kind in file.OF_JOINTS}
-    assert known >= {*file.LOGGED, *file.OF_ROWS, *spelled, "temperature.<place>"}
+    assert known >= {*file.LOGGED, *OF_ROWS, *spelled, "temperature.<place>"}
     own = {c.name for c in (*columns.ORDER, *columns.LOGGED)} - {"temperature.<place>", "temperature.air"}
-    assert own == {*file.LOGGED, *file.OF_ROWS, *spelled}
+    assert own == {*file.LOGGED, *OF_ROWS, *spelled}
     machine = load_machine(MACHINES / "serial.yaml")
     table = {"q1": 1, "q2": 2, "q3": 3, "x": 4, "y": 5, "z": 6}
     for column in (*columns.ORDER, *columns.LOGGED):

@@ -70,8 +70,8 @@ SolverOption = Annotated[
 OnlyOption = Annotated[
     str,
     typer.Option(
-        help="Fit these alone: frames (base,tool), parts (q4) or constants (q4.theta), with commas between them. All else, "
-        "effects included, is held as the file has it; a frame may stand anywhere.",
+        help="Fit these alone: frames (base,tool), parts (q4), constants (q4.theta) or the zeros of all joints (offset). All "
+        "else, effects included, is held as the file has it; a frame may stand anywhere.",
         metavar="NAMES",
     ),
 ]

@@ -92,6 +92,14 @@ RenameOption = Annotated[
     typer.Option("--rename", metavar="OLD=NEW", help="Another name for a column; repeatable."),
 ]
 
+ColumnsOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NEW=NAME,...",
+        help="What columns are, where no heading says it: x=TCPX,y=TCPY,z=TCPZ; without any heading by number, x=2,y=3,z=4.",
+    ),
+]
+
 
 def import_(
     file: FileArg,
@@ -103,6 +111,7 @@ def import_(
     joint: JointOption = None,
     prismatic: PrismaticOption = None,
     rename: RenameOption = None,
+    columns: ColumnsOption = None,
     log: LogOption = None,
     offset: OffsetOption = None,
     every: EveryOption = 0.0,
@@ -119,11 +128,13 @@ def import_(
 
     A mount's stars: truepose import stars.dat -o stars.csv --machine mount.yaml
 
+    A logger's table: truepose import log.csv --columns x=TCPX,y=TCPY,z=TCPZ -o recording.csv
+
     A ROS bag: truepose import run.mcap --topic /tracker/pose -o recording.csv
 
     A probe and a robot with a clock each: truepose import probe.csv --log robot.csv --model cell.yaml -o recording.csv
     """
-    asked = _Asked(file, form, unit, topic, joints, joint or (), log, offset, every, model, rotation)
+    asked = _Asked(file, form, unit, topic, joints, joint or (), log, offset, every, model, rotation, columns)
     with reported():
         check_file(output, file, joints, log, model)
         asked.check()
@@ -149,6 +160,7 @@ class _Asked:
     every: float
     model: Path | None
     rotation: str
+    columns: str | None
 
     def check(self) -> None:
         """Raise InputError for options that do not go together."""
@@ -165,7 +177,9 @@ class _Asked:
         from truepose.identification.recording.turns import with_rotation_vector
 
         form = "table" if self.log is not None and self.form == "auto" else self.form
-        table = importing.read_foreign(self.file, form, unit=self.unit, topic=self.topic, joints=self.joint)
+        table = importing.read_foreign(
+            self.file, form, unit=self.unit, topic=self.topic, joints=self.joint, columns=self.columns
+        )
         if self.log is not None or self.rotation != "auto":
             table = with_rotation_vector(table, self.rotation)
         if self.log is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -16,7 +17,7 @@ from truepose.identification.recording.file import JointColumn
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.settled import Stream, average, stretches
-from truepose.identification.recording.table import bag_table
+from truepose.identification.recording.table import bag_table, read_table
 from truepose.models.units import UnitSystem
 
 pytest.importorskip("rosbags")
@@ -84,7 +85,10 @@ def write(path: Path, said: Said, storage: StoragePlugin = StoragePlugin.MCAP) -
     return path
 
 
-def run(see: Callable[[float, int, np.random.Generator], list[tuple[str, Any]]]) -> Said:
+def run(
+    see: Callable[[float, int, np.random.Generator], list[tuple[str, Any]]],
+    gripper: Callable[[float], float] = lambda t: 0.0,
+) -> Said:
     """Two joints that go to every goal in a second and rest for two, logged at 50 Hz; poses at 20 Hz all along."""
     rng = np.random.default_rng(3)
     said: Said = []
@@ -96,7 +100,7 @@ def run(see: Callable[[float, int, np.random.Generator], list[tuple[str, Any]]])
         q = [
             a + share * (b - a) + 1e-6 * rng.standard_normal() for a, b in zip(last, GOALS[goal], strict=True)
         ]
-        said.append((t, "/joint_states", joint_state(t, ["b", "a", "gripper"], [q[1], q[0], 0.0])))
+        said.append((t, "/joint_states", joint_state(t, ["b", "a", "gripper"], [q[1], q[0], gripper(t)])))
         if k % 2 == 0:
             said += [(t + 0.004, topic, message) for topic, message in see(t + 0.004, goal, rng)]
     return said
@@ -132,6 +136,23 @@ def test_a_row_a_settled_stretch(tmp_path: Path, storage: StoragePlugin, as_file
     np.testing.assert_allclose(found.time - START, [2.0, 5.0, 8.0], atol=0.3)
     assert "3 settled stretches; an average's 1-sigma by its scatter: xyz 0.00" in found.notes[0]
     assert found.notes[1:] == (f"{path}: ignored columns that mean nothing here: 'gripper'",)
+
+
+@pytest.mark.parametrize("rests", [0.0, 2.0])
+def test_a_gripper_on_the_topic_takes_no_rows_from_a_machine_without_it(tmp_path: Path, rests: float) -> None:
+    """It opens and closes all along, or after a rest; without a machine a note says what it costs."""
+    path = write(tmp_path / "bag", run(tracker, lambda t: 0.02 * np.sin(9.0 * max(0.0, t - START - rests))))
+    still = bag_table(write(tmp_path / "still", run(tracker)), joints=["b", "a"])
+    found = read_table(path, ["A", "b"])
+    assert found.names == still.names and found.n_rows == 3
+    for name in found.names:
+        np.testing.assert_array_equal(found.numbers(name), still.numbers(name))
+    hint = "without 'gripper' 3 stretches stand still, with it .: import with --joint b --joint a"
+    if rests:
+        assert re.search(hint, " ".join(bag_table(path).notes))
+    else:
+        with pytest.raises(InputError, match=hint):
+            bag_table(path)
 
 
 def test_the_sigma_of_each_average_is_known(tmp_path: Path) -> None:

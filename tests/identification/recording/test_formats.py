@@ -211,6 +211,19 @@ def test_names_nearby_are_named(tmp_path: Path, header: str, expected: str) -> N
     assert expected in refusal(tmp_path, header + "\n1,2,3\n", sensor={"length": "mm"})
 
 
+@given(
+    name=st.from_regex(r"[a-z/_.]{1,12}", fullmatch=True),
+    index=st.from_regex(r"[0-9]{1,3}(,[0-9]{1,2})?", fullmatch=True),
+)
+def test_an_index_in_brackets_is_a_part_of_the_name(name: str, index: str) -> None:
+    """A unit stands in brackets that hold one, or behind a space."""
+    headers = [f"{name}[{index}]", f"{name}a [{index}]", f"{name}b[um]", f"{name}c (deg)"]
+    found = tables(pd.DataFrame({header: [1.0] for header in headers}))[0]
+    assert [(c.name, c.unit) for c in found.columns] == [
+        (headers[0], None), (f"{name}a", index), (f"{name}b", "um"), (f"{name}c", "deg")
+    ]  # fmt: skip
+
+
 def test_units_may_stand_in_round_brackets(tmp_path: Path) -> None:
     found = read(tmp_path, "s (m),r,x (um),rx,x (raw)\n0.01,0,5,6,7\n")
     assert (found.q[0, 0], found.observations["x"][0]) == pytest.approx((10.0, 0.005))

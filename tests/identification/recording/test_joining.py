@@ -121,6 +121,7 @@ def test_the_unit_of_a_table_is_that_of_its_points_alone(tmp_path: Path) -> None
         ("q1.mm", "found 'q1.mm': write it 'q1 [mm]'"),
         ("q1/mm", "found 'q1/mm': write it 'q1 [mm]'"),
         ("q1:mm", "known: load, q1:mm"),
+        ("q1[foo]", "found 'q1[foo]', whose brackets hold no unit"),
         ("q1_foo", "known: load, q1_foo"),
         ("payload", "known: load, payload"),
     ],
