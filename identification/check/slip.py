@@ -22,7 +22,8 @@ class Slip:
     """One hypothesis: its kind, the columns or fields it is about, what it says, and what it does to scene and files.
 
     says: what would be true ("readings are in m"); fix: what to change, in words; change: the scene as it would then be;
-    mend: the files as they then should be; odds: how likely it is before readings are looked at.
+    mend: the files as they then should be; odds: how likely it is before readings are looked at; between: whether it is about
+    which rows belong together, so that it says nothing of a row by itself.
     """
 
     kind: str
@@ -32,6 +33,7 @@ class Slip:
     change: Change
     mend: Mend
     odds: float = USUAL
+    between: bool = False
 
 
 __all__ = ["RARE", "SELDOM", "USUAL", "Change", "Mend", "Slip"]

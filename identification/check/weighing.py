@@ -18,6 +18,7 @@ from truepose.identification.check.alignment import Frames
 from truepose.identification.check.drawing import Settled, expected, settle
 from truepose.identification.check.rig import ABSURD, Rig, Scene, Stand, motion
 from truepose.identification.check.slip import RARE, SELDOM, Slip
+from truepose.identification.recording.recording import Recording
 from truepose.models.machine import FRAMES
 from truepose.models.machine_file import Frames as StatedFrames
 from truepose.models.sensors.pose import Position
@@ -185,7 +186,8 @@ def _alike(rig: Rig, one: Weighed, other: Weighed) -> bool:
     a, b = one.stand.scene.rows.observations, other.stand.scene.rows.observations
     if not all(np.allclose(a[name], b[name], rtol=_SAME, atol=_SAME, equal_nan=True) for name in a):
         return False
-    if one.stand.bad or other.stand.bad:
+    slips = (*one.hypothesis.slips, *other.hypothesis.slips)
+    if one.stand.bad or other.stand.bad or any(slip.between for slip in slips):
         return False
     q = rig.recording.q[one.stand.rows]
     turned = np.column_stack([np.roll(q[:, k], _TURNS[k % len(_TURNS)] * (k + 1)) for k in range(q.shape[1])])
@@ -202,7 +204,11 @@ def _predicted(rig: Rig, weighed: Weighed, q: Array) -> Array:
     scene = replace(rig.scene, rows=replace(rows, q=q))
     for slip in weighed.hypothesis.slips:
         scene = slip.change(scene)
-    here, p = rig.predictor.over(scene.rows), weighed.settled.p
+    return _poses(rig, weighed, scene.rows)
+
+
+def _poses(rig: Rig, weighed: Weighed, rows: Recording) -> Array:
+    here, p = rig.predictor.over(rows), weighed.settled.p
     x, _ = rig.assembled(here, p, weighed.stand.scene)
     return here.poses(p, x)[0]
 
@@ -211,8 +217,8 @@ def undone(rig: Rig, weighed: Weighed) -> list[Frames]:
     """Return frames that would undo a hypothesis, if frames can: those that bring the machine as it stands to its poses."""
     if weighed.stand.bad:
         return []
-    q = rig.recording.q[weighed.stand.rows]
-    return list(rig.frames_for(weighed.stand.rows, _predicted(rig, weighed, q)))
+    rows = weighed.stand.rows
+    return list(rig.frames_for(rows, _poses(rig, weighed, weighed.hypothesis.scene.rows.subset(rows))))
 
 
 def best_of(every: Iterable[Weighed]) -> Weighed:

@@ -44,6 +44,7 @@ def shifted(rig: Rig, scene: Scene) -> Iterator[Slip]:
             f"move {shortened(columns, 3)} {rows} {'up' if by > 0 else 'down'}, against the joints",
             partial(_rolled, by),
             partial(_mend_shift, columns, by),
+            between=True,
         )
 
 
@@ -104,6 +105,7 @@ def clocks(rig: Rig, scene: Scene) -> Iterator[Slip]:
         partial(_delayed, late),
         partial(_mend_clock, scene.rows.joints, late),
         RARE,
+        between=True,
     )
 
 
@@ -152,6 +154,7 @@ def matched(rig: Rig, scene: Scene) -> Iterator[Slip]:
         lambda scene: _reordered(scene, order),
         lambda pair: pair.each(lambda sheet: _mend_order(columns, order, sheet)),
         SELDOM,
+        between=True,
     )
 
 
