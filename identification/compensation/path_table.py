@@ -23,6 +23,8 @@ from truepose.identification.compensation.compiled import (
 )
 from truepose.identification.compensation.inverse import MET, Inverse, PoseSolver, Reach
 from truepose.identification.compensation.rows import twists_between
+from truepose.identification.recording.angle_range import unfold_readings
+from truepose.identification.recording.file import column_unit
 from truepose.identification.recording.load import joint_columns
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording
@@ -59,6 +61,8 @@ def load_path(machine: Machine, path: Path | str) -> tuple[Table, Recording]:
             )
     used = POSE if poses else {}
     rows = read_recording([table], joint_columns(machine), used, machine.units, need_observations=False)
+    if any(actuator.wrap for actuator in machine.mechanism.actuators):
+        rows = unfold_readings(machine, rows)
     return table, replace(rows, notes=(*rows.notes, *notes))
 
 
@@ -66,8 +70,11 @@ def commands(table: Table, machine: Machine, found: Compensation) -> pd.DataFram
     """The table with the joints' columns corrected, each in its own unit."""
     corrected = {}
     for k, joint in enumerate(joint_columns(machine)):
-        unit = table.unit(joint.name, machine.units.of_joint(joint.unit), joint.unit)
-        corrected[joint.name] = convert(found.command[:, k], joint.unit, unit)
+        unit = column_unit(table, joint, machine.units)
+        commanded = convert(table.numbers(joint.name), unit, joint.unit)
+        period = joint.wrap or joint.turn or np.inf
+        turns = period * np.round((commanded - found.nominal[:, k]) / period) if np.isfinite(period) else 0.0
+        corrected[joint.name] = convert(found.command[:, k] + turns, joint.unit, unit)
     headers = {c.name: c.name if c.unit is None else f"{c.name} [{c.unit}]" for c in table.columns}
     return pd.DataFrame(
         {
@@ -90,7 +97,7 @@ def _with_joints(machine: Machine, table: Table) -> tuple[Table, tuple[str, ...]
     solver = PoseSolver(machine, ideal_constants(machine, symbolic_model(machine, machine.effects)))
     q = _nominal_joints(solver, table, poses)
     joints = {
-        joint.name: convert(q[:, k], joint.unit, units.of_joint(joint.unit))
+        joint.name: convert(q[:, k], joint.unit, joint.written_in(units))
         for k, joint in enumerate(joint_columns(machine))
     }
     return table.with_numbers(joints), _not_met(solver, table, poses, q)

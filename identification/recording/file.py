@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truepose.errors import InputError
+from truepose.identification.recording.angle_range import fold
 from truepose.identification.recording.arrow_columns import ArrowCells
 from truepose.identification.recording.history import latest_earlier_row
 from truepose.identification.recording.ignored import ignored_columns, untried_columns
@@ -18,7 +19,7 @@ from truepose.identification.recording.names import in_known_case, missing_colum
 from truepose.identification.recording.table import Table, read_table
 from truepose.models.driver import APPROACH, MEASURED_LOADS, VELOCITY, DeclaredDriver, Driver
 from truepose.models.limits import LARGEST, LATEST
-from truepose.models.units import FloatArray, UnitSystem, convert
+from truepose.models.units import COUNT_WORDS, FloatArray, UnitSystem, convert
 from truepose.wording import shortened
 
 IntArray = npt.NDArray[np.int64]
@@ -37,11 +38,23 @@ _NAMED: Final = 4
 @dataclass(frozen=True)
 class JointColumn:
     """A joint's column: `unit` "mm" or "rad" (readings are converted to it), or another such as "turn"
-    (kept as recorded); `range` in that unit, None for any value."""
+    (kept as recorded); `range` in that unit, None for any value.
+
+    written: the unit of the column unless its header names one, that of the machine file where it is empty; counted: it holds
+    an encoder's counts. wrap: what readings are stated to come modulo; turn: what makes no difference to the machine.
+    """
 
     name: str
     unit: str
     range: tuple[float, float] | None = None
+    written: str = ""
+    counted: bool = False
+    wrap: float | None = None
+    turn: float | None = None
+
+    def written_in(self, units: UnitSystem) -> str:
+        """Return the unit of the column where its header names none."""
+        return self.written or units.of_joint(self.unit)
 
 
 @dataclass(frozen=True)
@@ -90,16 +103,17 @@ def read_part(
     _check_there(table, (*names, *needed), unread, (*names, *sensor_columns, *logged, *OF_ROWS))
     present = {name: unit for name, unit in sensor_columns.items() if name in table}
     readings = {name: unit for name, unit in present.items() if unit != LABEL}
-    said = {j.name: table.unit(j.name, units.of_joint(j.unit), j.unit) for j in joints}
+    said = {j.name: column_unit(table, j, units) for j in joints}
     said |= {name: table.unit(name, units.written(unit), unit) for name, unit in readings.items()}
     observations = {n: _reading(table, n, said[n], unit) for n, unit in readings.items()}
     time = _converted(table, "time", "s", "s") if "time" in table else None
     pose = table.integers("pose") if "pose" in table else None
     drivers = _drivers(table, joints, units, declared)
+    q = {joint.name: _joint(table, joint, said[joint.name]) for joint in joints}
     known = {*names, *sensor_columns, *drivers, *OF_ROWS}
     return RecordingPart(
         file=table.file,
-        q=np.column_stack([_joint(table, joint, said[joint.name]) for joint in joints]),
+        q=np.column_stack(list(q.values())),
         observations=observations,
         labels={name: table.texts(name) for name, unit in present.items() if unit == LABEL},
         drivers=drivers,
@@ -111,6 +125,7 @@ def read_part(
         notes=(
             *table.notes,
             *_lost(table.file, observations),
+            *_turned(table, joints, q, said),
             *ignored_columns(table, known, {*LOGGED, *_of_joints(joints)}),
         ),
         said=said,
@@ -149,7 +164,7 @@ def written_units(
     declared: Sequence[DeclaredDriver] = (),
 ) -> dict[str, tuple[str, str]]:
     """Of each column with a unit, the internal one and that of a file of such `units`, unless its header says otherwise."""
-    internal, written = {j.name: j.unit for j in joints}, {j.name: units.of_joint(j.unit) for j in joints}
+    internal, written = {j.name: j.unit for j in joints}, {j.name: j.written_in(units) for j in joints}
     out = {name: (unit, written[name]) for name, unit in internal.items()}
     out |= {name: (unit, units.written(unit)) for name, unit in sensor_columns.items() if unit != LABEL}
     out |= {n: (Driver.of(n).unit(internal), Driver.of(n).unit(written)) for n in drivers}
@@ -213,8 +228,8 @@ def _joint(table: Table, joint: JointColumn, unit: str) -> FloatArray:
     if joint.range is None:
         return readings
     low, high = joint.range
-    slack = SLACK * (high - low)
-    bad = np.flatnonzero((readings < low - slack) | (readings > high + slack))
+    readings = _folded(readings, joint, low, high)
+    bad = np.flatnonzero(_beyond(readings, low, high))
     if bad.size:
         row = int(bad[0])
         low, high = convert(low, joint.unit, unit), convert(high, joint.unit, unit)
@@ -225,6 +240,45 @@ def _joint(table: Table, joint: JointColumn, unit: str) -> FloatArray:
     return readings
 
 
+def _folded(readings: FloatArray, joint: JointColumn, low: float, high: float) -> FloatArray:
+    """Readings (n,) brought into a range of a turn or less, where they are stated or seen to come modulo a turn."""
+    period = joint.wrap or joint.turn
+    if period is None or high - low > period * (1.0 + 1e-9):
+        return readings
+    folded = fold(readings, period, (low + high) / 2)
+    logged = np.all((readings >= 0.0) & (readings <= period)) and not _beyond(folded, low, high).any()
+    outside = bool(_beyond(readings, low, high).any())
+    return folded if joint.wrap or (outside and logged) else readings
+
+
+def _turned(
+    table: Table, joints: Sequence[JointColumn], q: Mapping[str, FloatArray], said: Mapping[str, str]
+) -> list[str]:
+    """A note on joints whose readings were brought into their ranges."""
+    recorded = {j.name: convert(table.numbers(j.name), said[j.name], j.unit) for j in joints}
+    moved = [n for n, values in q.items() if np.any(np.abs(values - recorded[n]) > 1e-6 * np.ptp(values))]
+    what = "are brought into the joint's range by whole turns"
+    return [f"{table.file}: {', '.join(moved)}: readings {what}"] if moved else []
+
+
+def _beyond(readings: FloatArray, low: float, high: float) -> npt.NDArray[np.bool_]:
+    slack = SLACK * (high - low)
+    return np.asarray((readings < low - slack) | (readings > high + slack))
+
+
+def column_unit(table: Table, joint: JointColumn, units: UnitSystem) -> str:
+    """The unit that a joint's column is in. Raises InputError for counts where the machine file states none."""
+    stated = next(column.unit for column in table.columns if column.name == joint.name)
+    if isinstance(stated, str) and stated.lower() in COUNT_WORDS:
+        if joint.counted:
+            return joint.written
+        raise InputError(
+            f"{table.where(joint.name)}: found the unit {stated!r}, an encoder's counts, expected `counts: N` (N a turn, or a "
+            f"mm) of joint {joint.name!r} in the machine file"
+        )
+    return table.unit(joint.name, joint.written_in(units), joint.unit)
+
+
 def _reading(table: Table, name: str, unit: str, internal: str) -> FloatArray:
     recorded = table.readings(name)
     return _sized(table, name, recorded, convert(recorded, unit, internal, table.where(name)))
@@ -233,7 +287,7 @@ def _reading(table: Table, name: str, unit: str, internal: str) -> FloatArray:
 def _drivers(
     table: Table, joints: Sequence[JointColumn], units: UnitSystem, declared: Sequence[DeclaredDriver]
 ) -> dict[str, FloatArray]:
-    written, internal = {j.name: units.of_joint(j.unit) for j in joints}, {j.name: j.unit for j in joints}
+    written, internal = {j.name: j.written_in(units) for j in joints}, {j.name: j.unit for j in joints}
     temperatures = [name for name in table.names if Driver.of(name).thermal]
     out = {d.name: _declared(table, d) for d in declared if d.name in table}
     for name in (*LOGGED, *temperatures, *_of_joints(joints)):
