@@ -28,11 +28,7 @@ from truepose.models.near_home import Stance, near_home
 from truepose.models.placed import PlacedEffect
 from truepose.models.potential import Still
 from truepose.models.present import Present
-from truepose.models.states import (
-    put_in_place,
-    reading_shifts,
-    state_names,
-)
+from truepose.models.states import put_in_place, reading_shifts, state_names
 from truepose.models.statics import Statics
 from truepose.models.variables import Variables
 from truepose.models.view import TOOL_IN_WORLD, View
@@ -106,9 +102,8 @@ class SymbolicModel:
     @property
     def moved(self) -> dict[str, ca.SX]:
         """Own motions of the joints by name, in the units of their readings."""
-        return own_motions(
-            self.machine.mechanism, dict(zip(self.readings, ca.vertsplit(self.q), strict=True))
-        )
+        q = dict(zip(self.readings, ca.vertsplit(self.q), strict=True))
+        return own_motions(self.machine.mechanism, q)
 
     @property
     def world(self) -> ca.SX:

@@ -24,7 +24,7 @@ from truepose.identification.compensation.compiled import (
 from truepose.identification.compensation.inverse import MET, Inverse, PoseSolver, Reach
 from truepose.identification.compensation.rows import twists_between
 from truepose.identification.recording.angle_range import unfold_readings
-from truepose.identification.recording.file import column_unit
+from truepose.identification.recording.joint_column import JointColumn, column_unit
 from truepose.identification.recording.load import joint_columns
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording
@@ -72,8 +72,7 @@ def commands(table: Table, machine: Machine, found: Compensation) -> pd.DataFram
     for k, joint in enumerate(joint_columns(machine)):
         unit = column_unit(table, joint, machine.units)
         commanded = convert(table.numbers(joint.name), unit, joint.unit)
-        period = joint.wrap or joint.turn or np.inf
-        turns = period * np.round((commanded - found.nominal[:, k]) / period) if np.isfinite(period) else 0.0
+        turns = whole_turns(joint, commanded - found.nominal[:, k])
         corrected[joint.name] = convert(found.command[:, k] + turns, joint.unit, unit)
     headers = {c.name: c.name if c.unit is None else f"{c.name} [{c.unit}]" for c in table.columns}
     return pd.DataFrame(
@@ -82,6 +81,12 @@ def commands(table: Table, machine: Machine, found: Compensation) -> pd.DataFram
             for name, header in headers.items()
         }
     )
+
+
+def whole_turns(joint: JointColumn, apart: Array) -> Array:
+    """Return of differences (n,) of a joint's readings what is whole turns, or what its readings come modulo."""
+    period = joint.wrap or joint.turn
+    return period * np.round(apart / period) if period else np.zeros_like(apart)
 
 
 def _with_joints(machine: Machine, table: Table) -> tuple[Table, tuple[str, ...]]:
@@ -171,4 +176,4 @@ def _check_reach(table: Table, rows: NDArray[np.intp], found: Inverse) -> None:
     )
 
 
-__all__ = ["POSE", "commands", "load_path"]
+__all__ = ["POSE", "commands", "load_path", "whole_turns"]

@@ -41,7 +41,10 @@ def unfold_readings(machine: Machine, recording: Recording) -> Recording:
         if np.isinf(period) or (actuator.range and np.ptp(actuator.range) <= period * (1.0 + _ROUNDING)):
             continue
         column = recording.joints.index(actuator.reading)
-        found = _unfolded(q[:, column] - home, period, recording.order, steps) + home
+        low, high = actuator.range or (-np.inf, np.inf)
+        found = (
+            _unfolded(q[:, column] - home, period, (low - home, high - home), recording.order, steps) + home
+        )
         stated = actuator.wrap is not None
         if not (stated or _wraps(q[:, column], period, found, steps, ranged=actuator.range is not None)):
             continue
@@ -52,7 +55,7 @@ def unfold_readings(machine: Machine, recording: Recording) -> Recording:
             q[:, column] = found
     if not told:
         return recording
-    note = f"readings that come modulo a turn are unfolded: {', '.join(told)}; state a `range` for a joint that turns otherwise"
+    note = f"readings that wrap are unfolded: {', '.join(told)}; state a `range` for a joint that turns otherwise"
     return replace(recording, q=frozen(q), notes=(*recording.notes, note))
 
 
@@ -61,7 +64,9 @@ def fold(readings: Array, period: float, middle: float) -> Array:
     return np.asarray(readings - period * np.ceil((readings - middle) / period - 0.5 - _ROUNDING))
 
 
-def _unfolded(way: Array, period: float, order: NDArray[np.int64], steps: NDArray[np.int64]) -> Array:
+def _unfolded(
+    way: Array, period: float, limits: tuple[float, float], order: NDArray[np.int64], steps: NDArray[np.int64]
+) -> Array:
     """Return readings (n,) from home where the joint was; ``steps`` (2, k) are rows that follow each other."""
     about, onward = fold(way, period, 0.0), fold(way, period, period / 2)
 
@@ -75,7 +80,9 @@ def _unfolded(way: Array, period: float, order: NDArray[np.int64], steps: NDArra
             return whole
     if steady(through):
         middle = (through.max() + through.min()) / 2
-        return np.asarray(through - period * np.ceil(middle / period - 0.5 - _ROUNDING))
+        through -= period * np.ceil(middle / period - 0.5 - _ROUNDING)
+        if limits[0] <= through.min() and through.max() <= limits[1]:
+            return through
     return onward if np.ptp(onward) < WHOLE_ARC * np.ptp(about) else about
 
 

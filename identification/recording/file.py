@@ -11,15 +11,21 @@ import numpy as np
 import numpy.typing as npt
 
 from truepose.errors import InputError
-from truepose.identification.recording.angle_range import fold
 from truepose.identification.recording.arrow_columns import ArrowCells
 from truepose.identification.recording.history import latest_earlier_row
 from truepose.identification.recording.ignored import ignored_columns, untried_columns
+from truepose.identification.recording.joint_column import (
+    JointColumn,
+    column_unit,
+    joint_readings,
+    sized,
+    turned_notes,
+)
 from truepose.identification.recording.names import in_known_case, missing_column
 from truepose.identification.recording.table import Table, read_table
 from truepose.models.driver import APPROACH, MEASURED_LOADS, VELOCITY, DeclaredDriver, Driver
-from truepose.models.limits import LARGEST, LATEST
-from truepose.models.units import COUNT_WORDS, FloatArray, UnitSystem, convert
+from truepose.models.limits import LATEST
+from truepose.models.units import FloatArray, UnitSystem, convert
 from truepose.wording import shortened
 
 IntArray = npt.NDArray[np.int64]
@@ -29,32 +35,8 @@ LOGGED: Final = ("payload", "pressure", "humidity")
 OF_JOINTS: Final = (APPROACH, VELOCITY, *MEASURED_LOADS)
 OF_ROWS: Final = ("time", "session", "pose", "from", "role")
 _ROLES: Final = ("calibration", "validation")
-SLACK: Final = 0.05
-"""Share of a range's width that readings may be beyond it: commands overshoot a little."""
 _NAMED: Final = 4
 """Lost readings that a note names."""
-
-
-@dataclass(frozen=True)
-class JointColumn:
-    """A joint's column: `unit` "mm" or "rad" (readings are converted to it), or another such as "turn"
-    (kept as recorded); `range` in that unit, None for any value.
-
-    written: the unit of the column unless its header names one, that of the machine file where it is empty; counted: it holds
-    an encoder's counts. wrap: what readings are stated to come modulo; turn: what makes no difference to the machine.
-    """
-
-    name: str
-    unit: str
-    range: tuple[float, float] | None = None
-    written: str = ""
-    counted: bool = False
-    wrap: float | None = None
-    turn: float | None = None
-
-    def written_in(self, units: UnitSystem) -> str:
-        """Return the unit of the column where its header names none."""
-        return self.written or units.of_joint(self.unit)
 
 
 @dataclass(frozen=True)
@@ -109,7 +91,7 @@ def read_part(
     time = _converted(table, "time", "s", "s") if "time" in table else None
     pose = table.integers("pose") if "pose" in table else None
     drivers = _drivers(table, joints, units, declared)
-    q = {joint.name: _joint(table, joint, said[joint.name]) for joint in joints}
+    q = {joint.name: joint_readings(table, joint, said[joint.name]) for joint in joints}
     known = {*names, *sensor_columns, *drivers, *OF_ROWS}
     return RecordingPart(
         file=table.file,
@@ -125,7 +107,7 @@ def read_part(
         notes=(
             *table.notes,
             *_lost(table.file, observations),
-            *_turned(table, joints, q, said),
+            *turned_notes(table, joints, q, said),
             *ignored_columns(table, known, {*LOGGED, *_of_joints(joints)}),
         ),
         said=said,
@@ -206,82 +188,12 @@ def _unread(file: str, observations: Mapping[str, FloatArray]) -> list[str]:
 def _converted(table: Table, name: str, default: str, internal: str) -> FloatArray:
     values = table.numbers(name)
     converted = convert(values, table.unit(name, default, internal), internal, table.where(name))
-    return _sized(table, name, values, converted, LATEST)
-
-
-def _sized(
-    table: Table, name: str, recorded: FloatArray, values: FloatArray, largest: float = LARGEST
-) -> FloatArray:
-    """The values of a column, none of them so large that no instrument reads it; as ``recorded`` in messages."""
-    bad = np.flatnonzero(np.abs(values) > largest)
-    if bad.size:
-        row = int(bad[0])
-        raise InputError(
-            f"{table.where(name, row)}: found {recorded[row]:g}, expected at most {largest:g} by size in the program's units"
-        )
-    return values
-
-
-def _joint(table: Table, joint: JointColumn, unit: str) -> FloatArray:
-    recorded = table.numbers(joint.name)
-    readings = _sized(table, joint.name, recorded, convert(recorded, unit, joint.unit))
-    if joint.range is None:
-        return readings
-    low, high = joint.range
-    readings = _folded(readings, joint, low, high)
-    bad = np.flatnonzero(_beyond(readings, low, high))
-    if bad.size:
-        row = int(bad[0])
-        low, high = convert(low, joint.unit, unit), convert(high, joint.unit, unit)
-        raise InputError(
-            f"{table.where(joint.name, row)}: found {recorded[row]:.6g} {unit}, "
-            f"expected a value in the joint's range [{low:.6g}, {high:.6g}] {unit}"
-        )
-    return readings
-
-
-def _folded(readings: FloatArray, joint: JointColumn, low: float, high: float) -> FloatArray:
-    """Readings (n,) brought into a range of a turn or less, where they are stated or seen to come modulo a turn."""
-    period = joint.wrap or joint.turn
-    if period is None or high - low > period * (1.0 + 1e-9):
-        return readings
-    folded = fold(readings, period, (low + high) / 2)
-    logged = np.all((readings >= 0.0) & (readings <= period)) and not _beyond(folded, low, high).any()
-    outside = bool(_beyond(readings, low, high).any())
-    return folded if joint.wrap or (outside and logged) else readings
-
-
-def _turned(
-    table: Table, joints: Sequence[JointColumn], q: Mapping[str, FloatArray], said: Mapping[str, str]
-) -> list[str]:
-    """A note on joints whose readings were brought into their ranges."""
-    recorded = {j.name: convert(table.numbers(j.name), said[j.name], j.unit) for j in joints}
-    moved = [n for n, values in q.items() if np.any(np.abs(values - recorded[n]) > 1e-6 * np.ptp(values))]
-    what = "are brought into the joint's range by whole turns"
-    return [f"{table.file}: {', '.join(moved)}: readings {what}"] if moved else []
-
-
-def _beyond(readings: FloatArray, low: float, high: float) -> npt.NDArray[np.bool_]:
-    slack = SLACK * (high - low)
-    return np.asarray((readings < low - slack) | (readings > high + slack))
-
-
-def column_unit(table: Table, joint: JointColumn, units: UnitSystem) -> str:
-    """The unit that a joint's column is in. Raises InputError for counts where the machine file states none."""
-    stated = next(column.unit for column in table.columns if column.name == joint.name)
-    if isinstance(stated, str) and stated.lower() in COUNT_WORDS:
-        if joint.counted:
-            return joint.written
-        raise InputError(
-            f"{table.where(joint.name)}: found the unit {stated!r}, an encoder's counts, expected `counts: N` (N a turn, or a "
-            f"mm) of joint {joint.name!r} in the machine file"
-        )
-    return table.unit(joint.name, joint.written_in(units), joint.unit)
+    return sized(table, name, values, converted, LATEST)
 
 
 def _reading(table: Table, name: str, unit: str, internal: str) -> FloatArray:
     recorded = table.readings(name)
-    return _sized(table, name, recorded, convert(recorded, unit, internal, table.where(name)))
+    return sized(table, name, recorded, convert(recorded, unit, internal, table.where(name)))
 
 
 def _drivers(
@@ -303,7 +215,7 @@ def _drivers(
 def _declared(table: Table, driver: DeclaredDriver) -> FloatArray:
     """A declared column; one whose unit nobody stated stays as it was recorded."""
     if not driver.unit:
-        return _sized(table, driver.name, numbers := table.numbers(driver.name), numbers, LATEST)
+        return sized(table, driver.name, numbers := table.numbers(driver.name), numbers, LATEST)
     return _converted(table, driver.name, driver.written, driver.unit)
 
 

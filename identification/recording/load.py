@@ -15,7 +15,8 @@ import pandas as pd
 
 from truepose.errors import InputError
 from truepose.identification.recording.angle_range import TURN, unfold_readings
-from truepose.identification.recording.file import LABEL, JointColumn
+from truepose.identification.recording.file import LABEL
+from truepose.identification.recording.joint_column import JointColumn
 from truepose.identification.recording.memory_tables import is_table
 from truepose.identification.recording.names import in_known_case
 from truepose.identification.recording.own_equipment import begun, with_own_equipment

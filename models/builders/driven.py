@@ -19,11 +19,11 @@ class Encoder(Section):
     """What a joint's column holds, where it is not simply the joint's own angle or length."""
 
     wrap: Period | None = None
-    """The readings come modulo this (`360`), in the unit of the column: they are unfolded. See below."""
+    """The readings come modulo this (`360`), in the unit of the column: they are unfolded, see Encoders."""
     counts: Counts | None = None
     """The column holds an encoder's counts: so many a turn of a turning joint, so many a mm of a slide."""
     coupled: dict[str, Number] = Field(default_factory=dict)
-    """The reading is the joint's own angle plus `k` times the other's reading, `{J2: 1}`, in the file's units. See below."""
+    """The reading is the joint's own angle plus `k` times the other's reading, `{J2: 1}`, in the file's units, see Encoders."""
 
 
 class Driven(Encoder):
