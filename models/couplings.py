@@ -58,6 +58,7 @@ def coupling_matrix(mechanism: Mechanism) -> Array | None:
     for actuator in mechanism.actuators:
         for other, factor in actuator.coupled.items():
             out[place[actuator.reading], place[other]] -= factor
+    out.setflags(write=False)
     return out
 
 

@@ -17,10 +17,13 @@ from support.skips import NOTHING_BESIDE, SHARED
 from truepose.codegen.c import generate
 from truepose.errors import InputError
 from truepose.identification.compensation.compensate import compensate
+from truepose.identification.compensation.path_table import commands, load_path
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.load import load_recording
+from truepose.identification.planning.plan import plan
 from truepose.identification.prediction.predict import predict
+from truepose.identification.report.pose_tables import plan_table
 from truepose.models.export.write import export
 from truepose.models.kinematics import symbolic_model
 from truepose.models.load import load_machine
@@ -225,3 +228,30 @@ def test_the_horizon_of_a_fanuc_is_a_coupling(tmp_path: Path) -> None:
         came, expected = two.driver(name), one.driver(name)
         assert came is not None and expected is not None
         np.testing.assert_allclose(came, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("lowest", [0.0, -180.0])
+def test_a_path_comes_back_as_it_was_logged(tmp_path: Path, lowest: float) -> None:
+    """Commands are near the path's readings, modulo what they come modulo, in counts where the path has counts."""
+    bent = [{"effect": "actuator-scale", "place": ["J3"], "parameters": {"s": {"value": 1e-3, "unit": "1"}}}]
+    keys = {"J2": {"counts": 3600, "wrap": 3600}, "J3": {"wrap": 360}}
+    plain, other = (encoded(tmp_path, "pair", k, effects=bent) for k in ({}, keys))
+    q = np.column_stack([np.linspace(-20.0, 20.0, 9), np.linspace(-30.0, 40.0, 9)])
+    folded = (q - lowest) % 360.0 + lowest
+    given, found = {}, {}
+    for name, machine, rows, scale in (("plain", plain, q, 1.0), ("other", other, folded, 10.0)):
+        path = tmp_path / f"{name}.csv"
+        given[name] = pd.DataFrame({"J2": scale * rows[:, 0], "J3": rows[:, 1]})
+        given[name].to_csv(path, index=False)
+        table, way = load_path(machine, path)
+        found[name] = commands(table, machine, compensate(machine, way))
+    found["other"]["J2"] /= 10.0
+    given["other"]["J2"] /= 10.0
+    np.testing.assert_allclose(found["other"] - given["other"], found["plain"] - given["plain"], atol=1e-8)
+
+
+def test_plans_are_in_counts(tmp_path: Path) -> None:
+    machine = encoded(tmp_path, "pair", {"J3": {"counts": 4096, "coupled": {"J2": 1}}})
+    planned = plan(machine, 12, seed=1, method="random")
+    table = plan_table(planned)
+    np.testing.assert_allclose(table["J3"] * 2 * np.pi / 4096, planned.q[:, 1], atol=2 * np.pi / 4096)
