@@ -17,6 +17,7 @@ from truepose.codegen.printer import Real
 from truepose.codegen.reference import Reference
 from truepose.errors import InputError
 from truepose.models.controllability import free_joints, task_of
+from truepose.models.couplings import turns_freely
 from truepose.models.kinematics import SymbolicModel
 from truepose.models.machine import FRAME_OF, Machine
 from truepose.models.mechanism import COORDINATES, Actuator
@@ -104,7 +105,7 @@ def layout_of(model: SymbolicModel, real: Real) -> Layout:
         high=high,
         start=start,
         width=width,
-        turns=tuple(a.unit == "rad" and a.gain is None for a in machine.mechanism.actuators),
+        turns=tuple(turns_freely(machine.mechanism, name) for name in machine.mechanism.readings),
         near=near,
         home=_steady(model.home),
         task=task,
@@ -230,6 +231,6 @@ def _starts(machine: Machine, low: Array, high: Array) -> tuple[Array, Array]:
     """Centre and width of the starts of the inverse: within ranges, at most one turn of a turning joint."""
     start, width = 0.5 * (low + high), high - low
     for k, a in enumerate(machine.mechanism.actuators):
-        if a.unit == "rad" and a.gain is None:
+        if turns_freely(machine.mechanism, a.reading):
             width[k] = min(width[k], 2 * math.pi) if a.range else 2 * math.pi
     return start, width

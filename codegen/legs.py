@@ -113,7 +113,7 @@ def _rods(model: SymbolicModel, pose: ca.SX) -> tuple[ca.SX, ca.SX]:
     """
     machine = model.machine
     mechanism = machine.mechanism
-    q = dict(zip(model.readings, ca.vertsplit(model.q), strict=True))
+    q = model.moved
     z = dict(zip(model.drivers, ca.vertsplit(model.z), strict=True))
     tool = ca.vertcat(ca.reshape(pose, 4, 3).T, ca.horzcat(0, 0, 0, 1))
     bodies = assemble(machine, model.values, q, z, model.x, {mechanism.flange: tool}).bodies

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from truepose.codegen.layout import Layout, sample_ranges
+from truepose.models.couplings import coupling_matrix
 from truepose.models.driver import APPROACH, STEP, TREMBLING, Driver
 from truepose.models.kinematics import SymbolicModel, driver_default
 
@@ -47,6 +48,7 @@ class Memory:
     lags              place in v of what is followed, and seconds
     places            in v, of every driver in the order of z; -1 where it rests
     travel            of the joints, of which TREMBLING is no motion: their ranges
+    uncoupling        lines of the matrix from readings to the joints' own motions; none where they are the same
     """
 
     sensed: tuple[tuple[str, str, float], ...]
@@ -56,6 +58,7 @@ class Memory:
     lags: tuple[tuple[int, float], ...]
     places: tuple[int, ...]
     travel: tuple[float, ...]
+    uncoupling: tuple[float, ...] = ()
 
     @property
     def remembers(self) -> bool:
@@ -122,6 +125,7 @@ def memory_of(model: SymbolicModel, layout: Layout) -> Memory:
 
     low, high = sample_ranges(model.machine, layout.near, layout.reach)
     machine = model.machine
+    matrix = coupling_matrix(machine.mechanism)
     return Memory(
         sensed=tuple(
             (n, machine.driver_unit(n) or "1", driver_default(machine, n)) for _, n in found["sensed"]
@@ -132,6 +136,7 @@ def memory_of(model: SymbolicModel, layout: Layout) -> Memory:
         lags=tuple((place(key), seconds) for _, key, seconds in found["lag"]),
         places=tuple(place(key) for key in keys),
         travel=tuple(float(f"{width:.9g}") for width in high - low),
+        uncoupling=() if matrix is None else tuple(matrix.ravel().tolist()),
     )
 
 

@@ -159,7 +159,9 @@ def _inner(field: Schema) -> list[tuple[str, Schema]]:
 def _fields(schema: Schema, *, shallow: bool, before: str = "") -> Iterator[tuple[str, Schema, bool]]:
     """Every key with its schema and whether it must be there, those below a key after it."""
     required = schema.get("required", ())
-    for key, field in sorted(schema["properties"].items(), key=lambda item: item[0] != "type"):
+    for key, field in sorted(
+        schema["properties"].items(), key=lambda item: (item[0] != "type", item[0] not in required)
+    ):
         name = f"{before}{key}"
         if not schema.get("heading"):
             yield name, field, key in required

@@ -107,8 +107,7 @@ def _motions(model: SymbolicModel) -> list[_Motion]:
 def _joint(model: SymbolicModel, joint: Joint) -> list[_Motion]:
     if joint.name not in model.machine.mechanism.driven:
         return []
-    q = dict(zip(model.readings, ca.vertsplit(model.q), strict=True))
-    value = displacements(model.machine, model.values, q)[joint.name]
+    value = displacements(model.machine, model.values, model.moved)[joint.name]
     assert not isinstance(joint.axis, Direction)  # parameterised directions belong to rails of closed chains
     return [_Motion(joint.kind == "revolute", joint.axis, value)]
 

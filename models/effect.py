@@ -16,6 +16,7 @@ import casadi as ca
 
 from truepose.errors import InputError
 from truepose.models.assembly import displacement_of
+from truepose.models.couplings import recorded_reading
 from truepose.models.formula_checks import no_shifts
 from truepose.models.machine import Machine
 from truepose.models.placed import Coefficient, Physics, Place, Settings
@@ -25,7 +26,10 @@ from truepose.models.registry import Registry
 
 @dataclass(frozen=True)
 class Site:
-    """Symbols an effect may use at its place. Readings in column units, drivers in internal units."""
+    """Symbols an effect may use at its place; drivers in internal units.
+
+    ``q`` are the joints' own motions in the units of their columns: what others add to coupled readings is not in them.
+    """
 
     machine: Machine
     place: Place
@@ -42,9 +46,16 @@ class Site:
         return displacement_of(self.machine, reading, self.values, self.q)
 
     def moved(self, reading: str) -> ca.SX:
-        """Displacement that the reading alone makes: gain * reading, mm or rad."""
+        """Displacement that the reading alone makes: gain * own motion, mm or rad."""
+        return self._gain(reading) * self.q[reading]
+
+    def read(self, reading: str) -> ca.SX:
+        """What the joint's encoder turns or slides, mm or rad: gain * recorded reading."""
+        return self._gain(reading) * recorded_reading(self.machine.mechanism, reading, self.q)
+
+    def _gain(self, reading: str) -> ca.SX:
         actuator = self.machine.mechanism.actuator(reading)
-        return (self.values[actuator.gain] if actuator.gain else 1) * self.q[reading]
+        return self.values[actuator.gain] if actuator.gain else ca.SX(1)
 
     def port(self, reading: str) -> str:
         """Port that adds to a joint's displacement."""

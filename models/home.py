@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.models.closure import CoordinateScale, closed, one_row
+from truepose.models.couplings import coupling_matrix
 from truepose.models.machine import Machine
 from truepose.models.mechanism import COORDINATES, Mechanism
 
@@ -40,13 +41,16 @@ def slides_of(mechanism: Mechanism) -> list[bool]:
 
 
 def home_readings(mechanism: Mechanism) -> Array:
-    """(nq,) readings at home: what the file says, else zero, or mid-range where zero is out of range."""
-    out = []
+    """(nq,) readings at home: what puts joints where the file says, else zero, or mid-range where zero is out of range."""
+    out, coupled = [], coupling_matrix(mechanism)
     for actuator in mechanism.actuators:
         low, high = actuator.range or (-np.inf, np.inf)
         inside = 0.0 if low <= 0.0 <= high else (low + high) / 2
         out.append(inside if actuator.home is None else actuator.home)
-    return np.array(out, dtype=float)
+    if coupled is None:
+        return np.array(out, dtype=float)
+    stated = [actuator.home is not None for actuator in mechanism.actuators]
+    return np.linalg.solve(np.where(np.array(stated)[:, None], coupled, np.eye(len(out))), np.array(out))
 
 
 def closed_home(closure: ca.Function, given: Array, scale: CoordinateScale) -> Array | None:

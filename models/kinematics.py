@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from truepose.errors import InputError
 from truepose.models.assembly import symbols
+from truepose.models.couplings import own_motions
 from truepose.models.driver import PAYLOAD, TIME, Driver
 from truepose.models.effect import Site
 from truepose.models.home import closed_home, coordinate_scale, home_readings
@@ -27,11 +28,7 @@ from truepose.models.near_home import Stance, near_home
 from truepose.models.placed import PlacedEffect
 from truepose.models.potential import Still
 from truepose.models.present import Present
-from truepose.models.states import (
-    put_in_place,
-    reading_shifts,
-    state_names,
-)
+from truepose.models.states import put_in_place, reading_shifts, state_names
 from truepose.models.statics import Statics
 from truepose.models.variables import Variables
 from truepose.models.view import TOOL_IN_WORLD, View
@@ -103,6 +100,12 @@ class SymbolicModel:
         return self.machine.mechanism.readings
 
     @property
+    def moved(self) -> dict[str, ca.SX]:
+        """Own motions of the joints by name, in the units of their readings."""
+        q = dict(zip(self.readings, ca.vertsplit(self.q), strict=True))
+        return own_motions(self.machine.mechanism, q)
+
+    @property
     def world(self) -> ca.SX:
         """(4, 4) sensor frame to tool."""
         return self.worlds[TOOL_IN_WORLD]
@@ -148,7 +151,7 @@ class _Woven:
     @classmethod
     def of(cls, variables: Variables, *, weighed: bool) -> _Woven:
         """Every effect's shifts added at its ports."""
-        machine, q, z = variables.machine, variables.q, variables.z
+        machine, q, z = variables.machine, variables.moved, variables.z
         values, (passive, _) = variables.values(weighed=weighed), variables.now_and_home
         statics = _statics(machine, variables.effects, values, q, z, passive)
         loads = statics.loads(values) if statics else {}
@@ -172,13 +175,13 @@ def _model(woven: _Woven) -> SymbolicModel:
     """The bodies placed, and what sensors see of them."""
     own, present, shifted = woven.variables, woven.present, woven.shifted
     machine, (passive, x_home) = own.machine, own.now_and_home
-    stance = Stance(shifted, own.q, passive)
+    stance = Stance(shifted, own.moved, passive, tuple(own.q.values()))
     assembly = (
         near_home(machine, stance, x_home, own.z) if x_home.numel() else stance.assembled(machine, own.z)
     )
     x, closure = woven.unknowns(assembly.closure)
     worlds = {view: assembly.seen(view, shifted) for view in machine.views}
-    shift, seen = reading_shifts(machine, worlds, present.values, shifted, own.q)
+    shift, seen = reading_shifts(machine, worlds, present.values, shifted, own.moved)
     return SymbolicModel(
         machine=machine,
         effects=own.effects,

@@ -11,6 +11,7 @@ from truepose.errors import InputError
 from truepose.models.builder import builders
 from truepose.models.column_names import check_column_names
 from truepose.models.context import BuildContext
+from truepose.models.couplings import resolve_couplings
 from truepose.models.declared import declared_drivers, driver_names
 from truepose.models.effect import effects
 from truepose.models.equipment import equipment, with_recordings
@@ -37,6 +38,7 @@ def build_machine(file: MachineFile) -> Machine:
     """The machine that a validated file describes."""
     context = BuildContext(file, ("mechanism",))
     mechanism = builders.get(file.mechanism.get("type"), f"{context.where}.type")(file.mechanism, context)
+    mechanism = resolve_couplings(mechanism, file)
     mechanism = replace(mechanism, home_directions=home_directions(mechanism, file))
     masses, gravity, notes = weights(file, mechanism)
     read = _sensors(file, mechanism)

@@ -225,6 +225,11 @@ class Machine(Shown):
             out |= {f"{c}.reading": Port(c, "reading", sensor.columns[c]) for c in sensor.shiftable}
         return out
 
+    def column_unit(self, reading: str) -> str:
+        """Return the unit of a joint's column unless its header says otherwise: counts, or that of the file."""
+        actuator = self.mechanism.actuator(reading)
+        return actuator.counted or self.units.of_joint(actuator.reading_unit)
+
     def ports_of(self, *kinds: str) -> set[str]:
         """Names of the ports of these kinds."""
         return {name for name, port in self.ports.items() if port.kind in kinds}

@@ -88,7 +88,7 @@ def _physics_facts(machine: Machine) -> list[str]:
 
 def _joint_row(machine: Machine, actuator: Actuator) -> tuple[str, ...]:
     kinds = {joint.name: joint.kind for joint in machine.mechanism.joints}
-    unit = machine.units.of_joint(actuator.reading_unit)
+    unit = machine.column_unit(actuator.reading)
 
     def written(value: float) -> str:
         return f"{convert(value, actuator.reading_unit, unit):.6g}"

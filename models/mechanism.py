@@ -121,8 +121,10 @@ class Actuator:
     """What a reading drives: displacement = offset + gain * reading of joint (or rod) ``drives``.
 
     ``unit`` is that of the displacement (mm or rad), ``reading_unit`` that of the column (mm, rad, turn).
-    ``range`` limits readings; gear ratio and pitch (mm) tell effects what turns inside; ``home`` is the reading
-    from which the assembly of closed loops is followed.
+    ``range`` limits readings; gear ratio and pitch (mm) tell effects what turns inside; ``home`` is the own motion
+    from which the assembly of closed loops is followed. ``counted`` is the unit of a column of encoder counts; ``wrap``
+    (reading unit) is what readings come modulo; ``coupled`` is what a unit of other joints' readings adds to this one
+    (``truepose.models.couplings``).
     """
 
     reading: str
@@ -135,6 +137,9 @@ class Actuator:
     gear_ratio: float | None = None
     screw_pitch: float | None = None
     home: float | None = None
+    counted: str | None = None
+    wrap: float | None = None
+    coupled: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def displacement(self) -> str:

@@ -23,18 +23,25 @@ from truepose.models.mechanism import Rod
 
 @dataclass(frozen=True)
 class Stance:
-    """What an assembly is made of: values of ports, readings ``q`` (column units), passive coordinates ``x``."""
+    """What an assembly is made of: values of ports, joints' own motions ``q`` (column units), passive coordinates ``x``.
+
+    ``readings`` are the symbols that all this is expressed in.
+    """
 
     values: Mapping[str, ca.SX]
     q: Mapping[str, ca.SX]
     x: ca.SX
+    readings: tuple[ca.SX, ...]
 
     def at_home(self, machine: Machine, x: ca.SX) -> Stance:
         """The same values at the home readings, with the passive coordinates ``x``."""
         home = ca.DM(home_readings(machine.mechanism))
-        q = dict(zip(self.q, ca.vertsplit(ca.SX(home)), strict=True))
-        moved = ca.substitute(ca.vertcat(*self.values.values()), ca.vertcat(*self.q.values()), home)
-        return Stance(dict(zip(self.values, ca.vertsplit(moved), strict=True)), q, x)
+        now = ca.vertcat(*self.q.values(), *self.values.values())
+        moved = ca.vertsplit(ca.substitute(now, ca.vertcat(*self.readings), home))
+        q, values = moved[: len(self.q)], moved[len(self.q) :]
+        return Stance(
+            dict(zip(self.values, values, strict=True)), dict(zip(self.q, q, strict=True)), x, self.readings
+        )
 
     def assembled(self, machine: Machine, z: Mapping[str, ca.SX]) -> Assembly:
         """The bodies placed."""
@@ -63,6 +70,7 @@ def _to_first_order(machine: Machine, home: Stance, now: Stance, z: Mapping[str,
         {name: v + way * (now.values[name] - v) for name, v in home.values.items()},
         {name: v + way * (now.q[name] - v) for name, v in home.q.items()},
         home.x + way * (now.x - home.x),
+        now.readings,
     )
     slope = ca.jacobian(between.assembled(machine, z).closure, way)
     first: ca.SX = ca.substitute(slope, way, 0)

@@ -43,6 +43,11 @@ _ARTICLE = {"angle": "an angle", "number": "a plain number"}
 _LONGEST_UNIT = 60
 # pint computes powers while it parses: 9**9**9 would never end
 _TOWER = re.compile(r"(\*\*|\^)[^A-Za-z]*(\*\*|\^)|\d{3,}")
+_COUNTS = re.compile(r"(turn|mm)/(\d+(?:\.\d+)?(?:e[+-]?\d+)?)")
+COUNT_WORDS: Final = (
+    "count", "counts", "inc", "incs", "increment", "increments", "lsb", "pulse", "pulses", "tick", "ticks",
+)  # fmt: skip
+"""What headers call an encoder's counts."""
 
 
 @functools.cache
@@ -53,6 +58,11 @@ def _registry() -> pint.UnitRegistry[Any]:
 @functools.cache
 def _unit(text: str) -> pint.Unit | None:
     """The unit a text means, None when it means none."""
+    counts = _COUNTS.fullmatch(text)
+    if counts:
+        name = "counts_" + re.sub(r"\W", "_", text.replace("-", "_minus_"))
+        _registry().define(f"{name} = {1.0 / float(counts[2])!r} * {counts[1]}")
+        return _registry().Unit(name)
     if len(text) > _LONGEST_UNIT or _TOWER.search(text):
         return None
     try:
@@ -111,6 +121,11 @@ def _expected(dimension: str) -> str:
     if dimension in INTERNAL:
         return f"{_ARTICLE.get(dimension, f'a {dimension}')} such as {INTERNAL[dimension]}"
     return f"a unit convertible to {dimension}"
+
+
+def counts_unit(counts: float, unit: str) -> str:
+    """Return the unit of an encoder's counts, so many a turn, or a mm where readings in ``unit`` are lengths."""
+    return f"{'mm' if compatible(unit, 'mm') else 'turn'}/{counts:.17g}"
 
 
 def is_unit(text: str) -> bool:

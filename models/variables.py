@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.models.assembly import symbols
+from truepose.models.couplings import own_motions
 from truepose.models.driver import PAYLOAD
 from truepose.models.equipment import with_own_tools
 from truepose.models.machine import Machine
@@ -53,6 +54,11 @@ class Variables:
             bare=symbols("", [*machine.ports] if ports else []),
             x=ca.SX.sym("x", size) if size else ca.SX(0, 1),
         )
+
+    @property
+    def moved(self) -> dict[str, ca.SX]:
+        """Own motions of the joints by name, in the units of their readings."""
+        return own_motions(self.machine.mechanism, self.q)
 
     @property
     def p(self) -> ca.SX:

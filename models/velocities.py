@@ -83,7 +83,7 @@ def _told_by_screws(model: SymbolicModel) -> bool:
 class _Velocities:
     def __init__(self, model: SymbolicModel) -> None:
         machine = model.machine
-        q = dict(zip(model.readings, ca.vertsplit(model.q), strict=True))
+        q = model.moved
         z = dict(zip(model.drivers, ca.vertsplit(model.z), strict=True)) if model.drivers else {}
         self.model, self.mechanism, self.values = model, machine.mechanism, model.values
         self.bodies = assemble(machine, model.values, q, z, model.x).bodies

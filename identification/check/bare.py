@@ -12,7 +12,7 @@ from truepose.identification.check.result import Found
 from truepose.identification.check.rig import Rig, Stand
 from truepose.identification.check.weighing import QUIET, USUAL_REACH, reach
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.recording.file import SLACK
+from truepose.identification.recording.joint_column import SLACK
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.untestable import GRAVITY, GRAVITY_LINE
 from truepose.models.machine import Machine

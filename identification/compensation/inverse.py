@@ -23,6 +23,7 @@ from truepose.errors import InputError
 from truepose.identification.compensation.compiled import base_frame
 from truepose.identification.prediction.loops import Loops
 from truepose.models.controllability import task_of
+from truepose.models.couplings import turns_freely
 from truepose.models.given import MachineLike, as_machine
 from truepose.models.home import coordinate_scale
 from truepose.models.kinematics import SymbolicModel, symbolic_model
@@ -183,7 +184,7 @@ class PoseSolver:
         """Readings in rad brought by whole turns next to the middle of their range."""
         out = q.copy()
         for k, actuator in enumerate(self.machine.mechanism.actuators):
-            if actuator.reading_unit == "rad" and actuator.gain is None and actuator.range is not None:
+            if turns_freely(self.machine.mechanism, actuator.reading) and actuator.range is not None:
                 out[:, k] -= 2 * np.pi * np.round((q[:, k] - np.mean(actuator.range)) / (2 * np.pi))
         return out
 

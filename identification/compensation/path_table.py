@@ -25,6 +25,8 @@ from truepose.identification.compensation.compiled import (
 )
 from truepose.identification.compensation.inverse import MET, Inverse, PoseSolver, Reach
 from truepose.identification.compensation.rows import twists_between
+from truepose.identification.recording.angle_range import unfold_readings
+from truepose.identification.recording.joint_column import JointColumn, column_unit
 from truepose.identification.recording.load import joint_columns
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording
@@ -60,6 +62,8 @@ def load_path(machine: Machine, path: Path | str) -> tuple[Table, Recording]:
                 f"{', '.join(POSE)}; {close_matches(name, table.names)}"
             )
     rows = read_recording([table], joint_columns(machine), poses, machine.units, need_observations=False)
+    if any(actuator.wrap for actuator in machine.mechanism.actuators):
+        rows = unfold_readings(machine, rows)
     return table, replace(rows, notes=(*rows.notes, *notes))
 
 
@@ -84,8 +88,10 @@ def commands(table: Table, machine: Machine, found: Compensation) -> pd.DataFram
     """The table with the joints' columns corrected, each in its own unit."""
     corrected = {}
     for k, joint in enumerate(joint_columns(machine)):
-        unit = table.unit(joint.name, machine.units.of_joint(joint.unit), joint.unit)
-        corrected[joint.name] = convert(found.command[:, k], joint.unit, unit)
+        unit = column_unit(table, joint, machine.units)
+        commanded = convert(table.numbers(joint.name), unit, joint.unit)
+        turns = whole_turns(joint, commanded - found.nominal[:, k])
+        corrected[joint.name] = convert(found.command[:, k] + turns, joint.unit, unit)
     headers = {c.name: c.name if c.unit is None else f"{c.name} [{c.unit}]" for c in table.columns}
     return pd.DataFrame(
         {
@@ -93,6 +99,12 @@ def commands(table: Table, machine: Machine, found: Compensation) -> pd.DataFram
             for name, header in headers.items()
         }
     )
+
+
+def whole_turns(joint: JointColumn, apart: Array) -> Array:
+    """Return of differences (n,) of a joint's readings what is whole turns, or what its readings come modulo."""
+    period = joint.wrap or joint.turn
+    return period * np.round(apart / period) if period else np.zeros_like(apart)
 
 
 def _with_joints(machine: Machine, table: Table, columns: Mapping[str, str]) -> tuple[Table, tuple[str, ...]]:
@@ -108,7 +120,7 @@ def _with_joints(machine: Machine, table: Table, columns: Mapping[str, str]) -> 
     solver = PoseSolver(machine, ideal_constants(machine, symbolic_model(machine, machine.effects)))
     q = _nominal_joints(solver, table, poses)
     joints = {
-        joint.name: convert(q[:, k], joint.unit, units.of_joint(joint.unit))
+        joint.name: convert(q[:, k], joint.unit, joint.written_in(units))
         for k, joint in enumerate(joint_columns(machine))
     }
     return table.with_numbers(joints), _not_met(solver, table, poses, q)
@@ -182,4 +194,4 @@ def _check_reach(table: Table, rows: NDArray[np.intp], found: Inverse) -> None:
     )
 
 
-__all__ = ["POSE", "commands", "load_path"]
+__all__ = ["POSE", "commands", "load_path", "whole_turns"]

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import InputError, ReadBackError
-from truepose.identification.compensation.path_table import load_path
+from truepose.identification.compensation.path_table import load_path, whole_turns
+from truepose.identification.recording.load import joint_columns
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
@@ -19,12 +20,14 @@ ROUNDING = 1e-12
 def check_commands(file: Path, machine: Machine, command: Array, name: str) -> None:
     """Raise ReadBackError, which ``name`` opens, unless a path's file holds the readings ``command`` (n, nq), mm and rad."""
     try:
-        found = load_path(machine, file)[1].q
+        found = load_path(machine, file)[1].q.copy()
     except InputError as exc:
         told = str(exc).replace(f"{file}: ", "")
         raise ReadBackError(f"{name}: what was to be written cannot be read: {told}") from exc
     if found.shape != command.shape:
         raise ReadBackError(f"{name}: what was to be written has {len(found)} rows, expected {len(command)}")
+    for k, joint in enumerate(joint_columns(machine)):
+        found[:, k] += whole_turns(joint, command[:, k] - found[:, k])
     same = np.isclose(found, command, rtol=ROUNDING, atol=ROUNDING)
     if not same.all():
         row, k = np.argwhere(~same)[0]

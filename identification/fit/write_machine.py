@@ -135,7 +135,7 @@ def _seen(estimate: Estimate, recording: Recording) -> dict[str, tuple[float, fl
     """
     if not estimate.effects:
         return {}
-    columns = dict(zip(recording.joints, recording.q.T, strict=True))
+    columns = dict(zip(recording.joints, recording.moved.T, strict=True))
     for name in dict.fromkeys(d for effect in estimate.effects for d in effect.drivers):
         values = recording.driver(name)
         if values is not None:

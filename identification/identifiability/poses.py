@@ -14,6 +14,7 @@ from truepose.identification.fit.leastsquares import triangular
 from truepose.identification.fit.problem import Prior
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
+from truepose.models.couplings import coupling_matrix
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
@@ -43,6 +44,7 @@ def drawn_poses(machine: Machine, n: int, seed: int = SEED) -> Recording:
     q = low + (high - low) * np.random.default_rng(seed).random((n, len(low)))
     return Recording(
         joints=machine.mechanism.readings,
+        uncoupling=coupling_matrix(machine.mechanism),
         q=q,
         observations={},
         labels={},

@@ -22,6 +22,7 @@ from truepose.identification.fit.problem import prior_of
 from truepose.identification.prediction.predictor import Predictor, require_sensor
 from truepose.identification.recording.recording import Recording, frozen
 from truepose.models import lie
+from truepose.models.couplings import coupling_matrix
 from truepose.models.home import coordinate_scale
 from truepose.models.kinematics import SymbolicModel
 from truepose.models.machine import Machine
@@ -269,6 +270,7 @@ def _recording(machine: Machine, q: Array) -> Recording:
     rows = np.arange(n)
     return Recording(
         joints=machine.mechanism.readings,
+        uncoupling=coupling_matrix(machine.mechanism),
         q=frozen(q.copy()),
         observations={},
         labels={},

@@ -17,7 +17,7 @@ def rounded(q: Array, machine: Machine, step: float) -> Array:
     for k, actuator in enumerate(machine.mechanism.actuators):
         if actuator.range is None:
             continue
-        unit = machine.units.of_joint(actuator.reading_unit)
+        unit = machine.column_unit(actuator.reading)
         low, high = (convert(end, actuator.reading_unit, unit) for end in actuator.range)
         places = decimals(np.array([high - low]), step)
         values = np.round(convert(q[:, k], actuator.reading_unit, unit), places)

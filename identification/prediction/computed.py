@@ -12,8 +12,8 @@ def computed_displacements(model: SymbolicModel) -> ca.SX:
     """(k,) mm or rad, of the joints that formulas move; no number where a formula has no value."""
     machine, values = model.machine, model.values
     laws = [follower.law for follower in machine.mechanism.followers if follower.law is not None]
-    q = dict(zip(model.readings, ca.vertsplit(model.q), strict=True))
-    own = {name: displacement_of(machine, name, values, q) for name in model.readings} if laws else {}
+    q = model.moved if laws else {}
+    own = {name: displacement_of(machine, name, values, q) for name in q}
     return ca.vertcat(ca.SX(0, 1), *(law.value(own, values, bounded=False) for law in laws))
 
 

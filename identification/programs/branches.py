@@ -18,6 +18,7 @@ from truepose.errors import InputError
 from truepose.identification.compensation.inverse import PoseSolver
 from truepose.identification.programs.configurations import Configuration
 from truepose.identification.programs.shape import ArmShape
+from truepose.models.couplings import turns_freely
 from truepose.models.machine import Machine
 
 Array = NDArray[np.float64]
@@ -45,6 +46,7 @@ class Branches:
     def __init__(self, machine: Machine, solver: PoseSolver) -> None:
         self._solver = solver
         self._actuators = machine.mechanism.actuators
+        self._free = [turns_freely(machine.mechanism, name) for name in machine.mechanism.readings]
         self._starts = np.vstack([solver.model.q_home, self._spread(STARTS)])
         try:
             self._shape: ArmShape | None = ArmShape(
@@ -120,7 +122,7 @@ class Branches:
     def _turns(self, q: Array) -> Array:
         """Solutions (m, nq) with those that differ by a whole turn of joints, in their ranges."""
         for k, actuator in enumerate(self._actuators):
-            if actuator.reading_unit != "rad":
+            if not self._free[k]:
                 continue
             low, high = actuator.range or (-_TURN, _TURN)
             both = np.concatenate([q + turn * np.eye(q.shape[1])[k] for turn in (0.0, _TURN, -_TURN)])
@@ -129,7 +131,7 @@ class Branches:
 
     def _apart(self, q: Array, other: Array) -> float:
         """Largest difference of two solutions (nq,), whole turns aside."""
-        turns = np.array([_TURN if a.reading_unit == "rad" else np.inf for a in self._actuators])
+        turns = np.where(self._free, _TURN, np.inf)
         apart = q - other
         return float(
             np.max(np.abs(np.where(np.isinf(turns), apart, np.remainder(apart + np.pi, _TURN) - np.pi)))

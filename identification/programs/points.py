@@ -118,7 +118,7 @@ def _kinds(machine: Machine) -> Mapping[str, str]:
 def _unit(machine: Machine, name: str, kind: str, stated: str | None, *, joints: bool) -> str:
     if stated is not None:
         return parse_unit(stated, kind, f"table: column {name!r}")
-    return machine.units.of_joint(kind) if joints else machine.units.written(kind)
+    return machine.column_unit(name) if joints else machine.units.written(kind)
 
 
 def _form(units: Mapping[str, str], *, joints: bool) -> RotationVector:

@@ -14,12 +14,19 @@ from truepose.errors import InputError
 from truepose.identification.recording.arrow_columns import ArrowCells
 from truepose.identification.recording.history import latest_earlier_row
 from truepose.identification.recording.ignored import ignored_columns, untried_columns
+from truepose.identification.recording.joint_column import (
+    JointColumn,
+    column_unit,
+    joint_readings,
+    sized,
+    turned_notes,
+)
 from truepose.identification.recording.names import in_known_case, missing_column
 from truepose.identification.recording.table import Table, read_table
 from truepose.identification.recording.times import Times, read_times
 from truepose.models.column_names import OF_ROWS
 from truepose.models.driver import APPROACH, MEASURED_LOADS, VELOCITY, DeclaredDriver, Driver
-from truepose.models.limits import LARGEST, LATEST
+from truepose.models.limits import LATEST
 from truepose.models.units import FloatArray, UnitSystem, convert
 from truepose.wording import shortened
 
@@ -29,20 +36,8 @@ LABEL: Final = "label"
 LOGGED: Final = ("payload", "pressure", "humidity")
 OF_JOINTS: Final = (APPROACH, VELOCITY, *MEASURED_LOADS)
 _ROLES: Final = ("calibration", "validation")
-SLACK: Final = 0.05
-"""Share of a range's width that readings may be beyond it: commands overshoot a little."""
 _NAMED: Final = 4
 """Lost readings that a note names."""
-
-
-@dataclass(frozen=True)
-class JointColumn:
-    """A joint's column: `unit` "mm" or "rad" (readings are converted to it), or another such as "turn"
-    (kept as recorded); `range` in that unit, None for any value."""
-
-    name: str
-    unit: str
-    range: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -92,17 +87,18 @@ def read_part(
     _check_there(table, (*names, *needed), unread, (*names, *sensor_columns, *logged, *OF_ROWS))
     present = {name: unit for name, unit in sensor_columns.items() if name in table}
     readings = {name: unit for name, unit in present.items() if unit != LABEL}
-    said = {j.name: table.unit(j.name, units.of_joint(j.unit), j.unit) for j in joints}
+    said = {j.name: column_unit(table, j, units) for j in joints}
     said |= {name: table.unit(name, units.written(unit), unit) for name, unit in readings.items()}
     observations = {n: _reading(table, n, said[n], unit) for n, unit in readings.items()}
     times = read_times(table) if "time" in table else None
     time = None if times is None else _sized(table, "time", times.seconds, times.seconds, LATEST)
     pose = table.integers("pose") if "pose" in table else None
     drivers = _drivers(table, joints, units, declared)
+    q = {joint.name: joint_readings(table, joint, said[joint.name]) for joint in joints}
     known = {*names, *sensor_columns, *drivers, *OF_ROWS}
     return RecordingPart(
         file=table.file,
-        q=np.column_stack([_joint(table, joint, said[joint.name]) for joint in joints]),
+        q=np.column_stack(list(q.values())),
         observations=observations,
         labels={name: table.texts(name) for name, unit in present.items() if unit == LABEL},
         drivers=drivers,
@@ -115,6 +111,7 @@ def read_part(
         notes=(
             *table.notes,
             *_lost(table.file, observations),
+            *turned_notes(table, joints, q, said),
             *ignored_columns(table, known, {*LOGGED, *_of_joints(joints)}),
         ),
         said=said,
@@ -153,7 +150,7 @@ def written_units(
     declared: Sequence[DeclaredDriver] = (),
 ) -> dict[str, tuple[str, str]]:
     """Of each column with a unit, the internal one and that of a file of such `units`, unless its header says otherwise."""
-    internal, written = {j.name: j.unit for j in joints}, {j.name: units.of_joint(j.unit) for j in joints}
+    internal, written = {j.name: j.unit for j in joints}, {j.name: j.written_in(units) for j in joints}
     out = {name: (unit, written[name]) for name, unit in internal.items()}
     out |= {name: (unit, units.written(unit)) for name, unit in sensor_columns.items() if unit != LABEL}
     out |= {n: (Driver.of(n).unit(internal), Driver.of(n).unit(written)) for n in drivers}
@@ -195,49 +192,18 @@ def _unread(file: str, observations: Mapping[str, FloatArray]) -> list[str]:
 def _converted(table: Table, name: str, default: str, internal: str) -> FloatArray:
     values = table.numbers(name)
     converted = convert(values, table.unit(name, default, internal), internal, table.where(name))
-    return _sized(table, name, values, converted, LATEST)
-
-
-def _sized(
-    table: Table, name: str, recorded: FloatArray, values: FloatArray, largest: float = LARGEST
-) -> FloatArray:
-    """The values of a column, none of them so large that no instrument reads it; as ``recorded`` in messages."""
-    bad = np.flatnonzero(np.abs(values) > largest)
-    if bad.size:
-        row = int(bad[0])
-        raise InputError(
-            f"{table.where(name, row)}: found {recorded[row]:g}, expected at most {largest:g} by size in the program's units"
-        )
-    return values
-
-
-def _joint(table: Table, joint: JointColumn, unit: str) -> FloatArray:
-    recorded = table.numbers(joint.name)
-    readings = _sized(table, joint.name, recorded, convert(recorded, unit, joint.unit))
-    if joint.range is None:
-        return readings
-    low, high = joint.range
-    slack = SLACK * (high - low)
-    bad = np.flatnonzero((readings < low - slack) | (readings > high + slack))
-    if bad.size:
-        row = int(bad[0])
-        low, high = convert(low, joint.unit, unit), convert(high, joint.unit, unit)
-        raise InputError(
-            f"{table.where(joint.name, row)}: found {recorded[row]:.6g} {unit}, "
-            f"expected a value in the joint's range [{low:.6g}, {high:.6g}] {unit}"
-        )
-    return readings
+    return sized(table, name, values, converted, LATEST)
 
 
 def _reading(table: Table, name: str, unit: str, internal: str) -> FloatArray:
     recorded = table.readings(name)
-    return _sized(table, name, recorded, convert(recorded, unit, internal, table.where(name)))
+    return sized(table, name, recorded, convert(recorded, unit, internal, table.where(name)))
 
 
 def _drivers(
     table: Table, joints: Sequence[JointColumn], units: UnitSystem, declared: Sequence[DeclaredDriver]
 ) -> dict[str, FloatArray]:
-    written, internal = {j.name: units.of_joint(j.unit) for j in joints}, {j.name: j.unit for j in joints}
+    written, internal = {j.name: j.written_in(units) for j in joints}, {j.name: j.unit for j in joints}
     temperatures = [name for name in table.names if Driver.of(name).thermal]
     out = {d.name: _declared(table, d) for d in declared if d.name in table}
     for name in (*LOGGED, *temperatures, *_of_joints(joints)):
@@ -253,7 +219,7 @@ def _drivers(
 def _declared(table: Table, driver: DeclaredDriver) -> FloatArray:
     """A declared column; one whose unit nobody stated stays as it was recorded."""
     if not driver.unit:
-        return _sized(table, driver.name, numbers := table.numbers(driver.name), numbers, LATEST)
+        return sized(table, driver.name, numbers := table.numbers(driver.name), numbers, LATEST)
     return _converted(table, driver.name, driver.written, driver.unit)
 
 

@@ -14,14 +14,16 @@ from typing import Any, TypeAlias
 import pandas as pd
 
 from truepose.errors import InputError
-from truepose.identification.recording.angle_range import center_turns
-from truepose.identification.recording.file import LABEL, JointColumn
+from truepose.identification.recording.angle_range import TURN, unfold_readings
+from truepose.identification.recording.file import LABEL
+from truepose.identification.recording.joint_column import JointColumn
 from truepose.identification.recording.memory_tables import is_table
 from truepose.identification.recording.names import in_known_case
 from truepose.identification.recording.own_equipment import begun, with_own_equipment
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.table import Table, read_table, table_in_memory
+from truepose.models.couplings import coupling_matrix, turns_freely
 from truepose.models.machine import Machine
 
 Source: TypeAlias = "str | os.PathLike[str] | Table | pd.DataFrame | Mapping[str, Any]"
@@ -31,7 +33,18 @@ Sources: TypeAlias = "Source | Sequence[Source]"
 
 def joint_columns(machine: Machine) -> list[JointColumn]:
     """What the joints' columns of a recording of this machine hold."""
-    return [JointColumn(a.reading, a.reading_unit, a.range) for a in machine.mechanism.actuators]
+    return [
+        JointColumn(
+            a.reading,
+            a.reading_unit,
+            a.range,
+            written=machine.column_unit(a.reading),
+            counted=a.counted is not None,
+            wrap=a.wrap,
+            turn=TURN if turns_freely(machine.mechanism, a.reading) else None,
+        )
+        for a in machine.mechanism.actuators
+    ]
 
 
 def tables(source: Sources, readings: Sequence[str] = ()) -> list[Table]:
@@ -95,7 +108,8 @@ def load_recording(
         shuffled=shuffled,
         begun=begun(machine, [table.file for table in files]),
     )
-    recording = center_turns(machine, with_own_equipment(machine, recording))
+    recording = replace(recording, uncoupling=coupling_matrix(machine.mechanism))
+    recording = unfold_readings(machine, with_own_equipment(machine, recording))
     notes = (*machine.notes, *_without_force(machine, files))
     return replace(recording, notes=(*notes, *recording.notes)) if notes else recording
 

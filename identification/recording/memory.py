@@ -31,12 +31,12 @@ _NUMBERS: Final = {"stop": (1, 2), "loop": (3, 4), "creep": (1, 2)}
 
 
 class Logged(Protocol):
-    """What remembering needs of a recording of n rows: q (n, nq), all else (n,); see `Recording`."""
+    """What remembering needs of a recording of n rows: moved (n, nq), all else (n,); see `Recording`."""
 
     @property
     def joints(self) -> tuple[str, ...]: ...
     @property
-    def q(self) -> FloatArray: ...
+    def moved(self) -> FloatArray: ...
     @property
     def drivers(self) -> Mapping[str, FloatArray]: ...
     @property
@@ -83,7 +83,7 @@ def from_order(whole: Logged, driver: Driver) -> FloatArray | None:
     if whole.shuffled or driver.place not in whole.joints:
         return None
     order, joint = whole.order, whole.joints.index(driver.place)
-    pieces, readings = _pieces(whole)[order], whole.q[order]
+    pieces, readings = _pieces(whole)[order], whole.moved[order]
     bands = TREMBLING * np.ptp(readings, axis=0) if len(readings) else np.zeros(len(whole.joints))
     out = np.empty(len(whole))
     if driver.kind == STEP:
@@ -113,7 +113,7 @@ def _stop(whole: Logged, joint: str, numbers: list[float]) -> FloatArray:
     order = whole.order
     recorded = whole.drivers.get(Driver(APPROACH, joint).name)
     approach = np.zeros(len(whole)) if recorded is None else np.sign(recorded)
-    readings = whole.q[:, whole.joints.index(joint)]
+    readings = whole.moved[:, whole.joints.index(joint)]
     out = np.empty(len(whole))
     out[order] = stop_operator(readings[order], approach[order], _pieces(whole)[order], *numbers)
     return out
@@ -121,7 +121,7 @@ def _stop(whole: Logged, joint: str, numbers: list[float]) -> FloatArray:
 
 def _loop(whole: Logged, joint: str, numbers: list[float]) -> FloatArray:
     half_width, low, high, *overshoot = numbers
-    readings = whole.q[:, whole.joints.index(joint)]
+    readings = whole.moved[:, whole.joints.index(joint)]
     return _stop(whole, joint, [half_width, *overshoot]) - line_of_full_loop(readings, half_width, low, high)
 
 
@@ -130,7 +130,7 @@ def _creep(whole: Logged, joint: str, numbers: list[float]) -> FloatArray | None
         return None
     order = whole.order
     out = np.empty(len(whole))
-    readings = whole.q[:, whole.joints.index(joint)]
+    readings = whole.moved[:, whole.joints.index(joint)]
     pieces = _pieces_of_clock(whole, order)
     order = order[np.argsort(pieces[order], kind="stable")]  # one clock after another
     out[order] = creep_sum(whole.time[order], readings[order], pieces[order], *numbers)

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from truepose.errors import InputError
-from truepose.identification.recording.file import JointColumn, RecordingPart, read_part, written_units
+from truepose.identification.recording.file import RecordingPart, read_part, written_units
+from truepose.identification.recording.joint_column import JointColumn
 from truepose.identification.recording.origin import digest_of, recorded_on, says_shuffled
 from truepose.identification.recording.recording import IntArray, Recording, frozen
 from truepose.identification.recording.table import Table

@@ -43,7 +43,8 @@ class Recording(Shown):
     SHA-256 of each file and the day that its comments name, empty where there is none. untried: columns of numbers that were
     left out because nobody declared them. shuffled: that rows next to each other are declared to be no visits one after the
     other, so that their order tells nothing of how a joint came. reading_errors: estimated noise of the joints' readings,
-    known only where rows are compared with each other (`truepose.identification.fit.reading_errors`).
+    known only where rows are compared with each other (`truepose.identification.fit.reading_errors`). uncoupling: takes
+    readings to the joints' own motions where some hold the motion of others (`truepose.models.couplings`).
     """
 
     shown_by: ClassVar[str] = "truepose.identification.recording.recording_view"
@@ -70,6 +71,7 @@ class Recording(Shown):
     untried: tuple[str, ...] = ()
     shuffled: bool = False
     reading_errors: FloatArray | None = None  # (n, n_joints)
+    uncoupling: FloatArray | None = None  # (n_joints, n_joints)
     _whole: Recording | None = None
     _rows: IntArray | None = None
     _told: dict[str, FloatArray | None] = field(default_factory=dict, init=False)
@@ -90,6 +92,11 @@ class Recording(Shown):
     def positions(self) -> FloatArray:
         """Joint readings without their estimated errors, shape (n, n_joints): where a model is evaluated."""
         return self.q if self.reading_errors is None else self.q - self.reading_errors
+
+    @property
+    def moved(self) -> FloatArray:
+        """Own motions of the joints in the units of their readings, shape (n, n_joints)."""
+        return self.q if self.uncoupling is None else frozen(self.q @ self.uncoupling.T)
 
     @property
     def whole(self) -> Recording:
@@ -166,14 +173,14 @@ class Recording(Shown):
         return order[rows[order]]
 
     def columns(self, *, smooth: bool = False) -> dict[str, FloatArray]:
-        """(n,) values of all that was varied, by name: the joints' readings, then every logged driver, time last.
+        """(n,) values of all that was varied, by name: the joints' own motions, then every logged driver, time last.
 
         smooth: of the drivers only those that an error may be a smooth function of (`Driver.smooth`). In the units of `q`
         and of `truepose.models.driver`.
         """
         logged = [name for name in self.logged if not smooth or self._bends_any(Driver.of(name))]
         found = {name: self.driver(name) for name in logged}
-        readings = dict(zip(self.joints, self.q.T, strict=True))
+        readings = dict(zip(self.joints, self.moved.T, strict=True))
         return readings | {name: values for name, values in found.items() if values is not None}
 
     def _bends_any(self, driver: Driver) -> bool:

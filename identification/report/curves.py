@@ -148,7 +148,7 @@ def _evaluated(
     The period is infinite where it is drawn over all that was measured.
     """
     recording, fit = diagnosis.recording, diagnosis.after
-    measured = recording.q[:, recording.joints.index(reading)]
+    measured = recording.moved[:, recording.joints.index(reading)]
     shift = found.shifts[port]
     inputs, slopes_by = [found.q[reading], found.coefficients], ca.jacobian(shift, found.coefficients)
     values = BatchFunction("shift", inputs, [shift])

@@ -58,9 +58,9 @@ def order_column(recording: Recording) -> Column:
 
 
 def joint_column(machine: Machine, recording: Recording, name: str) -> Column:
-    """A joint's readings, angles in degrees."""
+    """A joint's own motion, angles in degrees."""
     factor, unit = reading_unit(machine, name)
-    values = recording.q[:, recording.joints.index(name)]
+    values = recording.moved[:, recording.joints.index(name)]
     return Column(name, f"{name} [{unit}]", values * factor)
 
 

@@ -59,7 +59,7 @@ def poses(found: Plan) -> str:
     """Where the poses lie in the joints' ranges."""
     values, ends = {}, {}
     for k, actuator in enumerate(found.machine.mechanism.actuators[:SHOWN]):
-        unit = found.machine.units.of_joint(actuator.reading_unit)
+        unit = found.machine.column_unit(actuator.reading)
         column = convert(found.q[:, k], actuator.reading_unit, unit)
         low, high = actuator.range or (float(found.q[:, k].min()), float(found.q[:, k].max()))
         ends[actuator.reading] = tuple(convert(end, actuator.reading_unit, unit) for end in (low, high))

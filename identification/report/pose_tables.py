@@ -55,7 +55,7 @@ def experiment_table(experiment: Experiment) -> pd.DataFrame:
         data[TIME] = _one_by_one(drivers.pop(TIME))
     data |= _joints(q, machine)
     joints = machine.mechanism.reading_units
-    columns = {name: machine.units.of_joint(unit) for name, unit in joints.items()}
+    columns = {name: machine.column_unit(name) for name in joints}
     for name, values in drivers.items():
         known, driver = machine.declared(name), Driver.of(name)
         units = (known.unit, known.written) if known else (driver.unit(joints), driver.unit(columns))
@@ -68,7 +68,7 @@ def _joints(q: Array, machine: Machine) -> dict[str, NDArray[np.float64] | NDArr
     """Joint values (n, nq) by column, in the units of the machine file."""
     data: dict[str, NDArray[np.float64] | NDArray[np.int64]] = {}
     for k, actuator in enumerate(machine.mechanism.actuators):
-        written = convert(q[:, k], actuator.reading_unit, machine.units.of_joint(actuator.reading_unit))
+        written = convert(q[:, k], actuator.reading_unit, machine.column_unit(actuator.reading))
         # what is left of the conversion's rounding would make long numbers of short ones
         data[actuator.reading] = np.round(written, decimals(written, _FINEST)) + 0.0
     return data

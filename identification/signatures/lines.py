@@ -107,7 +107,7 @@ def proposed(signatures: Signatures, fit: Estimate, cat: Catalogue) -> Catalogue
 
 def _spectra(signatures: Signatures, fit: Estimate) -> Iterator[tuple[str, Spectrum, float]]:
     """Each turning joint with what the fit leaves of it, and the arc (rad) that it was seen over."""
-    machine, q = signatures.machine, signatures.recording.q
+    machine, q = signatures.machine, signatures.recording.moved
     actuators = [a for a in machine.mechanism.actuators if a.unit == "rad"]
     score, weight, rows = signatures.scores(fit, [a.displacement for a in actuators])
     for k, actuator in enumerate(actuators):
@@ -140,7 +140,7 @@ def _series(found: Spectrum, held: set[int], rows: int) -> Iterator[Mapping[str,
 
 def _arc(signatures: Signatures, fit: Estimate, joint: str) -> tuple[float, float]:
     whole = signatures.recording.whole  # settings are the same for all that have some of its rows
-    own = whole.q[~whole.validation, signatures.machine.mechanism.readings.index(joint)]
+    own = whole.moved[~whole.validation, signatures.machine.mechanism.readings.index(joint)]
     return float(own.min()), float(own.max())
 
 

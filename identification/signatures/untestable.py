@@ -137,7 +137,7 @@ def still_sources(machine: Machine, recording: Recording) -> frozenset[str]:
     A joint moves by less than ``LEAST_TRAVEL`` of its range, or a thermometer by less than ``STEPS`` of its last digit.
     """
     rows = ~recording.validation
-    joints = zip(recording.joints, recording.q[rows].T, strict=True)
+    joints = zip(recording.joints, recording.moved[rows].T, strict=True)
     still = {name for name, v in joints if np.ptp(v) < LEAST_TRAVEL * np.ptp(travel_of(machine, name))}
     measured = {name: v[rows] for name, v in recording.drivers.items() if Driver.of(name).thermal}
     return frozenset(still | {name for name, v in measured.items() if np.ptp(v) < STEPS * _resolution(v)})

@@ -10,37 +10,24 @@ the next one; those of the last row come after its motion: they are the fixed ``
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
-from pydantic import model_validator
-
+from truepose.models.builders.driven import Driven
 from truepose.models.context import BuildContext
-from truepose.models.fields import Angle, Length, Pitch, Range, Ratio, Section, bad_value
+from truepose.models.fields import Angle, Length, Section
 
 CONVENTIONS = ("khalil", "modified", "standard")
-_KEPT = ("range", "gear_ratio", "screw_pitch")
+_KEPT = tuple(Driven.model_fields)
 """Fields of a joint that are no constants of the table."""
 
 
-class ChainJoint(Section):
+class ChainJoint(Driven):
     """What a row of a table says of its joint beside the constants."""
 
     name: str
     """Name of the joint and of the recording's column of its readings."""
     kind: Literal["revolute", "prismatic"]
     """Whether it turns about its z axis or slides along it."""
-    range: Range | None = None
-    """Lowest and highest reading. Readings outside by more than 5 % of the width are refused; plans stay within it."""
-    gear_ratio: Ratio | None = None
-    """Turns of the motor for one of the joint; errors that repeat with it are looked for."""
-    screw_pitch: Pitch | None = None
-    """Travel for one turn of the screw: errors that repeat with it are looked for."""
-
-    @model_validator(mode="after")
-    def _ordered(self) -> Self:
-        if self.range and self.range[0] >= self.range[1]:
-            raise bad_value("range: [low, high] with low < high", self.range)
-        return self
 
 
 class DhJoint(ChainJoint):

@@ -13,6 +13,7 @@ from pydantic import Field, model_validator
 
 from truepose.errors import InputError
 from truepose.models.builders.base import builders
+from truepose.models.builders.driven import Driven, Encoder
 from truepose.models.builders.followers import Mimic, check_lengths, law_of, ratio_name, ratio_unit
 from truepose.models.builders.limbs import limbs_of, thermal_lengths
 from truepose.models.context import BuildContext
@@ -22,15 +23,12 @@ from truepose.models.fields import (
     Length,
     LengthVector,
     Number,
-    Pitch,
-    Range,
-    Ratio,
     Section,
     Vector,
     bad_value,
 )
 from truepose.models.lie import unit_vector
-from truepose.models.mechanism import BASE, COORDINATES, Actuator, Follower, Joint, Mechanism, Step
+from truepose.models.mechanism import BASE, COORDINATES, Follower, Joint, Mechanism, Step
 from truepose.models.parameters import Parameter
 from truepose.models.units import convert
 from truepose.wording import close_matches
@@ -44,7 +42,7 @@ PLATFORM = "platform"
 Home = Annotated[float | tuple[float, ...], Field()]
 
 
-class GraphJoint(Section):
+class GraphJoint(Driven):
     """A joint: its frame in the parent (``xyz``, ``rpy``), then its motion about or along ``axis``."""
 
     name: str = Field(min_length=1)
@@ -71,17 +69,14 @@ class GraphJoint(Section):
     """Lengths that the formula names, such as a linkage's bars: parameters `J.NAME`."""
     offset: Annotated[Number, In("reading")] = 0.0
     """Added to the reading, or to what `mimic` or `computed` says."""
-    range: Range | None = None
-    """Lowest and highest reading. Readings outside by more than 5 % of the width are refused; plans stay within it."""
-    gear_ratio: Ratio | None = None
-    """Turns of the motor for one of the joint; errors that repeat with it are looked for."""
-    screw_pitch: Pitch | None = None
-    """Travel for one turn of the screw: errors that repeat with it are looked for."""
 
     @model_validator(mode="after")
     def _sound(self) -> GraphJoint:
-        if self.range and self.range[0] >= self.range[1]:
-            raise bad_value("range: [low, high] with low < high", self.range)
+        for key in Encoder.model_fields:
+            if getattr(self, key) and not self.actuated:
+                raise bad_value(
+                    f"{key} beside `actuated: true`: no other joint has a column", getattr(self, key)
+                )
         if self.actuated and self.kind not in _ONE_AXIS:
             raise bad_value("actuated: true on a revolute or prismatic joint only", self.kind)
         if self.follows and (self.actuated or self.kind not in _ONE_AXIS):
@@ -158,7 +153,17 @@ def mechanism_of(parsed: Graph, context: BuildContext) -> Mechanism:
         start = () if joint.actuated or joint.carried else home.get(joint.name, ())
         joints.append(Joint(joint.name, joint.kind, parent, child, placement, tuple(axis), start))
         if joint.actuated:
-            actuators.append(_actuator(joint, home.get(joint.name), context))
+            own, offset = home.get(joint.name), f"{joint.name}.offset"
+            actuators.append(
+                joint.actuator(
+                    joint.name,
+                    joint.name,
+                    joint.dimension,
+                    context,
+                    offset=offset,
+                    home=own[0] if own else None,
+                )
+            )
     mechanism = Mechanism(
         tuple(parameters),
         tuple(joints),
@@ -207,22 +212,6 @@ def _follower(place: int, parsed: Graph, context: BuildContext) -> Follower:
         check_lengths(joint.lengths, driven, where)
         law = law_of(joint.computed, joint.name, joint.dimension, driven, joint.lengths, context, where)
     return Follower(joint.name, joint.unit, f"{joint.name}.offset", terms, law)
-
-
-def _actuator(joint: GraphJoint, home: tuple[float, ...] | None, context: BuildContext) -> Actuator:
-    units = context.file.units
-    low_high = joint.range and tuple(units.to_internal(v, joint.dimension) for v in joint.range)
-    return Actuator(
-        joint.name,
-        joint.name,
-        joint.unit,
-        joint.unit,
-        offset=f"{joint.name}.offset",
-        range=(low_high[0], low_high[1]) if low_high else None,
-        gear_ratio=joint.gear_ratio,
-        screw_pitch=joint.screw_pitch,
-        home=home[0] if home else None,
-    )
 
 
 def _homes(parsed: Graph, context: BuildContext) -> dict[str, tuple[float, ...]]:

@@ -10,10 +10,10 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import model_validator
 
 from truepose.errors import InputError
 from truepose.models.builders.base import builders
+from truepose.models.builders.driven import Driven
 from truepose.models.builders.flexures import Bar, Flexure, Model, flexed
 from truepose.models.context import BuildContext
 from truepose.models.fields import (
@@ -22,12 +22,8 @@ from truepose.models.fields import (
     Length,
     LengthVector,
     Number,
-    Pitch,
-    Range,
-    Ratio,
     Section,
     Vector,
-    bad_value,
 )
 from truepose.models.lie import unit_vector
 from truepose.models.mechanism import BASE, Actuator, Direction, Joint, Limb, Mechanism, Rod, Step
@@ -38,7 +34,7 @@ _POINT = ("x", "y", "z")
 LEGS = 6
 
 
-class _Leg(Section):
+class _Leg(Driven):
     name: str
     """What the leg is called in parameters and places: `leg1`."""
     joint: str
@@ -51,18 +47,6 @@ class _Leg(Section):
     """Added to gain * reading: the leg's length at reading 0 of a 6-UPS, the slider's zero of a 6-PUS."""
     gain: Gain = 1.0
     """Length for one unit of the reading; 1 unless `units.joint` says that readings are no lengths."""
-    range: Range | None = None
-    """Lowest and highest reading. Readings outside by more than 5 % of the width are refused; plans stay within it."""
-    screw_pitch: Pitch | None = None
-    """Travel for one turn of the screw: errors that repeat with it are looked for."""
-    gear_ratio: Ratio | None = None
-    """Turns of the motor for one of the joint; errors that repeat with it are looked for."""
-
-    @model_validator(mode="after")
-    def _ordered(self) -> _Leg:
-        if self.range and self.range[0] >= self.range[1]:
-            raise bad_value("range: [low, high] with low < high", self.range)
-        return self
 
 
 class PusLeg(_Leg):
@@ -214,22 +198,8 @@ def _names(leg: str, point: str) -> tuple[str, str, str]:
 
 
 def _actuator(leg: _Leg, drives: str, context: BuildContext) -> Actuator:
-    units = context.file.units
-    limits = (
-        None
-        if leg.range is None
-        else (units.to_internal(leg.range[0], "joint"), units.to_internal(leg.range[1], "joint"))
-    )
-    return Actuator(
-        leg.joint,
-        drives,
-        "mm",
-        units.internal("joint"),
-        f"{leg.name}.offset",
-        f"{leg.name}.gain",
-        limits,
-        leg.gear_ratio,
-        leg.screw_pitch,
+    return leg.actuator(
+        leg.joint, drives, "joint", context, offset=f"{leg.name}.offset", gain=f"{leg.name}.gain"
     )
 
 

@@ -13,9 +13,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Annotated, Any, Literal
 
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from truepose.models.builders.base import builders
+from truepose.models.builders.driven import Encoder, with_encoders
 from truepose.models.builders.graph import Graph, mechanism_of
 from truepose.models.context import BuildContext
 from truepose.models.fields import In, Length, Number, Pitch, Section, bad_value
@@ -49,6 +50,8 @@ class Hybrid(Section):
     """Range of the wrist's angles q4, q5 and q6."""
     screw_pitch: Pitch | None = None
     """Travel of a limb for one turn of its screw: errors that repeat with it are looked for."""
+    encoders: dict[str, Encoder] = Field(default_factory=dict)
+    """What columns of joints hold, by the joint's name: `q5: {coupled: {q4: 1}}`."""
 
     @model_validator(mode="after")
     def _ordered(self) -> Hybrid:
@@ -67,6 +70,7 @@ def hybrid(section: Mapping[str, Any], context: BuildContext) -> Mechanism:
     """The mechanism of its graph, with limbs ``leg1 leg2 leg3``; parameters are those of the graph."""
     parsed = context.parse(Hybrid, section)
     graph = expanded(parsed, context.file.units)
+    graph["joints"] = with_encoders(graph["joints"], section.get("encoders", {}), context.where)
     mechanism = mechanism_of(context.parse(Graph, graph), context)
     return replace(mechanism, expanded=graph, tool_length=parsed.wrist_offset + parsed.head)
 

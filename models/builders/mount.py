@@ -9,16 +9,15 @@ are the other side of the pier. The tube points along x of the flange.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, Literal
-
-from pydantic import model_validator
 
 from truepose.errors import InputError
 from truepose.models.builders.base import builders
+from truepose.models.builders.driven import Driven
 from truepose.models.context import BuildContext
-from truepose.models.fields import Angle, Range, Ratio, Section, bad_value
-from truepose.models.mechanism import BASE, Actuator, Inertial, Joint, Mechanism, Step
+from truepose.models.fields import Angle, Section
+from truepose.models.mechanism import BASE, Inertial, Joint, Mechanism, Step
 from truepose.models.parameters import Parameter
 
 STANDARD_GRAVITY = 9.80665
@@ -31,23 +30,13 @@ SHAFT = "shaft"
 """The body between the two axes: fork, or what the declination axis is fixed to."""
 
 
-class FirstAxis(Section):
+class FirstAxis(Driven):
     """The polar or the vertical axis."""
 
     name: str | None = None
     """Its column of readings: `ha` or `az` where it is left out."""
     offset: Angle = 0.0
     """Added to the reading: the index error (IH; IA counts the other way)."""
-    range: Range | None = None
-    """Lowest and highest reading."""
-    gear_ratio: Ratio | None = None
-    """Turns of the worm or motor for one of the axis; errors that repeat with it are looked for."""
-
-    @model_validator(mode="after")
-    def _ordered(self) -> FirstAxis:
-        if self.range and self.range[0] >= self.range[1]:
-            raise bad_value("range: [low, high] with low < high", self.range)
-        return self
 
 
 class SecondAxis(FirstAxis):
@@ -94,17 +83,8 @@ def mount(section: Mapping[str, Any], context: BuildContext) -> Mechanism:
         Joint(first, "revolute", BASE, SHAFT, axis=(0.0, 0.0, -1.0)),
         Joint(second, "revolute", SHAFT, "tube", (Step("rx", f"{second}.tilt"),), axis=(0.0, -1.0, 0.0)),
     )
-    units = context.file.units
     actuators = tuple(
-        Actuator(
-            name,
-            name,
-            "rad",
-            "rad",
-            offset=f"{name}.offset",
-            range=None if axis.range is None else _limits(axis.range, units.to_internal),
-            gear_ratio=axis.gear_ratio,
-        )
+        axis.actuator(name, name, "angle", context, offset=f"{name}.offset")
         for name, axis in ((first, parsed.first), (second, parsed.second))
     )
     gravity = _gravity(parsed)
@@ -141,10 +121,6 @@ def _gravity(parsed: Mount) -> tuple[float, float, float] | None:
         return None
     along, up = math.cos(parsed.latitude), math.sin(parsed.latitude)
     return (-STANDARD_GRAVITY * along, 0.0, -STANDARD_GRAVITY * up)
-
-
-def _limits(limits: tuple[float, float], to_internal: Callable[[float, str], float]) -> tuple[float, float]:
-    return to_internal(limits[0], "angle"), to_internal(limits[1], "angle")
 
 
 __all__ = ["NAMES", "Mount", "mount"]

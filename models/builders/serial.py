@@ -22,9 +22,8 @@ from truepose.models.builders.base import builders
 from truepose.models.builders.dh_table import CONVENTIONS, ChainJoint, khalil_section, table_frames
 from truepose.models.context import BuildContext
 from truepose.models.fields import Angle, Length, Section
-from truepose.models.mechanism import BASE, Actuator, Joint, Mechanism, Step
+from truepose.models.mechanism import BASE, Joint, Mechanism, Step
 from truepose.models.parameters import Parameter
-from truepose.models.units import UnitSystem
 
 _STEPS = (
     ("ry", "beta", "rad"),
@@ -118,7 +117,8 @@ def _chain(chain: Serial, context: BuildContext) -> Mechanism:
         placement = tuple(Step(kind, f"{row.name}.{field}") for kind, field, _ in _STEPS)
         parent = BASE if k == 1 else f"link{k - 1}"
         joints.append(Joint(row.name, row.kind, parent, f"link{k}", placement))
-        actuators.append(_actuator(row, context.file.units))
+        dimension = "angle" if row.kind == "revolute" else "length"
+        actuators.append(row.actuator(row.name, row.name, dimension, context))
     lengths, flange = _lengths(names), joints[-1].child
     if chain.flange is not None:
         parameters += _flange(chain.flange, names, context)
@@ -139,19 +139,6 @@ def _flange(flange: SerialFlange, names: list[str], context: BuildContext) -> li
         context.parameter(f"{FLANGE}.{field}", unit, values[field], (FLANGE, field))
         for _, field, unit in _FLANGE_STEPS
     ]
-
-
-def _actuator(row: SerialJoint, units: UnitSystem) -> Actuator:
-    unit = "rad" if row.kind == "revolute" else "mm"
-    dimension = "angle" if row.kind == "revolute" else "length"
-    limits = (
-        None
-        if row.range is None
-        else (units.to_internal(row.range[0], dimension), units.to_internal(row.range[1], dimension))
-    )
-    return Actuator(
-        row.name, row.name, unit, unit, range=limits, gear_ratio=row.gear_ratio, screw_pitch=row.screw_pitch
-    )
 
 
 def _lengths(names: list[str]) -> dict[str, tuple[str, ...]]:

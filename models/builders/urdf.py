@@ -18,6 +18,7 @@ from pydantic import Field
 
 from truepose.errors import InputError
 from truepose.models.builders.base import builders
+from truepose.models.builders.driven import Encoder, with_encoders
 from truepose.models.builders.followers import ratio_unit
 from truepose.models.builders.graph import Graph, mechanism_of
 from truepose.models.builders.urdf_file import Robot
@@ -42,6 +43,8 @@ class Urdf(Section):
     """Link where it ends: the flange. Several, `[l_hand, r_hand]`: all that leads to them; the first is the flange."""
     joints: dict[str, str] = Field(default_factory=dict)
     """Other names for joints, `name in the URDF: name in the recording`."""
+    encoders: dict[str, Encoder] = Field(default_factory=dict)
+    """What columns of joints hold, by the joint's name in the recording: `J3: {coupled: {J2: 1}}`."""
 
 
 @builders.add("urdf")
@@ -55,6 +58,7 @@ def urdf(section: Mapping[str, Any], context: BuildContext) -> Mechanism:
     parsed = context.parse(Urdf, section)
     robot = Robot.read(context.file.path.parent / parsed.file)
     graph = expanded(parsed, robot, context.file.units, context.where)
+    graph["joints"] = with_encoders(graph["joints"], section.get("encoders", {}), context.where)
     inertials, notes = inertials_of(robot, graph["bodies"])
     mechanism = mechanism_of(context.parse(Graph, graph), context)
     gravity = gravity_in(robot, parsed.base_link) if inertials else None

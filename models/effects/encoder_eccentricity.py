@@ -41,7 +41,8 @@ class EncoderEccentricity(Effect):
         (place,) = site.place
         joint = _on_load_side(site.machine).get(place)
         actuator = actuator_at(site.machine, joint or place)
-        phase = site.settings.get("order", 1.0) * site.moved(actuator.reading)
+        angle = site.moved(joint) if joint else site.read(actuator.reading)
+        phase = site.settings.get("order", 1.0) * angle
         return {f"{place}.reading" if joint else actuator.displacement: sine_pair(site, phase)}
 
     def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import casadi as ca
+
+from truepose.models.couplings import own_motions
 from truepose.models.driver import VELOCITY, Driver
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
-from truepose.models.effects.common import actuator_at, moves_while_read, sensor_names
+from truepose.models.effects.common import moves_while_read, sensor_names
 from truepose.models.machine import Machine
 from truepose.models.setting_range import SWITCH, ranges
 
@@ -46,11 +49,16 @@ class Latency(Effect):
     def shifts(self, site: Site) -> Shifts:
         out = {}
         with_joints = [each for sensor in site.machine.sensors for each in sensor.joints.items()]
-        for driver in self.drivers(site.machine, site.place, site.settings):
-            actuator = actuator_at(site.machine, Driver.of(driver).place)
+        drivers = self.drivers(site.machine, site.place, site.settings)
+        rates = dict.fromkeys(site.machine.mechanism.readings, ca.SX(0))
+        rates |= {Driver.of(driver).place: site.driver(driver) for driver in drivers}
+        for actuator in site.machine.mechanism.actuators:
+            rate = own_motions(site.machine.mechanism, rates)[actuator.reading]
+            if rate.is_zero():
+                continue
             gain = site.values[actuator.gain] if actuator.gain else 1
-            out[actuator.displacement] = -site.c["tau"] * gain * site.driver(driver)
-            own = site.c["tau"] * gain * site.driver(driver)
+            own = site.c["tau"] * gain * rate
+            out[actuator.displacement] = -own
             out |= {f"{column}.reading": own for column, joint in with_joints if joint == actuator.reading}
         return out
 

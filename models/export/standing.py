@@ -48,7 +48,9 @@ def standing(machine: Machine, values: Mapping[str, float], what: str) -> Standi
     p = np.array([values[name] for name in model.names])
     x = assembled_home(replace(model, p_home=p)) if len(model.home) else model.home
     constants = {name: ca.SX(value) for name, value in values.items()}
-    q = {name: ca.SX(v) for name, v in zip(model.readings, model.q_home.tolist(), strict=True)}
+    q = {
+        name: ca.SX(v) for name, v in zip(model.readings, model.q_home.tolist(), strict=True)
+    }  # none is coupled
     z = {name: ca.SX(v) for name, v in zip(model.drivers, model.z_home.tolist(), strict=True)}
     unknown = ca.SX.sym("x", len(x))
     built = assemble(machine, constants, q, z, unknown)

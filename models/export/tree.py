@@ -13,7 +13,7 @@ from truepose.errors import InputError
 from truepose.models import lie
 from truepose.models.assembly import displacements, frame_of, placed_frame
 from truepose.models.machine import Machine
-from truepose.models.mechanism import AXES, BASE, COORDINATES, Direction, Joint
+from truepose.models.mechanism import AXES, BASE, COORDINATES, Actuator, Direction, Joint
 
 Array = NDArray[np.float64]
 
@@ -159,7 +159,7 @@ def _check(machine: Machine, values: Mapping[str, float], what: str) -> None:
 
 
 def check_links(machine: Machine, values: Mapping[str, float], what: str) -> None:
-    """Raises InputError, which ``what`` opens, for masses in further frames and for readings in units of their own."""
+    """Raises InputError, which ``what`` opens, for masses in further frames, readings in other units and coupled ones."""
     held = {mount.name for mount in machine.mounts}
     hung = [mass.name for mass in machine.masses if mass.body in held]
     if hung:
@@ -167,12 +167,22 @@ def check_links(machine: Machine, values: Mapping[str, float], what: str) -> Non
             f"{machine.name}: masses.{hung[0]}: found a mass in a further frame, expected one in a body for {what}"
         )
     for actuator in machine.mechanism.actuators:
+        check_uncoupled(machine, actuator, what)
         gain = values[actuator.gain] if actuator.gain else 1.0
         if gain != 1.0 or actuator.reading_unit != actuator.unit:
             raise InputError(
                 f"{machine.name}: joint {actuator.reading!r}: found a gain of {gain:g} {actuator.unit} per "
                 f"{actuator.reading_unit}, expected readings in mm and rad with gain 1 for {what}"
             )
+
+
+def check_uncoupled(machine: Machine, actuator: Actuator, what: str) -> None:
+    """Raises InputError, which ``what`` closes, for a joint whose readings hold the motion of others."""
+    if any(actuator.coupled.values()):
+        raise InputError(
+            f"{machine.name}: joint {actuator.reading!r}: found readings coupled to {', '.join(actuator.coupled)}, expected "
+            f"the joint's own motion for {what}"
+        )
 
 
 def _axis(joint: Joint, values: Mapping[str, float]) -> Array:

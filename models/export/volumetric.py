@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from truepose.errors import InputError
+from truepose.models.export.tree import check_uncoupled
 from truepose.models.kinematics import SymbolicModel, symbolic_model
 from truepose.models.lie import inverse_pose
 from truepose.models.machine import Machine
@@ -131,6 +132,8 @@ def _check(machine: Machine) -> None:
             f"{machine.name}: found no linear axis (joints {', '.join(a.reading for a in joints)} all turn), expected linear "
             "axes, and rotary ones beside them: an arm has no volumetric table"
         )
+    for actuator in joints:
+        check_uncoupled(machine, actuator, "a volumetric table")
     odd = [a.reading for a in joints if a.reading_unit not in ("mm", "rad")]
     if odd:
         raise InputError(f"{machine.name}: joint {odd[0]!r}: found readings in turns, expected mm or deg")

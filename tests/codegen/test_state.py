@@ -58,6 +58,8 @@ STATED = """  - {effect: backlash, place: [q1], parameters: {b: {value: 4.0e-4, 
   - {effect: piezo-hysteresis, place: [q3], overshoot: 0.02, parameters: {w1: {value: 0.01, unit: "1"}}}
   - {effect: piezo-creep, place: [q2], t0: 0.1, dwell: 2.0, parameters: {g: {value: 0.01, unit: "1"}}}
 """
+COUPLED = ", coupled: {q1: 0.5, q4: -1}"
+"""Of joint q2: its drivers follow what it moves itself."""
 CREEP = 1e-6
 """Share of all moves by which creep may be wrong."""
 DWELL = 2.0
@@ -77,12 +79,13 @@ class Library:
 
 
 @cache
-def library(where: Path, effects: str, real: Real) -> Library:
+def library(where: Path, effects: str, real: Real, coupled: str = "") -> Library:
     """The C of the machine with these effects, compiled with every warning an error."""
     file = where / "mem.yaml"
-    file.write_text(HEAD + effects, encoding="utf-8")
+    head = HEAD.replace("140]}", f"140]{coupled}}}")
+    file.write_text(head + effects, encoding="utf-8")
     machine = truepose.load_machine(file)
-    directory = where / f"mem_{real}_{len(effects)}"
+    directory = where / f"mem_{real}_{len(effects)}_{len(coupled)}"
     generate(machine, directory, real)
     spec = importlib.util.spec_from_file_location("mem_kin", directory / "wrappers" / "mem_kin.py")
     assert spec and spec.loader
@@ -133,9 +136,9 @@ def allowed(names: list[str], q: Array, real: Real) -> Array:
 
 @needs_compiler
 @both
-@pytest.mark.parametrize("seed", range(6))
-def test_values_are_those_of_a_recording(root_directory: Path, real: Real, seed: int) -> None:
-    built = library(root_directory, EFFECTS, real)
+@pytest.mark.parametrize(("seed", "coupled"), [*((k, "") for k in range(6)), (6, COUPLED), (7, COUPLED)])
+def test_values_are_those_of_a_recording(root_directory: Path, real: Real, seed: int, coupled: str) -> None:
+    built = library(root_directory, EFFECTS, real, coupled)
     names = list(built.wrapper.DRIVERS)
     assert len([name for name in names if "~" in name or name.startswith("approach")]) == 10
     frame = motion(seed, 150)

@@ -21,6 +21,7 @@ from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.history import line_of_full_loop
 from truepose.identification.recording.recording import Recording, frozen
 from truepose.identification.signatures.signatures import Signatures
+from truepose.models.couplings import coupling_matrix
 from truepose.models.driver import APPROACH, OF_THE_WAY, SESSION, TIME, Driver
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
@@ -74,7 +75,7 @@ class _Steady(Recording):
         lead = side * half_width
         if driver.kind == "stop":
             return np.asarray(lead)
-        q = self.q[:, self.joints.index(driver.place)]
+        q = self.moved[:, self.joints.index(driver.place)]
         return np.asarray(lead - line_of_full_loop(q, half_width, *ends))
 
 
@@ -144,6 +145,7 @@ def recording_of(machine: Machine, rows: Rows, reference: Array) -> Recording:
     place = np.arange(n)
     return _Steady(
         joints=machine.mechanism.readings,
+        uncoupling=coupling_matrix(machine.mechanism),
         q=frozen(q),
         observations={},
         labels={},

@@ -30,7 +30,7 @@ def machine(*declared: Any) -> Machine:
     own = {driver.name: driver for driver in declared}
     made = SimpleNamespace(
         mechanism=SimpleNamespace(actuators=actuators, reading_units=units),
-        units=SimpleNamespace(of_joint={"rad": "deg", "mm": "cm"}.__getitem__),
+        column_unit={"q1": "deg", "q2": "cm"}.__getitem__,
         declared=own.get,
     )
     return cast(Machine, made)

@@ -8,7 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from support.skips import NOTHING_BESIDE, SHARED
+from truepose.errors import InputError
 from truepose.identification.load import load_recording
+from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 
@@ -17,27 +19,125 @@ schema: truepose/machine/1
 name: arm
 mechanism:
   type: serial
-  joints: [{name: q1, kind: revolute, d: 100, r: 50}, {name: q2, kind: revolute, d: 200, alpha: 90%s}]
+  joints: [{name: q1, kind: revolute, d: 100, r: 50%s}, {name: q2, kind: revolute, d: 200, alpha: 90%s}]
 sensor: {type: position, sigma: {xyz: 0.1}}
 tolerances: {length: 0.1, angle: 0.1}
 """
 
 
+WRAPPED = {
+    "free": "",
+    "stated": ", wrap: 360",
+    "ranged": ", range: [-180, 180]",
+    "wide": ", range: [-350, 350], wrap: 360",
+}
+"""What the file says of both joints: of their ranges, and that readings come modulo a turn."""
+DRIVERS = [f"{kind}.{joint}" for kind in ("approach", "step") for joint in ("q1", "q2")] + [
+    "stop.q1~0.01",
+    "stop.q2~0.3",
+]
+
+
 @pytest.fixture(scope="module")
 def arms(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Machine]:
-    """Return an arm without a range, and one whose second joint has one."""
+    """Return arms by what their files say of the joints."""
     out = {}
-    for name, text in (("free", ""), ("ranged", ", range: [0, 360]")):
+    for name, text in {**WRAPPED, "turntable": ", range: [0, 360]"}.items():
         path = tmp_path_factory.mktemp(name) / "arm.yaml"
-        path.write_text(ARM % text)
+        path.write_text(ARM.replace("%s", text if name != "turntable" else "", 1) % text)
         out[name] = load_machine(path)
     return out
 
 
+def recorded(machine: Machine, q: np.ndarray, **more: object) -> Recording:
+    """Return the recording of columns q (n, 2), deg."""
+    table = {"q1": q[:, 0].tolist(), "q2": q[:, 1].tolist(), **dict.fromkeys("xyz", [0.0] * len(q)), **more}
+    return load_recording(machine, table)
+
+
 def readings(machine: Machine, q: np.ndarray) -> np.ndarray:
     """Return the joint readings, deg, that a recording of these columns is read as."""
-    table = {"q1": q[:, 0].tolist(), "q2": q[:, 1].tolist(), **dict.fromkeys("xyz", [0.0] * len(q))}
-    return np.degrees(load_recording(machine, table).q)
+    return np.degrees(recorded(machine, q).q)
+
+
+def logged(q: np.ndarray, lowest: float) -> np.ndarray:
+    """Return angles (n, 2), deg, as a controller logs them that shows ``lowest`` to a turn more."""
+    return (q - lowest) % 360.0 + lowest
+
+
+def assert_same(machine: Machine, q: np.ndarray) -> None:
+    """Both ways of logging are the same recording, also to all that depends on the way of its joints."""
+    one, other = (recorded(machine, logged(q, lowest)) for lowest in (0.0, -180.0))
+    np.testing.assert_allclose(one.q, other.q, atol=1e-9)
+    np.testing.assert_allclose(np.sin(one.q), np.sin(np.radians(q)), atol=1e-9)
+    for name in DRIVERS:
+        came, expected = one.driver(name), other.driver(name)
+        assert came is not None and expected is not None
+        np.testing.assert_allclose(came, expected, atol=1e-9)
+
+
+angles = st.integers(-17900, 17900).map(lambda whole: whole / 100 + 0.003)
+"""Between hundredths of a degree, so that none stands where a turn is cut."""
+ways = st.lists(st.tuples(angles, angles), min_size=4, max_size=14)
+
+
+@given(q=ways, say=st.sampled_from(["stated", "ranged", "wide"]))
+def test_what_the_file_says_makes_both_ways_of_logging_one(
+    arms: dict[str, Machine], q: list[tuple[float, float]], say: str
+) -> None:
+    beyond = [(-90.003, -90.003)] if say == "ranged" else []  # a little beyond a range is an overshoot
+    assert_same(arms[say], np.array([*beyond, *q]))
+
+
+@given(q=ways, say=st.sampled_from(["free", "wide"]))
+def test_arms_that_use_both_sides_of_home_are_read_the_same(
+    arms: dict[str, Machine], q: list[tuple[float, float]], say: str
+) -> None:
+    """Without a word in the file: 0 to 360 is told from itself where an arc about home would be split."""
+    about = [(-5.003, -5.003), (5.003, 5.003), (-175.003, -175.003), (175.003, 175.003)]
+    assert_same(arms[say], np.array([*about, *q]))
+
+
+@given(
+    start=st.floats(-170.0, 170.0),
+    steps=st.lists(st.floats(-30.0, 80.0), min_size=8, max_size=40),
+    say=st.sampled_from(["free", "stated"]),
+)
+def test_a_joint_that_runs_on_is_read_as_running_on(
+    arms: dict[str, Machine], start: float, steps: list[float], say: str
+) -> None:
+    """Steps below a quarter of a turn: the jump of nearly a turn is none, whatever turns there were, and a note says so."""
+    way = start + np.cumsum([0.0, *steps])
+    q = np.column_stack([way, np.zeros(len(way))])
+    for lowest in (0.0, -180.0):
+        rows = logged(q, lowest)
+        found = recorded(arms[say], rows)
+        np.testing.assert_allclose(np.diff(np.degrees(found.q[:, 0])), steps, atol=1e-6)
+        moved = bool(np.any(np.abs(np.degrees(found.q) - rows) > 1.0))
+        assert moved == any("unfolded: q1 (" in note for note in found.notes)
+    assert_same(arms[say], q)
+
+
+def test_rows_without_an_order_jump_nowhere(arms: dict[str, Machine]) -> None:
+    q = np.column_stack([np.linspace(20.0, 890.0, 40), np.zeros(40)])
+    shuffled = load_recording(
+        arms["stated"],
+        {"q1": logged(q, -180.0)[:, 0], "q2": q[:, 1], **dict.fromkeys("xyz", [0.0] * 40)},
+        shuffled=True,
+    )
+    np.testing.assert_allclose(np.degrees(shuffled.q[:, 0]), logged(q, -180.0)[:, 0], atol=1e-9)
+
+
+def test_readings_beyond_a_range_of_a_turn_are_brought_into_it(arms: dict[str, Machine]) -> None:
+    """Logged from 0 to 360 degrees they are no mistake; a reading that no whole turn explains is one."""
+    q = np.array([[350.0, 10.0], [20.0, 200.0], [190.0, 300.0]])
+    found = recorded(arms["ranged"], q)
+    np.testing.assert_allclose(np.degrees(found.q), logged(q, -180.0), atol=1e-9)
+    assert any("q1, q2: readings are brought into the joint's range by whole turns" in n for n in found.notes)
+    with pytest.raises(
+        InputError, match="row 1, column 'q1': found 350 deg, expected a value in the joint's range"
+    ):
+        recorded(arms["ranged"], np.array([[350.0, 10.0], [-20.0, 20.0]]))
 
 
 @given(
@@ -54,7 +154,7 @@ def test_angles_logged_from_zero_are_read_as_those_about_zero(
 
 def test_an_arc_that_is_whole_and_a_stated_range_stay(arms: dict[str, Machine]) -> None:
     q = np.column_stack([np.linspace(100.0, 250.0, 7), np.linspace(5.0, 355.0, 7)])
-    np.testing.assert_allclose(readings(arms["ranged"], q), q)
+    np.testing.assert_allclose(readings(arms["turntable"], q), q)
 
 
 @pytest.mark.parametrize("case", ["s_", ""])

@@ -13,7 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from truepose.errors import InputError
-from truepose.identification.recording.file import JointColumn
+from truepose.identification.recording.joint_column import JointColumn
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.settled import Stream, average, stretches

@@ -96,8 +96,8 @@ def test_poses_are_drawn_between_the_ends_of_their_joints_in_the_units_of_the_fi
     q = np.array([[0.5, 1.0], [-0.5, 4.0], [0.0, 2.0]])
     turn = SimpleNamespace(reading="q1", reading_unit="rad", range=(-np.pi, np.pi))
     slide = SimpleNamespace(reading="q2", reading_unit="mm", range=None)
-    units = SimpleNamespace(of_joint=lambda unit: {"rad": "deg", "mm": "mm"}[unit])
-    machine = SimpleNamespace(mechanism=SimpleNamespace(actuators=[turn, slide]), units=units)
+    unit = {"q1": "deg", "q2": "mm"}.__getitem__
+    machine = SimpleNamespace(mechanism=SimpleNamespace(actuators=[turn, slide]), column_unit=unit)
     found = cast(Plan, SimpleNamespace(machine=machine, q=q))
     drawn = pictures.poses(found)
     told = re.findall(r">([^<>]+ \.\. [^<>]+)<", drawn)

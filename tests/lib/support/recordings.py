@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.identification.recording.file import JointColumn
+from truepose.identification.recording.joint_column import JointColumn
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.units import UnitSystem

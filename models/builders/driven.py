@@ -1,0 +1,94 @@
+"""What the row of a joint with a reading says beside its constants: its range, its gear, and what its column holds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Self
+
+from pydantic import Field, model_validator
+
+from truepose.errors import InputError
+from truepose.models.context import BuildContext
+from truepose.models.fields import Counts, Number, Period, Pitch, Range, Ratio, Section, bad_value
+from truepose.models.mechanism import Actuator
+from truepose.models.units import convert, counts_unit
+from truepose.wording import close_matches
+
+
+class Encoder(Section):
+    """What a joint's column holds, where it is not simply the joint's own angle or length."""
+
+    wrap: Period | None = None
+    """The readings come modulo this (`360`), in the unit of the column: they are unfolded, see Encoders."""
+    counts: Counts | None = None
+    """The column holds an encoder's counts: so many a turn of a turning joint, so many a mm of a slide."""
+    coupled: dict[str, Number] = Field(default_factory=dict)
+    """The reading is the joint's own angle plus `k` times the other's reading, `{J2: 1}`, in the file's units, see Encoders."""
+
+
+class Driven(Encoder):
+    """A joint whose reading is recorded."""
+
+    range: Range | None = None
+    """Lowest and highest reading. Readings outside by more than 5 % of the width are refused; plans stay within it."""
+    gear_ratio: Ratio | None = None
+    """Turns of the motor for one of the joint; errors that repeat with it are looked for."""
+    screw_pitch: Pitch | None = None
+    """Travel for one turn of the screw: errors that repeat with it are looked for."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.range and self.range[0] >= self.range[1]:
+            raise bad_value("range: [low, high] with low < high", self.range)
+        return self
+
+    def actuator(
+        self,
+        reading: str,
+        drives: str,
+        dimension: str,
+        context: BuildContext,
+        *,
+        offset: str | None = None,
+        gain: str | None = None,
+        home: float | None = None,
+    ) -> Actuator:
+        """Return the actuator of this joint; ``dimension`` of its readings: ``length``, ``angle`` or ``joint``."""
+        units = context.file.units
+        unit = units.internal(dimension)
+        limits = self.range and (
+            units.to_internal(self.range[0], dimension),
+            units.to_internal(self.range[1], dimension),
+        )
+        column = counts_unit(self.counts, unit) if self.counts else units.of(dimension)
+        return Actuator(
+            reading,
+            drives,
+            "rad" if dimension == "angle" else "mm",
+            unit,
+            offset,
+            gain,
+            limits,
+            self.gear_ratio,
+            self.screw_pitch,
+            home,
+            counted=column if self.counts else None,
+            wrap=convert(self.wrap, column, unit) if self.wrap else None,
+            coupled=dict(self.coupled),
+        )
+
+
+def with_encoders(
+    rows: list[dict[str, Any]], encoders: Mapping[str, Mapping[str, Any]], where: str
+) -> list[dict[str, Any]]:
+    """Return the rows of joints, each with what ``encoders`` says of it by name. Raises InputError for other names."""
+    names = [row["name"] for row in rows if row.get("actuated")]
+    for name in encoders:
+        if name not in names:
+            raise InputError(
+                f"{where}.encoders: found {name!r}, expected a joint that is read; {close_matches(name, names)}"
+            )
+    return [row | dict(encoders.get(row["name"], {})) for row in rows]
+
+
+__all__ = ["Driven", "Encoder", "with_encoders"]
