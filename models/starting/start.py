@@ -19,7 +19,7 @@ class Start:
     ``about`` are sources and notes, one line each. ``described_in`` names the file that says masses and gravity itself.
     ``frames`` and ``sensor`` stand in place of unknown frames and of a pose sensor where the machine has its own.
     ``readings`` are the joints' columns with their units, where the section does not name them (a URDF's).
-    ``tested``: the package's own tests build it.
+    ``tested``: the package's own tests build it. ``left_out`` is what the machine has not of its source, one line each.
     """
 
     name: str
@@ -34,6 +34,7 @@ class Start:
     described_in: str = ""
     readings: Mapping[str, str] = field(default_factory=dict)
     tested: bool = False
+    left_out: tuple[str, ...] = ()
 
 
 def readings_of(mechanism: Mapping[str, Any]) -> dict[str, str]:

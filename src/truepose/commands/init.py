@@ -139,8 +139,11 @@ def _write(start: Start, asked: Asked, path: Path, as_json: bool) -> None:
         "name": start.name,
         "columns": files.header.split(","),
         "files": [str(path), str(recording)],
+        "left_out": list(start.left_out),
     }
-    finish(summary, lines, [f"{recording}: left as it stands"] if kept else [], as_json=as_json)
+    notes = [f"left out: {line}" for line in start.left_out]
+    notes += [f"{recording}: left as it stands"] if kept else []
+    finish(summary, lines, notes, as_json=as_json)
 
 
 def _list(as_json: bool) -> None:
