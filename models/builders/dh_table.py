@@ -27,8 +27,8 @@ class ChainJoint(Section):
 
     name: str
     """Name of the joint and of the recording's column of its readings."""
-    kind: Literal["revolute", "prismatic"]
-    """Whether it turns about its z axis or slides along it."""
+    kind: Literal["revolute", "prismatic", "fixed"]
+    """Whether it turns about its z axis or slides along it; `fixed`: a row without a joint, such as a flange's."""
     range: Range | None = None
     """Lowest and highest reading. Readings outside by more than 5 % of the width are refused; plans stay within it."""
     gear_ratio: Ratio | None = None
@@ -40,6 +40,8 @@ class ChainJoint(Section):
     def _ordered(self) -> Self:
         if self.range and self.range[0] >= self.range[1]:
             raise bad_value("range: [low, high] with low < high", self.range)
+        if self.kind == "fixed" and (self.range or self.gear_ratio or self.screw_pitch):
+            raise bad_value("range, gear_ratio and screw_pitch on a joint that moves", self.kind)
         return self
 
 

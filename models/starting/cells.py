@@ -86,6 +86,12 @@ def interval(text: str, dimension: str, unit: str, where: str) -> tuple[float, f
     return min(ends), max(ends)
 
 
+def has_variable(text: str) -> bool:
+    """Return whether a cell names the joint's variable: ``θ1``, ``q2 - 90``, ``90 + q2``."""
+    plain = _normal(text)
+    return bool(_VARIABLE.match(plain) or _VARIABLE_LAST.match(plain))
+
+
 def _without_variable(text: str, where: str, found: str) -> str:
     last = _VARIABLE_LAST.match(text)
     match = _VARIABLE.match(text)
@@ -119,4 +125,4 @@ def _expected(dimension: str) -> str:
     )
 
 
-__all__ = ["UNITS", "Cell", "cell", "interval"]
+__all__ = ["UNITS", "Cell", "cell", "has_variable", "interval"]

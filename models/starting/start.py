@@ -43,7 +43,8 @@ def readings_of(mechanism: Mapping[str, Any]) -> dict[str, str]:
         return {leg["joint"]: "mm" for leg in mechanism["legs"]}
     if mechanism["type"] == "mount":
         return {mechanism[axis]["name"]: "deg" for axis in ("first", "second")}
-    moving = [j for j in mechanism["joints"] if mechanism["type"] == "serial" or j.get("actuated")]
+    serial = mechanism["type"] == "serial"
+    moving = [j for j in mechanism["joints"] if (j["kind"] != "fixed" if serial else j.get("actuated"))]
     return {joint["name"]: "mm" if joint["kind"] == "prismatic" else "deg" for joint in moving}
 
 

@@ -26,7 +26,7 @@ def conventions(rig: Rig, scene: Scene) -> Iterator[Slip]:
     file = rig.machine.file
     if file is None or file.mechanism.get("type") != "serial":
         return
-    names = [a.reading for a in rig.machine.mechanism.actuators]
+    names = [row["name"] for row in file.mechanism["joints"]]
     at = {f: np.array([rig.names.index(f"{n}.{f}") for n in names]) for f in ("alpha", "d", "theta", "r")}
     if file.mechanism.get("convention", "khalil") not in ("khalil", None):
         yield Slip(
