@@ -49,15 +49,15 @@ def readings_of(mechanism: Mapping[str, Any]) -> dict[str, str]:
 
 
 def tidy(value: Any) -> Any:
-    """A copy with numbers as a person writes them: 12 significant digits, whole ones without a point, no minus zero."""
+    """A copy with numbers as a person writes them: 14 significant digits, whole ones without a point, no minus zero."""
     if isinstance(value, Mapping):
         return {key: tidy(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
         return [tidy(item) for item in value]
     if not isinstance(value, float) or value in (float("inf"), float("-inf")):
         return value
-    rounded = float(f"{value:.12g}")
-    rounded = 0.0 if abs(rounded) < 1e-12 else rounded
+    rounded = float(f"{value:.14g}")
+    rounded = 0.0 if abs(rounded) < 1e-13 else rounded
     return int(rounded) if rounded.is_integer() and abs(rounded) < 1e15 else rounded
 
 
