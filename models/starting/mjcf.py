@@ -49,11 +49,11 @@ def mjcf_start(path: Path, tip: str = "") -> Start:
         raise InputError(
             f"{path}: found {len(parts.way(body))} bodies up to the tip, expected at most {CHAIN_MOST}"
         )
-    choice = choose(parts, body, str(path))
+    choice = choose(parts, [body], str(path))
     graph = MjcfGraph(choice, str(path))
     section = graph.section(body)
     masses, light = _masses(model, graph)
-    gravity = parts.poses[choice.base][:3, :3].T @ np.array(model.opt.gravity)
+    gravity = graph.pose[:3, :3].T @ np.array(model.opt.gravity)
     x, y, z = (float(round(v, 9)) + 0.0 for v in gravity)
     return Start(
         path.stem,

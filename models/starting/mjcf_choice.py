@@ -69,12 +69,12 @@ class Choice:
         return tuple(lines)
 
 
-def choose(parts: Parts, tip: int, where: str) -> Choice:
-    """Return the machine whose last body is ``tip``. Raises InputError, which ``where`` opens, where no machine is one."""
-    kept, ties = _closed_over(parts, tip)
-    base = _base(parts, kept, ties, tip)
+def choose(parts: Parts, tips: Sequence[int], where: str) -> Choice:
+    """Return the machine that ends at the bodies ``tips``. Raises InputError, which ``where`` opens, where there is none."""
+    kept, ties = _closed_over(parts, tips)
+    base = _base(parts, kept, ties, tips[0])
     if not any(parts.bodies[b].joints for b in kept - {base}):
-        name = cut(parts.bodies[tip].name)
+        name = cut(parts.bodies[tips[0]].name)
         raise InputError(f"{where}: found no joint on the way to {name!r}, expected another --tip")
     bodies = sorted(
         b for b in kept if b != base and (base in parts.way(b) or parts.bodies[parts.way(b)[0]].free)
@@ -84,9 +84,9 @@ def choose(parts: Parts, tip: int, where: str) -> Choice:
     return choice
 
 
-def _closed_over(parts: Parts, tip: int) -> tuple[set[int], list[Tie]]:
-    """Return the bodies on the way to the tip, with all that moves them through ties and couplings, and these ties."""
-    kept, size = set(parts.way(tip)), 0
+def _closed_over(parts: Parts, tips: Sequence[int]) -> tuple[set[int], list[Tie]]:
+    """Return the bodies on the way to the tips, with all that moves them through ties and couplings, and these ties."""
+    kept, size = {body for tip in tips for body in parts.way(tip)}, 0
     ties: list[Tie] = []
     while size < len(kept) + len(ties):
         size = len(kept) + len(ties)

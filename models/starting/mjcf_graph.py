@@ -62,6 +62,12 @@ class MjcfGraph:
             out["home"] = {joint.name: _written(joint, joint.reference) for joint in drives}
         return out
 
+    @property
+    def pose(self) -> Array:
+        """The base (4, 4) mm in the world."""
+        out: Array = self.choice.parts.poses[self.choice.base]
+        return out
+
     @cached_property
     def names(self) -> Mapping[int, str]:
         """Names of the bodies; a body called base that is not the first has another one."""

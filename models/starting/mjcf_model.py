@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from truepose.models.mechanism import JointKind
@@ -59,7 +59,7 @@ def body_name(model: mujoco.MjModel, body: int) -> str:
 
 
 def _body(model: mujoco.MjModel, k: int) -> PartBody:
-    frame = _frame(model.body_pos[k], model.body_quat[k])
+    frame = placed_frame(model.body_pos[k], model.body_quat[k])
     return PartBody(body_name(model, k), int(model.body_parentid[k]), frame, tuple(_joints(model, k)))
 
 
@@ -121,20 +121,20 @@ def _tie(model: mujoco.MjModel, k: int, name: str) -> Tie:
     kind: JointKind = "spherical" if int(model.eq_type[k]) == _CONNECT else "fixed"
     if _between_sites(model, k):
         sites = (int(model.eq_obj1id[k]), int(model.eq_obj2id[k]))
-        one, other = (_frame(model.site_pos[site], model.site_quat[site]) for site in sites)
+        one, other = (placed_frame(model.site_pos[site], model.site_quat[site]) for site in sites)
     elif kind == "spherical":
-        one, other = _frame(data[:3], straight), _frame(data[3:6], straight)
+        one, other = placed_frame(data[:3], straight), placed_frame(data[3:6], straight)
     else:
-        one, other = _frame(data[3:6], data[6:10]), _frame(data[:3], straight)
+        one, other = placed_frame(data[3:6], data[6:10]), placed_frame(data[:3], straight)
     return Tie(name, kind, _ends(model, k), (one, other))
 
 
-def _frame(position: Array, quaternion: Array) -> Array:
+def placed_frame(position: ArrayLike, quaternion: ArrayLike) -> Array:
     """Return the frame (4, 4) mm of a position (m) and a quaternion (w, x, y, z)."""
     out = np.eye(4)
-    out[:3, :3] = Rotation.from_quat(np.roll(quaternion, -1)).as_matrix()
-    out[:3, 3] = MM_PER_M * np.array(position)
+    out[:3, :3] = Rotation.from_quat(np.roll(np.asarray(quaternion), -1)).as_matrix()
+    out[:3, 3] = MM_PER_M * np.asarray(position)
     return out
 
 
-__all__ = ["MM_PER_M", "body_name", "parts_of"]
+__all__ = ["MM_PER_M", "body_name", "parts_of", "placed_frame"]
