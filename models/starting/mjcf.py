@@ -18,7 +18,7 @@ from truepose.models.starting.mjcf_choice import Choice, choose
 from truepose.models.starting.mjcf_graph import MjcfGraph
 from truepose.models.starting.mjcf_model import MM_PER_M, parts_of
 from truepose.models.starting.mjcf_parts import Parts
-from truepose.models.starting.start import Start
+from truepose.models.starting.start import Start, unranged
 from truepose.wording import close_matches, cut, shortened
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def mjcf_start(path: Path, tip: str = "") -> Start:
         path.stem,
         f"The MJCF {path.name}",
         section,
-        (*_notes(choice, body, path), *_said_of_masses(light, found)),
+        (*_notes(choice, body, path), *unranged(section["joints"]), *_said_of_masses(light, found)),
         gravity=(x, y, z),
         masses=masses,
         left_out=choice.left_out(),
@@ -79,6 +79,8 @@ def _notes(choice: Choice, tip: int, path: Path) -> Iterator[str]:
     if driven is not None and bare:
         names = shortened(bare, _NAMED)
         yield f"CHECK joints without an actuator and outside loops, taken as read by the recording: {names}."
+    if choice.ties:
+        yield "CHECK home: loops are closed from where the file has the machine; a singular pose is a bad start."
 
 
 def _said_of_masses(light: Sequence[str], found: Compiled) -> Iterator[str]:

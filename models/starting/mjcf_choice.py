@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from truepose.errors import InputError
 from truepose.models.starting.mjcf_parts import Coupling, PartJoint, Parts, Tie
@@ -35,12 +36,12 @@ class Choice:
     ties: tuple[Tie, ...]
     follows: Mapping[str, Follow]
 
-    @property
+    @cached_property
     def looped(self) -> frozenset[int]:
         """Bodies whose joints a loop moves."""
         return frozenset(body for tie in self.ties for body in self.parts.loop(tie))
 
-    @property
+    @cached_property
     def joints(self) -> list[tuple[int, PartJoint]]:
         """All joints that move a body against another one of the machine, with their bodies."""
         return [(body, joint) for body in self.bodies for joint in self.parts.bodies[body].joints]

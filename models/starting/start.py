@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
+
+from truepose.wording import shortened
 
 UPRIGHT = (0.0, 0.0, -9.80665)
 """Gravity in a base frame whose z points up, m/s^2."""
@@ -48,6 +50,16 @@ def readings_of(mechanism: Mapping[str, Any]) -> dict[str, str]:
     return {joint["name"]: "mm" if joint["kind"] == "prismatic" else "deg" for joint in moving}
 
 
+def unranged(joints: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
+    """Return a line that names the joints with a reading and no range; nothing where all have one."""
+    names = [
+        j["name"]
+        for j in joints
+        if (j.get("actuated") or "theta" in j) and j["kind"] != "fixed" and "range" not in j
+    ]
+    return (f"CHECK joints without a range, which `plan` asks for: {shortened(names, 10)}.",) if names else ()
+
+
 def tidy(value: Any) -> Any:
     """A copy with numbers as a person writes them: 14 significant digits, whole ones without a point, no minus zero."""
     if isinstance(value, Mapping):
@@ -61,4 +73,4 @@ def tidy(value: Any) -> Any:
     return int(rounded) if rounded.is_integer() and abs(rounded) < 1e15 else rounded
 
 
-__all__ = ["TOLERANCES", "UPRIGHT", "Start", "readings_of", "tidy"]
+__all__ = ["TOLERANCES", "UPRIGHT", "Start", "readings_of", "tidy", "unranged"]

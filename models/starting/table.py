@@ -18,7 +18,7 @@ from typing import Any
 from truepose.errors import InputError
 from truepose.models.starting.cells import UNITS, Cell, cell, interval
 from truepose.models.starting.row_kinds import row_kinds
-from truepose.models.starting.start import Start
+from truepose.models.starting.start import Start, unranged
 from truepose.wording import close_matches
 
 CONVENTIONS = ("standard", "modified", "khalil")
@@ -115,7 +115,7 @@ def start_of(rows: Sequence[Row], convention: str, name: str, title: str, where:
         found = f"the joint {twice[0]!r} twice" if twice else "no rows"
         raise InputError(f"{where}: found {found}, expected a row for each joint, with a name of its own")
     mechanism = {"type": "serial", "convention": convention, "joints": joints}
-    about = ("CHECK every number against the drawing.", *notes)
+    about = ("CHECK every number against the drawing.", *notes, *unranged(joints))
     return Start(name, title[:1].upper() + title[1:], mechanism, about)
 
 

@@ -13,7 +13,7 @@ from truepose.models.builders.urdf import Urdf, expanded
 from truepose.models.builders.urdf_file import KINDS, Robot
 from truepose.models.builders.urdf_inertials import gravity_in, inertials_of
 from truepose.models.mechanism import BASE
-from truepose.models.starting.start import UPRIGHT, Start, readings_of
+from truepose.models.starting.start import UPRIGHT, Start, readings_of, unranged
 from truepose.models.units import UnitSystem
 from truepose.wording import cut, shortened
 
@@ -33,7 +33,7 @@ def urdf_start(path: Path, output: Path, base: str, tip: str, *, written_out: bo
     several = len(tips) > 1 and tip not in robot.links
     section = Urdf(type="urdf", file=shown, base_link=base, tip_link=tuple(tips) if several else tip)
     graph = expanded(section, robot, UnitSystem(), "--urdf")
-    about = (f"Source: {path.name}, from the link {base} to the link {tip}.",)
+    about = (f"Source: {path.name}, from the link {base} to the link {tip}.", *unranged(graph["joints"]))
     left_out = _left_out(robot, graph["bodies"])
     if not written_out:
         weighs = bool(inertials_of(robot, graph["bodies"])[0])

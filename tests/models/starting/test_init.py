@@ -356,6 +356,19 @@ def test_what_a_urdf_has_beyond_the_machine_is_listed(tmp_path: Path) -> None:
     assert load_machine(tmp_path / "m.yaml").mechanism.readings == ("q1", "q2")
 
 
+@pytest.mark.parametrize("limit", ['<limit lower="-3" upper="3"/>', '<limit effort="1"/>', ""])
+def test_joints_without_limits_are_read_and_listed(tmp_path: Path, limit: str) -> None:
+    (tmp_path / "arm.urdf").write_text(URDF.replace('<limit lower="-3" upper="3"/>', limit))
+    done = run("--urdf", tmp_path / "arm.urdf", "-o", tmp_path / "m.yaml")
+    assert done.exit_code == 0, done.output
+    ranges = [actuator.range for actuator in load_machine(tmp_path / "m.yaml").mechanism.actuators]
+    assert (ranges[0] is None) == ("lower" not in limit)
+    listed = (
+        "# CHECK joints without a range, which `plan` asks for: q1.\n" in (tmp_path / "m.yaml").read_text()
+    )
+    assert listed == ("lower" not in limit)
+
+
 def test_names_of_robot_descriptions_are_understood(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With a package of that name, which says where its files are."""
     package = tmp_path / "robot_descriptions"
