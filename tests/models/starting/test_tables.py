@@ -63,7 +63,7 @@ def test_a_length_is_read_as_it_is_printed(text: str, unit: str, mm: float) -> N
     ("text", "offset"),
     [
         ("θ1", 0), ("q2", 0), ("theta_3", 0), ("θ2 - 90", -90), ("q2-90°", -90), ("θ3+pi/2", 90), ("90 + q4", 90),
-        ("q5*", 0), ("-90", -90), ("+θ1", 0),
+        ("q5*", 0), ("-90", -90), ("+θ1", 0), ("θ₇ − 90", -90),
     ],
 )  # fmt: skip
 def test_a_joints_variable_may_stand_before_its_offset(text: str, offset: float) -> None:
