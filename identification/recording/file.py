@@ -91,7 +91,7 @@ def read_part(
     said |= {name: table.unit(name, units.written(unit), unit) for name, unit in readings.items()}
     observations = {n: _reading(table, n, said[n], unit) for n, unit in readings.items()}
     times = read_times(table) if "time" in table else None
-    time = None if times is None else _sized(table, "time", times.seconds, times.seconds, LATEST)
+    time = None if times is None else sized(table, "time", times.seconds, times.seconds, LATEST)
     pose = table.integers("pose") if "pose" in table else None
     drivers = _drivers(table, joints, units, declared)
     q = {joint.name: joint_readings(table, joint, said[joint.name]) for joint in joints}

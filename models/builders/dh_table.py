@@ -10,11 +10,13 @@ the next one; those of the last row come after its motion: they are the fixed ``
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Any, Literal, Self
+
+from pydantic import model_validator
 
 from truepose.models.builders.driven import Driven
 from truepose.models.context import BuildContext
-from truepose.models.fields import Angle, Length, Section
+from truepose.models.fields import Angle, Length, Section, bad_value
 
 CONVENTIONS = ("khalil", "modified", "standard")
 _KEPT = tuple(Driven.model_fields)
@@ -26,8 +28,14 @@ class ChainJoint(Driven):
 
     name: str
     """Name of the joint and of the recording's column of its readings."""
-    kind: Literal["revolute", "prismatic"]
-    """Whether it turns about its z axis or slides along it."""
+    kind: Literal["revolute", "prismatic", "fixed"]
+    """Whether it turns about its z axis or slides along it; `fixed`: a row without a joint, such as a flange's."""
+
+    @model_validator(mode="after")
+    def _moving(self) -> Self:
+        if self.kind == "fixed" and self.model_fields_set & set(Driven.model_fields):
+            raise bad_value("fields of a joint's reading on a joint that moves", self.kind)
+        return self
 
 
 class DhJoint(ChainJoint):

@@ -3,8 +3,8 @@
 T(i-1, i) = RotY(beta) RotX(alpha) TransX(d) RotZ(theta) TransZ(r); the reading adds to theta (revolute)
 or r (prismatic). Hayati's beta keeps the description continuous where neighbouring axes are parallel;
 elsewhere it is redundant and the tolerances decide how it shares with theta and r. A ``flange`` turned by alpha about,
-and shifted by d along, the last link's x axis is fixed to it. Tables in the conventions of data sheets become such rows
-(``truepose.models.builders.dh_table``).
+and shifted by d along, the last link's x axis is fixed to it; a row of kind ``fixed`` is a frame without a joint. Tables in
+the conventions of data sheets become such rows (``truepose.models.builders.dh_table``).
 """
 
 from __future__ import annotations
@@ -117,8 +117,13 @@ def _chain(chain: Serial, context: BuildContext) -> Mechanism:
         placement = tuple(Step(kind, f"{row.name}.{field}") for kind, field, _ in _STEPS)
         parent = BASE if k == 1 else f"link{k - 1}"
         joints.append(Joint(row.name, row.kind, parent, f"link{k}", placement))
-        dimension = "angle" if row.kind == "revolute" else "length"
-        actuators.append(row.actuator(row.name, row.name, dimension, context))
+        if row.kind != "fixed":
+            dimension = "angle" if row.kind == "revolute" else "length"
+            actuators.append(row.actuator(row.name, row.name, dimension, context))
+    if not actuators:
+        raise InputError(
+            f"{context.where}.joints: found fixed rows only, expected at least one joint that moves"
+        )
     lengths, flange = _lengths(names), joints[-1].child
     if chain.flange is not None:
         parameters += _flange(chain.flange, names, context)

@@ -70,6 +70,8 @@ def expanded(section: Urdf, robot: Robot, units: UnitSystem, where: str) -> dict
     tips = (section.tip_link,) if isinstance(section.tip_link, str) else section.tip_link
     chain = _united([robot.chain(section.base_link, tip, where) for tip in tips])
     links = [section.base_link, *(robot.end(joint, "child") for joint in chain)]
+    for joint in chain:
+        robot.kind(joint)  # a floating joint is refused by its name, before anything that follows from it
     if BASE in links[1:]:
         raise InputError(
             f"{where}.base_link: found {section.base_link!r}, with the link {BASE!r} further on, expected "
@@ -113,17 +115,11 @@ def _followed(robot: Robot, joint: Element, called: Mapping[str, str], units: Un
             f"found {cut(other)!r}, which lies on no way to a tip",
             "a joint of the machine: name a link beyond it in tip_link, too",
         )
-    own, theirs = (_slides(robot, name) for name in (robot.joint_name(joint), other))
+    own, theirs = ("mm" if j.get("type") == "prismatic" else "rad" for j in (joint, robot.joints[other]))
     inside = ratio_unit(own, theirs)
     written = units.written(inside)
     moved = float(units.from_internal(offset, "length" if own == "mm" else "angle"))
     return {"mimic": {"joint": called[other], "ratio": convert(ratio, inside, written)}, "offset": moved}
-
-
-def _slides(robot: Robot, name: str) -> str:
-    """Unit of a joint's displacement."""
-    joint = next(j for j in robot.above.values() if robot.joint_name(j) == name)
-    return "mm" if joint.get("type") == "prismatic" else "rad"
 
 
 def _names(section: Urdf, chain: list[str], where: str) -> list[str]:

@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -13,7 +14,7 @@ from xml.etree import ElementTree
 from truepose.errors import InputError
 from truepose.models.builders.urdf_xml import read_urdf
 from truepose.models.units import UnitSystem
-from truepose.wording import close_matches, cut
+from truepose.wording import close_matches, cut, shortened
 
 KINDS = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic", "fixed": "fixed"}
 MM_PER_M = 1000.0
@@ -23,6 +24,8 @@ NAME_MOST = 200
 """Characters of the name of a link or joint."""
 FARTHEST = 1e9
 """m, rad, kg: what is larger in a URDF is no robot's."""
+_TOP = ("link", "joint", "material")
+_OF_JOINTS = ("parent", "child", "origin", "axis", "limit", "mimic")
 _AXIS = (1.0, 0.0, 0.0)
 """Axis of a joint that states none."""
 
@@ -37,6 +40,8 @@ class Robot:
     """The joint that carries each link."""
     elements: tuple[ElementTree.Element, ...] = ()
     """The links' elements."""
+    unread: tuple[str, ...] = ()
+    """Kinds of elements that nothing here reads, such as `transmission`, sorted; shapes and materials aside."""
 
     @classmethod
     def read(cls, path: Path) -> Robot:
@@ -50,7 +55,9 @@ class Robot:
         joints = [joint.get("name", "") for joint in root.findall("joint")]
         _check_names(path, "link", links)
         _check_names(path, "joint", joints)
-        robot = cls(path, frozenset(links), {}, tuple(root.findall("link")))
+        within = (child.tag for joint in root.findall("joint") for child in joint)
+        unread = sorted({child.tag for child in root} - set(_TOP) | set(within) - set(_OF_JOINTS))
+        robot = cls(path, frozenset(links), {}, tuple(root.findall("link")), tuple(unread))
         above: dict[str, ElementTree.Element] = {}
         for joint in root.findall("joint"):
             for end in ("parent", "child"):
@@ -91,6 +98,11 @@ class Robot:
             )
         return out[::-1]
 
+    @cached_property
+    def joints(self) -> Mapping[str, ElementTree.Element]:
+        """All joints by name."""
+        return {self.joint_name(joint): joint for joint in self.above.values()}
+
     def joint_name(self, joint: ElementTree.Element) -> str:
         """The joint's name."""
         return joint.get("name", "")
@@ -105,14 +117,22 @@ class Robot:
             )
         return link
 
+    def kind(self, joint: ElementTree.Element) -> str:
+        """Return how a joint moves, as a graph states it. Raises InputError for a floating or planar joint."""
+        kind = joint.get("type", "")
+        if kind in KINDS:
+            return KINDS[kind]
+        expected = ", ".join(KINDS)
+        if kind in ("floating", "planar"):
+            beyond = f"a chain that starts beyond it, at the link {cut(self.end(joint, 'child'))!r} (base_link, --base-link)"
+            expected = f"{expected}, or {beyond}, or type: graph"
+        raise self.wrong(joint, "type", f"found {cut(kind)!r}", expected)
+
     def joint(self, joint: ElementTree.Element, units: UnitSystem) -> dict[str, Any]:
         """Kind, frame, axis and range of a joint as a graph states them, in the file's units."""
-        kind = joint.get("type", "")
-        if kind not in KINDS:
-            expected = f"{', '.join(KINDS)} (describe the machine as type: graph)"
-            raise self.wrong(joint, "type", f"found {cut(kind)!r}", expected)
+        kind = self.kind(joint)
         xyz, rpy = self.numbers(joint, "origin", "xyz"), self.numbers(joint, "origin", "rpy")
-        out: dict[str, Any] = {"kind": KINDS[kind]}
+        out: dict[str, Any] = {"kind": kind}
         out["xyz"] = [float(units.from_internal(MM_PER_M * v, "length")) for v in xyz]
         out["rpy"] = [float(units.from_internal(v, "angle")) for v in rpy]
         if kind == "fixed":
@@ -124,7 +144,7 @@ class Robot:
         if joint.find("mimic") is not None:
             return out
         out["actuated"] = True
-        limits = self._range(joint, kind)
+        limits = self._range(joint)
         if limits is not None:
             slides = kind == "prismatic"
             dimension, factor = ("length", MM_PER_M) if slides else ("angle", 1.0)
@@ -132,34 +152,35 @@ class Robot:
         return out
 
     def mimic(self, joint: ElementTree.Element) -> tuple[str, float, float] | None:
-        """What a joint follows: the other's name, multiplier (1, mm/rad or rad/mm) and offset (mm or rad); None if nothing.
+        """What a joint follows in the end: the name of a joint with a reading, multiplier (1, mm/rad or rad/mm) and offset
+        (mm or rad); None for a joint that follows nothing.
 
-        Raises InputError where that joint has no reading of its own, or the same one twice.
+        Raises InputError where that joint does not move, or follows this one.
         """
-        element = joint.find("mimic")
-        if element is None or joint.get("type") == "fixed":
+        if joint.find("mimic") is None or KINDS.get(joint.get("type", "")) == "fixed":
             return None
-        found = element.get("joint", "")
-        other = next((j for j in self.above.values() if self.joint_name(j) == found), None)
-        if (
-            other is None
-            or other.find("mimic") is not None
-            or KINDS.get(other.get("type", ""), "fixed") == "fixed"
-        ):
-            raise self.wrong(
-                joint, "mimic", f"found {cut(found)!r}", "a joint that moves and has a reading of its own"
+        ratio, offset, names, here = 1.0, 0.0, dict.fromkeys([self.joint_name(joint)]), joint
+        while (element := here.find("mimic")) is not None:
+            found = element.get("joint", "")
+            other = self.joints.get(found)
+            if other is None or KINDS.get(other.get("type", ""), "fixed") == "fixed" or found in names:
+                way = f", by way of {shortened(list(map(cut, [*names][1:])), 5)}" if len(names) > 1 else ""
+                expected = "a joint that moves and has a reading of its own"
+                raise self.wrong(joint, "mimic", f"found {cut(found)!r}{way}", expected)
+            factor, shift = (
+                self.number(here, "mimic", element.get(key, usual))
+                for key, usual in (("multiplier", "1"), ("offset", "0"))
             )
-        factor, offset = (
-            self.number(joint, "mimic", element.get(key, usual))
-            for key, usual in (("multiplier", "1"), ("offset", "0"))
-        )
-        own, theirs = (MM_PER_M if j.get("type") == "prismatic" else 1.0 for j in (joint, other))
-        return found, factor * own / theirs, offset * own
+            ratio, offset = ratio * factor, offset + ratio * shift
+            names[found] = None
+            here = other
+        own, theirs = (MM_PER_M if j.get("type") == "prismatic" else 1.0 for j in (joint, here))
+        return self.joint_name(here), ratio * own / theirs, offset * own
 
-    def _range(self, joint: ElementTree.Element, kind: str) -> tuple[float, float] | None:
+    def _range(self, joint: ElementTree.Element) -> tuple[float, float] | None:
         """Lower and upper limit; None for a joint that turns without end or states none."""
         limit = joint.find("limit")
-        if kind == "continuous" or limit is None or not {"lower", "upper"} & set(limit.keys()):
+        if joint.get("type") == "continuous" or limit is None or not {"lower", "upper"} & set(limit.keys()):
             return None
         low, high = (self.number(joint, "limit", limit.get(side, "0")) for side in ("lower", "upper"))
         if low >= high:

@@ -37,6 +37,14 @@ def mjcf_text(machine: Machine, tree: Tree, notes: Sequence[str]) -> str:
     equality = [_following(joint, links.slides) for joint in links.joints if joint.follows is not None]
     if equality:
         ElementTree.SubElement(root, "equality").extend(equality)
+    return model_text(root, machine)
+
+
+def model_text(root: ElementTree.Element, machine: Machine) -> str:
+    """Return the text of a model, to which a motor for each driven joint is added: it says which joints are driven."""
+    motors = ElementTree.SubElement(root, "actuator")
+    for name in machine.mechanism.readings:
+        ElementTree.SubElement(motors, "motor", name=name, joint=name)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode") + "\n"
 
@@ -100,4 +108,4 @@ def _following(joint: TreeJoint, slides: Mapping[str, bool]) -> ElementTree.Elem
     return ElementTree.Element("joint", told)
 
 
-__all__ = ["body_in", "inertial", "mjcf_text", "model_head"]
+__all__ = ["body_in", "inertial", "mjcf_text", "model_head", "model_text"]

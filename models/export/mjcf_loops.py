@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.models.export.links import Names, lump_of
-from truepose.models.export.mjcf import body_in, inertial, model_head
+from truepose.models.export.mjcf import body_in, inertial, model_head, model_text
 from truepose.models.export.numbers import MM_PER_M, cleaned, text
 from truepose.models.export.standing import Standing
 from truepose.models.lie import inverse_pose
@@ -69,8 +69,7 @@ def mjcf_loops_text(machine: Machine, at: Standing, notes: Sequence[str]) -> str
         if points:
             model.elements[name].insert(0, inertial(lump_of(points)))
     ElementTree.SubElement(root, "equality").extend(model.equality)
-    ElementTree.indent(root)
-    return ElementTree.tostring(root, encoding="unicode") + "\n"
+    return model_text(root, machine)
 
 
 def _body(model: _Model, name: str, parent: str, pose: Array) -> ElementTree.Element:

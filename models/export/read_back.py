@@ -1,12 +1,12 @@
 """Read an exported text back before it is published: it must hold the machine that was meant.
 
-A URDF is read by ``type: urdf``, a xacro as the URDF of its macro, and the other formats by small readers of their own
-(``read_mjcf``, ``read_ur_kinematics``, ``read_volumetric``). What a format cannot hold is not compared.
+A URDF is read by ``type: urdf``, a xacro as the URDF of its macro, an MJCF as ``truepose init`` starts from it, and the other
+formats by small readers of their own (``read_ur_kinematics``, ``read_volumetric``). What a format cannot hold is not compared.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from xml.etree.ElementTree import ParseError
 
@@ -88,11 +88,15 @@ def _compare_urdf(text: str, machine: Machine, meant: Tree) -> Iterator[str]:
 
 def _compare_mjcf(text: str, machine: Machine, meant: Tree) -> Iterator[str]:
     """Yield how the bodies of an MJCF, and its site, differ from a tree in the world."""
-    links, read = links_of(machine, meant), read_mjcf(text, machine.mechanism.readings)
-    yield from _compare_ranges(read.ranges, machine)
+    links, mjcf = links_of(machine, meant), read_mjcf(text)
+    read, graph = mjcf.machine()
+    yield from _compare_ranges({a.reading: a.range for a in read.mechanism.actuators}, machine)
+    found = tree_of(read, held(read).values, "MJCF")
+    still = {body.name: mjcf.parts.poses[k] for k, body in enumerate(mjcf.parts.bodies)}
     for readings in _sample_rows(machine):
+        moved = {name: graph.pose @ pose for name, pose in found.links(readings).items()}
         expected = {name: meant.world @ pose for name, pose in links.frames(readings).items()}
-        yield from _compare_frames(read.frames([*readings.values()]), expected)
+        yield from _compare_frames({**still, **moved, BASE: still[BASE]}, expected)
 
 
 def _compare_ur_kinematics(text: str, machine: Machine, meant: Tree) -> Iterator[str]:
@@ -110,20 +114,34 @@ def _compare_loops(text: str, machine: Machine) -> Iterator[str]:
     Where loops are strained MuJoCo shares out what they lack in its own way.
     """
     values, names = held(machine).values, machine.mechanism.readings
-    at, read = standing(machine, values, "MJCF"), read_mjcf(text, names)
-    yield from _compare_ranges(read.ranges, machine)
-    home = np.array([at.readings[name] for name in names])
+    at, mjcf = standing(machine, values, "MJCF"), read_mjcf(text)
+    read, graph = mjcf.machine()
+    yield from _compare_ranges({a.reading: a.range for a in read.mechanism.actuators}, machine)
+    start = {a.reading: a.home for a in read.mechanism.actuators}
+    home, begun = (np.array([where[name] for name in names], dtype=float) for where in (at.readings, start))
+    if not np.allclose(begun, home, rtol=SAME, atol=NONE):
+        yield f"its loops begin at {begun}, expected {home} (mm, rad)"
     bodies = {name: at.world @ pose for name, pose in at.bodies.items()}
     tool = bodies[machine.mechanism.flange] @ at.tool
-    yield from _compare_frames(read.frames(home.tolist()), {**bodies, read.tool: tool})
+    still = {body.name: mjcf.parts.poses[k] for k, body in enumerate(mjcf.parts.bodies)}
+    yield from _compare_frames(still, {**bodies, mjcf.tool: tool})
     if at.gap > SHUT:
         return
-    model = symbolic_model(machine, (), ports=True)
-    pose, p = closed_pose_function(model), np.array([values[name] for name in model.names])
+    pose, again = (_held_pose(one) for one in (machine, read))
+    order = [names.index(name) for name in read.mechanism.readings]
     for q in home + NEAR * (sample_readings(machine)[:ROWS] - home):
-        expected = at.world @ pose(q, p)
+        expected = at.world @ pose(q)
         if np.isfinite(expected).all():
-            yield from _compare_frames(read.frames(q.tolist()), {read.tool: expected})
+            found = again(q[order])
+            closed = {mjcf.tool: graph.pose @ found} if np.isfinite(found).all() else None
+            yield from _compare_frames(closed, {mjcf.tool: expected})
+
+
+def _held_pose(machine: Machine) -> Callable[[Array], Array]:
+    """Return a function of readings (nq,) to the tool (4, 4) mm in the base, with the constants that a format holds."""
+    model, values = symbolic_model(machine, (), ports=True), held(machine).values
+    pose, p = closed_pose_function(model), np.array([values[name] for name in model.names])
+    return lambda q: pose(q, p)
 
 
 def _compare_table(text: str, machine: Machine, format: str) -> Iterator[str]:

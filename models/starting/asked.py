@@ -43,7 +43,7 @@ def asked_start(ask: Ask) -> Start:
 def _cells(words: list[str], fields: tuple[str, ...], where: str) -> dict[str, str]:
     rest = list(words)
     numbers, rest = rest[: len(fields)], rest[len(fields) :]
-    kind = rest.pop(0) if rest and rest[0][:1].isalpha() else ""
+    kind = rest.pop(0) if rest and rest[0][:1].isalpha() else "revolute"
     if len(numbers) != len(fields) or len(rest) not in (0, 2):
         raise InputError(
             f"{where}: found {' '.join(words)!r}, expected {' '.join(fields)}, then `prismatic` and the ends of its range "

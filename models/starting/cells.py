@@ -26,6 +26,7 @@ _UNIT = re.compile(r"^(.*?[\d.,iπ])\s*(mm|cm|m|um|µm|inch|in|deg|°|degrees?|r
 _LETTER = r"(?:θ|theta|th|q|d|var)_?\{?\d*\}?\*?"
 _VARIABLE = re.compile(rf"^([-+]?){_LETTER}", re.IGNORECASE)
 _VARIABLE_LAST = re.compile(rf"^(.*?)\s*\+\s*{_LETTER}$", re.IGNORECASE)
+_PRINTED = str.maketrans("−–º˚₀₁₂₃₄₅₆₇₈₉", "--°°0123456789")
 _RADIANS = (math.pi / 4, math.pi / 2, math.pi, 3 * math.pi / 2)
 
 
@@ -86,6 +87,12 @@ def interval(text: str, dimension: str, unit: str, where: str) -> tuple[float, f
     return min(ends), max(ends)
 
 
+def has_variable(text: str) -> bool:
+    """Return whether a cell names the joint's variable: ``θ1``, ``q2 - 90``, ``90 + q2``."""
+    plain = _normal(text)
+    return bool(_VARIABLE.match(plain) or _VARIABLE_LAST.match(plain))
+
+
 def _without_variable(text: str, where: str, found: str) -> str:
     last = _VARIABLE_LAST.match(text)
     match = _VARIABLE.match(text)
@@ -103,8 +110,8 @@ def _without_variable(text: str, where: str, found: str) -> str:
 
 
 def _normal(text: str) -> str:
-    """Text with plain minus signs, without spaces at its ends."""
-    return text.strip().replace("−", "-").replace("–", "-").replace("º", "°").replace("˚", "°")
+    """Text with plain minus signs and digits, without spaces at its ends."""
+    return text.strip().translate(_PRINTED)
 
 
 def _float(text: str) -> float:
@@ -119,4 +126,4 @@ def _expected(dimension: str) -> str:
     )
 
 
-__all__ = ["UNITS", "Cell", "cell", "interval"]
+__all__ = ["UNITS", "Cell", "cell", "has_variable", "interval"]

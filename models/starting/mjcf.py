@@ -1,178 +1,113 @@
-"""A machine to start from in an MJCF: the chain from the world to a body, written out as a graph with masses and gravity.
+"""A machine to start from in an MJCF: what leads to a body, with its loops, written out as a graph with masses and gravity.
 
 MuJoCo itself reads the file, so that defaults, includes, angles and the masses of shapes are what it takes them for.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truepose.errors import InputError
+from truepose.models.lie import inverse_pose
 from truepose.models.starting.compiled_mjcf import Compiled, compiled
-from truepose.models.starting.mujoco_child import LEAST
-from truepose.models.starting.start import Start
+from truepose.models.starting.mjcf_choice import Choice, choose
+from truepose.models.starting.mjcf_graph import MjcfGraph
+from truepose.models.starting.mjcf_model import MM_PER_M, parts_of
+from truepose.models.starting.mjcf_parts import Parts
+from truepose.models.starting.start import Start, unranged
 from truepose.wording import close_matches, cut, shortened
 
 if TYPE_CHECKING:
     import mujoco
 
-Array = NDArray[np.float64]
-_MM = 1000.0
 CHAIN_MOST = 500
 """Bodies between the base and the tip."""
 NAME_MOST = 200
 """Characters of a name."""
+WEIGHTLESS = 1e-6
+"""kg: what files give bodies that have no mass, as MuJoCo asks; a milligram."""
 FARTHEST = 1e9
 """m, m/s^2, kg: what is larger in an MJCF is no robot's."""
 _NAMED = 4
 
 
 def mjcf_start(path: Path, tip: str = "") -> Start:
-    """The start of an MJCF; empty ``tip``: the body at the end of the chain with the most joints.
+    """Return the start of an MJCF; empty ``tip``: the one end of its chain of joints.
 
-    Raises InputError where MuJoCo is missing or refuses the file, and for a chain with ball or free joints.
+    Raises InputError where MuJoCo is missing or refuses the file, and for a machine that no graph holds.
     """
     found = compiled(path)
     model = found.model
     _check(model, path)
-    body = _body(model, tip, path) if tip else _longest(model, path)
-    chain = _chain(model, body, path)
-    return _Written(model, chain, path).start(found)
-
-
-@dataclass(frozen=True)
-class _Written:
-    """The chain of bodies ``chain`` (ids) of a model, the first of which stands still, as a graph."""
-
-    model: mujoco.MjModel
-    chain: Sequence[int]
-    path: Path
-
-    def start(self, found: Compiled) -> Start:
-        """Where meshes were not at hand, bodies whose mass comes from them weigh nothing."""
-        poses = _poses(self.model)
-        bodies, shifts = [self._name(self.chain[0])], {self.chain[0]: np.zeros(3)}
-        joints: list[dict[str, Any]] = []
-        for above, body in zip(self.chain, self.chain[1:], strict=False):
-            self._add(body, np.linalg.inv(poses[above]) @ poses[body], shifts, bodies, joints, above)
-        if shifts[self.chain[-1]].any():
-            joints.append(
-                _joint("tip_joint", "fixed", bodies[-1], "tip", -shifts[self.chain[-1]], np.zeros(3))
-            )
-            bodies.append("tip")
-        masses, light = self._masses(poses, shifts)
-        turned = poses[self.chain[0]][:3, :3].T @ np.array(self.model.opt.gravity)
-        gravity = tuple(float(round(v, 9)) + 0.0 for v in turned)
-        notes = [
-            f"Source: {self.path.name}, from the body {bodies[0]} to the body {self._name(self.chain[-1])}."
-        ]
-        if light:
-            why = "whose meshes were not at hand" if found.bare else "as the source says"
-            notes.append(f"Note: bodies without mass, {why}: {shortened(light, _NAMED)}. CHECK masses.")
-        notes += [f"Note: MuJoCo: {said}" for said in found.warnings]
-        mechanism = {"type": "graph", "bodies": bodies, "flange": bodies[-1], "joints": joints}
-        return Start(
-            self.path.stem,
-            f"The MJCF {self.path.name}",
-            mechanism,
-            tuple(notes),
-            gravity=(gravity[0], gravity[1], gravity[2]),
-            masses=masses,
+    parts = parts_of(model)
+    body = _body(model, tip, path) if tip else _only_end(parts, path)
+    if len(parts.way(body)) > CHAIN_MOST:
+        raise InputError(
+            f"{path}: found {len(parts.way(body))} bodies up to the tip, expected at most {CHAIN_MOST}"
         )
-
-    def _add(
-        self,
-        body: int,
-        frame: Array,
-        shifts: dict[int, Array],
-        bodies: list[str],
-        joints: list[dict[str, Any]],
-        above: int,
-    ) -> None:
-        """A body's joints, each with a body of its own that stands where its anchor is; one without is fixed."""
-        name, first, count = self._name(body), self.model.body_jntadr[body], self.model.body_jntnum[body]
-        at, rpy = frame[:3, 3] - shifts[above], np.degrees(_rpy(frame[:3, :3]))
-        if not count:
-            joints.append(_joint(f"{name}_joint", "fixed", bodies[-1], name, at, rpy))
-            bodies.append(name)
-            shifts[body] = np.zeros(3)
-            return
-        here = np.zeros(3)
-        for k in range(first, first + count):
-            anchor = _MM * self.model.jnt_pos[k]
-            place = at + frame[:3, :3] @ anchor if k == first else anchor - here
-            child = name if k == first + count - 1 else f"{name}.{k - first + 1}"
-            turned = rpy if k == first else np.zeros(3)
-            joints.append(self._moving(k, bodies[-1], child, place, turned))
-            bodies.append(child)
-            here = anchor
-        shifts[body] = here
-
-    def _moving(self, k: int, parent: str, child: str, at: Array, rpy: Array) -> dict[str, Any]:
-        import mujoco
-
-        slides = int(self.model.jnt_type[k]) == int(mujoco.mjtJoint.mjJNT_SLIDE)
-        factor = _MM if slides else 180.0 / np.pi
-        name = self.model.joint(k).name or f"{child}_joint"
-        out = _joint(name, "prismatic" if slides else "revolute", parent, child, at, rpy)
-        out |= {"axis": self.model.jnt_axis[k].tolist(), "actuated": True}
-        zero = float(self.model.qpos0[self.model.jnt_qposadr[k]])
-        if zero:
-            out["offset"] = -factor * zero  # the file's pose is where the joint reads this much
-        if self.model.jnt_limited[k]:
-            out["range"] = (factor * self.model.jnt_range[k]).tolist()
-        return out
-
-    def _masses(self, poses: Array, shifts: Mapping[int, Array]) -> tuple[dict[str, Any], list[str]]:
-        """Masses by the body of the chain that carries them, joints off the chain at zero; bodies without any."""
-        own = set(self.chain[1:])
-        sums = {body: np.zeros(4) for body in self.chain[1:]}
-        com = _centres(self.model)
-        for body in range(1, self.model.nbody):
-            carrier = body
-            while carrier and carrier not in own and carrier != self.chain[0]:
-                carrier = int(self.model.body_parentid[carrier])
-            if carrier in own:
-                local = poses[carrier][:3, :3].T @ (com[body] - poses[carrier][:3, 3]) - shifts[carrier]
-                sums[carrier] += self.model.body_mass[body] * np.array([1.0, *local])
-        heavy = {body: s for body, s in sums.items() if s[0] > 10 * LEAST}
-        masses = {
-            self._name(body): {"kg": float(s[0]), "com": (s[1:] / s[0]).tolist(), "in": self._name(body)}
-            for body, s in heavy.items()
-        }
-        light = [self._name(b) for b in self.chain[1:] if b not in heavy and self.model.body_jntnum[b]]
-        return masses, light
-
-    def _name(self, body: int) -> str:
-        name = self.model.body(body).name or f"body{body}"
-        return f"{name}_body" if name == "base" and body != self.chain[0] else name
+    choice = choose(parts, [body], str(path))
+    graph = MjcfGraph(choice, str(path))
+    section = graph.section(body)
+    masses, light = _masses(model, graph)
+    gravity = graph.pose[:3, :3].T @ np.array(model.opt.gravity)
+    x, y, z = (float(round(v, 9)) + 0.0 for v in gravity)
+    return Start(
+        path.stem,
+        f"The MJCF {path.name}",
+        section,
+        (*_notes(choice, body, path), *unranged(section["joints"]), *_said_of_masses(light, found)),
+        gravity=(x, y, z),
+        masses=masses,
+        left_out=choice.left_out(),
+    )
 
 
-def _joint(name: str, kind: str, parent: str, child: str, at: Array, rpy: Array) -> dict[str, Any]:
-    return {
-        "name": name,
-        "kind": kind,
-        "parent": parent,
-        "child": child,
-        "xyz": at.tolist(),
-        "rpy": rpy.tolist(),
+def _notes(choice: Choice, tip: int, path: Path) -> Iterator[str]:
+    """Yield where the machine begins and ends, and joints that only the absence of a drive could be read from."""
+    bodies = choice.parts.bodies
+    yield f"Source: {path.name}, from the body {bodies[choice.base].name} to the body {bodies[tip].name}."
+    driven = choice.parts.driven
+    bare = [
+        joint.name
+        for body, joint in choice.joints
+        if choice.drives(body, joint) and joint.name not in (driven or ())
+    ]
+    if driven is not None and bare:
+        names = shortened(bare, _NAMED)
+        yield f"CHECK joints without an actuator and outside loops, taken as read by the recording: {names}."
+    if choice.ties:
+        yield "CHECK home: loops are closed from where the file has the machine; a singular pose is a bad start."
+
+
+def _said_of_masses(light: Sequence[str], found: Compiled) -> Iterator[str]:
+    """Yield which bodies weigh nothing, and what MuJoCo warns of."""
+    if light:
+        why = "whose meshes were not at hand" if found.bare else "as the source says"
+        yield f"Note: bodies without mass, {why}: {shortened(list(light), _NAMED)}. CHECK masses."
+    yield from (f"Note: MuJoCo: {said}" for said in found.warnings)
+
+
+def _masses(model: mujoco.MjModel, graph: MjcfGraph) -> tuple[dict[str, Any], list[str]]:
+    """Return masses by the body that carries them, joints off the machine as the file has them, and bodies without any."""
+    choice = graph.choice
+    parts, poses = choice.parts, choice.parts.poses
+    sums = {body: np.zeros(4) for body in choice.bodies}
+    for body in range(1, model.nbody):
+        carrier = next((b for b in reversed(parts.way(body)) if b in sums or b == choice.base), choice.base)
+        if carrier != choice.base and model.body_mass[body] > WEIGHTLESS:
+            centre = poses[body] @ [*(MM_PER_M * model.body_ipos[body]), 1.0]
+            local = (inverse_pose(poses[carrier]) @ centre)[:3] - graph.shifts[carrier]
+            sums[carrier] += model.body_mass[body] * np.array([1.0, *local])
+    heavy = {body: s for body, s in sums.items() if s[0]}
+    masses = {
+        graph.names[body]: {"kg": float(s[0]), "com": (s[1:] / s[0]).tolist(), "in": graph.names[body]}
+        for body, s in heavy.items()
     }
-
-
-def _rpy(rotation: Array) -> Array:
-    """Roll, pitch, yaw of Rz(yaw) Ry(pitch) Rx(roll); yaw is 0 where the pitch is 90 deg and only a sum is known."""
-    across = float(np.hypot(rotation[0, 0], rotation[1, 0]))
-    pitch = np.arctan2(-rotation[2, 0], across)
-    if across < 1e-9:
-        return np.array([np.arctan2(-rotation[1, 2], rotation[1, 1]), pitch, 0.0])
-    roll = np.arctan2(rotation[2, 1], rotation[2, 2])
-    return np.array([roll, pitch, np.arctan2(rotation[1, 0], rotation[0, 0])])
+    return masses, [graph.names[b] for b in choice.bodies if b not in heavy and parts.bodies[b].joints]
 
 
 def _check(model: mujoco.MjModel, path: Path) -> None:
@@ -210,67 +145,18 @@ def _body(model: mujoco.MjModel, name: str, path: Path) -> int:
     return names.index(name)
 
 
-def _longest(model: mujoco.MjModel, path: Path) -> int:
-    """The body at the end of the chain with the most joints; fixed bodies behind it do not count."""
-    moving = np.zeros(model.nbody, dtype=int)
-    for body in range(1, model.nbody):
-        moving[body] = moving[model.body_parentid[body]] + model.body_jntnum[body]
-    best = [k for k in range(model.nbody) if moving[k] == moving.max() and model.body_jntnum[k]]
-    if len(best) != 1:
-        named = [cut(model.body(k).name, 60) or f"body{k}" for k in best]
-        names = shortened(named, 10) or "none with joints"
+def _only_end(parts: Parts, path: Path) -> int:
+    """Return the last body that a hinge, slide or ball moves; fixed bodies behind it do not count."""
+    moving = [k for k, body in enumerate(parts.bodies) if body.joints and not body.free]
+    carrying = {above for k in moving for above in parts.way(k)[:-1]}
+    ends = [k for k in moving if k not in carrying]
+    if len(ends) != 1:
+        names = shortened([cut(parts.bodies[k].name, 60) for k in ends], 10) or "none with joints"
         raise InputError(
-            f"{path}: found several ends of a chain: {names}, expected one: say which with --tip"
+            f"{path}: found several ends of a chain: {names}, expected one: say which with --tip, which also takes a body "
+            "before they part, such as the flange"
         )
-    return best[0]
-
-
-def _chain(model: mujoco.MjModel, tip: int, path: Path) -> list[int]:
-    """Bodies from the last one that stands still to the tip. Raises InputError for joints of other kinds."""
-    import mujoco
-
-    chain = [tip]
-    while chain[-1]:
-        chain.append(int(model.body_parentid[chain[-1]]))
-    chain.reverse()
-    while len(chain) > 1 and not model.body_jntnum[chain[1]]:
-        del chain[0]
-    if len(chain) > CHAIN_MOST:
-        raise InputError(f"{path}: found {len(chain)} bodies up to the tip, expected at most {CHAIN_MOST}")
-    if len(chain) < 2:
-        raise InputError(
-            f"{path}: found no joint on the way to {cut(model.body(tip).name)!r}, expected another --tip"
-        )
-    known = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
-    for body in chain:
-        for k in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]):
-            if int(model.jnt_type[k]) not in known:
-                raise InputError(
-                    f"{path}: joint {cut(model.joint(k).name)!r}: found a ball or free joint, expected hinges and "
-                    "slides on the way from the base to the tip"
-                )
-    return chain
-
-
-def _poses(model: mujoco.MjModel) -> Array:
-    """(nbody, 4, 4) of every body in the world as the file places them, mm."""
-    data = _placed(model)
-    out = np.tile(np.eye(4), (model.nbody, 1, 1))
-    out[:, :3, :3], out[:, :3, 3] = data.xmat.reshape(-1, 3, 3), _MM * data.xpos
-    return out
-
-
-def _centres(model: mujoco.MjModel) -> Array:
-    """(nbody, 3) centres of mass in the world, mm."""
-    return np.asarray(_MM * _placed(model).xipos)
-
-
-def _placed(model: mujoco.MjModel) -> mujoco.MjData:
-    import mujoco
-
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    return data
+    return ends[0]
 
 
 __all__ = ["mjcf_start"]

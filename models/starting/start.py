@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
+
+from truepose.wording import shortened
 
 UPRIGHT = (0.0, 0.0, -9.80665)
 """Gravity in a base frame whose z points up, m/s^2."""
@@ -19,7 +21,7 @@ class Start:
     ``about`` are sources and notes, one line each. ``described_in`` names the file that says masses and gravity itself.
     ``frames`` and ``sensor`` stand in place of unknown frames and of a pose sensor where the machine has its own.
     ``readings`` are the joints' columns with their units, where the section does not name them (a URDF's).
-    ``tested``: the package's own tests build it.
+    ``tested``: the package's own tests build it. ``left_out`` is what the machine has not of its source, one line each.
     """
 
     name: str
@@ -34,6 +36,7 @@ class Start:
     described_in: str = ""
     readings: Mapping[str, str] = field(default_factory=dict)
     tested: bool = False
+    left_out: tuple[str, ...] = ()
 
 
 def readings_of(mechanism: Mapping[str, Any]) -> dict[str, str]:
@@ -42,21 +45,32 @@ def readings_of(mechanism: Mapping[str, Any]) -> dict[str, str]:
         return {leg["joint"]: "mm" for leg in mechanism["legs"]}
     if mechanism["type"] == "mount":
         return {mechanism[axis]["name"]: "deg" for axis in ("first", "second")}
-    moving = [j for j in mechanism["joints"] if mechanism["type"] == "serial" or j.get("actuated")]
+    serial = mechanism["type"] == "serial"
+    moving = [j for j in mechanism["joints"] if (j["kind"] != "fixed" if serial else j.get("actuated"))]
     return {joint["name"]: "mm" if joint["kind"] == "prismatic" else "deg" for joint in moving}
 
 
+def unranged(joints: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
+    """Return a line that names the joints with a reading and no range; nothing where all have one."""
+    names = [
+        j["name"]
+        for j in joints
+        if (j.get("actuated") or "theta" in j) and j["kind"] != "fixed" and "range" not in j
+    ]
+    return (f"CHECK joints without a range, which `plan` asks for: {shortened(names, 10)}.",) if names else ()
+
+
 def tidy(value: Any) -> Any:
-    """A copy with numbers as a person writes them: 12 significant digits, whole ones without a point, no minus zero."""
+    """A copy with numbers as a person writes them: 14 significant digits, whole ones without a point, no minus zero."""
     if isinstance(value, Mapping):
         return {key: tidy(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
         return [tidy(item) for item in value]
     if not isinstance(value, float) or value in (float("inf"), float("-inf")):
         return value
-    rounded = float(f"{value:.12g}")
-    rounded = 0.0 if abs(rounded) < 1e-12 else rounded
+    rounded = float(f"{value:.14g}")
+    rounded = 0.0 if abs(rounded) < 1e-13 else rounded
     return int(rounded) if rounded.is_integer() and abs(rounded) < 1e15 else rounded
 
 
-__all__ = ["TOLERANCES", "UPRIGHT", "Start", "readings_of", "tidy"]
+__all__ = ["TOLERANCES", "UPRIGHT", "Start", "readings_of", "tidy", "unranged"]

@@ -1,4 +1,5 @@
-"""Denavit-Hartenberg tables from a CSV: the columns a, alpha, d, theta (and r, beta for Khalil's), one row a joint.
+"""Denavit-Hartenberg tables from a CSV: the columns a, alpha, d, theta (and r, beta for Khalil's), one row a joint
+or a fixed frame (``truepose.models.starting.row_kinds``).
 
 Optional columns: name (or joint), kind, offset (added to theta), min and max, or range. A unit may stand in a header
 (``a [m]``, ``alpha (rad)``) or in a cell (``pi/2``, ``90°``); without one lengths are mm and angles deg, and what looks
@@ -16,7 +17,8 @@ from typing import Any
 
 from truepose.errors import InputError
 from truepose.models.starting.cells import UNITS, Cell, cell, interval
-from truepose.models.starting.start import Start
+from truepose.models.starting.row_kinds import row_kinds
+from truepose.models.starting.start import Start, unranged
 from truepose.wording import close_matches
 
 CONVENTIONS = ("standard", "modified", "khalil")
@@ -44,10 +46,8 @@ _KNOWN = (
     "max",
     "range",
 )
-_KINDS = {
-    "": "revolute", "revolute": "revolute", "r": "revolute", "rotary": "revolute", "rotational": "revolute",
-    "prismatic": "prismatic", "p": "prismatic", "linear": "prismatic", "t": "prismatic",
-}  # fmt: skip
+_FRAMES = ("base", "flange", "tool", "world")
+"""Names of frames, which no row may have."""
 _METRES = 5.0
 """mm: a table of nothing but shorter lengths was most likely written in metres."""
 _HEADER = re.compile(r"^(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]$")
@@ -103,8 +103,9 @@ def start_of(rows: Sequence[Row], convention: str, name: str, title: str, where:
     if convention not in CONVENTIONS:
         raise InputError(f"--convention: found {convention!r}, expected one of {', '.join(CONVENTIONS)}")
     joints, lengths = [], []
-    for k, row in enumerate(rows, start=1):
-        joint, used = _joint(row, k, convention)
+    kinds, notes = row_kinds([row.cells for row in rows], [row.where for row in rows])
+    for k, (row, kind) in enumerate(zip(rows, kinds, strict=True), start=1):
+        joint, used = _joint(row, k, convention, kind)
         joints.append(joint)
         lengths += used
     _refuse_metres(lengths, where)
@@ -114,17 +115,14 @@ def start_of(rows: Sequence[Row], convention: str, name: str, title: str, where:
         found = f"the joint {twice[0]!r} twice" if twice else "no rows"
         raise InputError(f"{where}: found {found}, expected a row for each joint, with a name of its own")
     mechanism = {"type": "serial", "convention": convention, "joints": joints}
-    return Start(name, title[:1].upper() + title[1:], mechanism, ("CHECK every number against the drawing.",))
+    about = ("CHECK every number against the drawing.", *notes, *unranged(joints))
+    return Start(name, title[:1].upper() + title[1:], mechanism, about)
 
 
-def _joint(row: Row, place: int, convention: str) -> tuple[dict[str, Any], list[Cell]]:
+def _joint(row: Row, place: int, convention: str, kind: str) -> tuple[dict[str, Any], list[Cell]]:
     """A row as a joint of a machine file, and its lengths."""
-    kind = row.cells.get("kind", "").strip().lower()
-    if kind not in _KINDS:
-        raise InputError(f"{row.where}, column 'kind': found {kind!r}, expected revolute or prismatic")
-    prismatic = _KINDS[kind] == "prismatic"
-    label = row.cells.get("name", "").strip() or str(place)
-    joint: dict[str, Any] = {"name": f"q{label}" if label.isdigit() else label, "kind": _KINDS[kind]}
+    prismatic = kind == "prismatic"
+    joint: dict[str, Any] = {"name": _name(row, place, kind), "kind": kind}
     lengths = []
     for field in FIELDS[convention]:
         found = row.number(field, prismatic=prismatic)
@@ -137,6 +135,14 @@ def _joint(row: Row, place: int, convention: str) -> tuple[dict[str, Any], list[
             raise InputError(f"{row.where}: found the range {list(limits)}, expected its lower end first")
         joint["range"] = list(limits)
     return joint, lengths
+
+
+def _name(row: Row, place: int, kind: str) -> str:
+    """Name of a row: its own; of one that is only counted, q1 or, without a joint, row1."""
+    label = row.cells.get("name", "").strip() or str(place)
+    if kind == "fixed" and label.lower() in _FRAMES:
+        return f"{label.lower()}_frame"
+    return f"{'row' if kind == 'fixed' else 'q'}{label}" if label.isdigit() else label
 
 
 def _refuse_metres(lengths: Sequence[Cell], where: str) -> None:

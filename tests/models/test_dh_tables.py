@@ -32,7 +32,7 @@ ANGLES = st.floats(-180.0, 180.0)
 ROWS = st.lists(
     st.builds(
         lambda kind, a, alpha, d, theta: {"kind": kind, "a": a, "alpha": alpha, "d": d, "theta": theta},
-        st.sampled_from(["revolute", "prismatic"]),
+        st.sampled_from(["revolute", "prismatic", "fixed"]),
         LENGTHS,
         ANGLES,
         LENGTHS,
@@ -40,7 +40,7 @@ ROWS = st.lists(
     ),
     min_size=1,
     max_size=7,
-)
+).filter(lambda rows: any(row["kind"] != "fixed" for row in rows))
 ARM: list[Row] = [
     {"kind": "revolute", "a": 20.0, "alpha": 90.0, "d": 300.0, "theta": 0.0},
     {"kind": "revolute", "a": 400.0, "alpha": 0.0, "d": 10.0, "theta": -90.0},
@@ -78,10 +78,8 @@ def product(rows: Sequence[Row], q: Sequence[float], convention: str) -> Array:
     """Base to flange (4, 4), mm; readings in deg and mm."""
     out = np.eye(4)
     for row, value in zip(rows, q, strict=True):
-        slides = row["kind"] == "prismatic"
-        own = turned(2, row["theta"] + (0 if slides else value)) @ moved(
-            2, row["d"] + (value if slides else 0)
-        )
+        turn, slide = (value if row["kind"] == kind else 0.0 for kind in ("revolute", "prismatic"))
+        own = turned(2, row["theta"] + turn) @ moved(2, row["d"] + slide)
         link = moved(0, row["a"]) @ turned(0, row["alpha"])
         out = out @ (own @ link if convention == "standard" else link @ own)
     return out
@@ -89,7 +87,8 @@ def product(rows: Sequence[Row], q: Sequence[float], convention: str) -> Array:
 
 def flange(machine: Machine, q: Sequence[float], rows: Sequence[Row]) -> Array:
     model = symbolic_model(machine)
-    internal = [v if row["kind"] == "prismatic" else np.radians(v) for v, row in zip(q, rows, strict=True)]
+    pairs = [(v, row["kind"]) for v, row in zip(q, rows, strict=True) if row["kind"] != "fixed"]
+    internal = [v if kind == "prismatic" else np.radians(v) for v, kind in pairs]
     return np.array(ca.Function("pose", [model.q, model.p], [model.pose])(internal, model.p_home))
 
 
@@ -98,7 +97,7 @@ def flange(machine: Machine, q: Sequence[float], rows: Sequence[Row]) -> Array:
 def test_a_table_is_the_product_that_its_convention_states(
     tmp_path_factory: pytest.TempPathFactory, rows: list[Row], seed: int, convention: str
 ) -> None:
-    """To rounding: entries of a few metres in double precision."""
+    """To rounding: entries of a few metres in double precision. Rows of kind fixed stand still."""
     machine = machine_of(tmp_path_factory.mktemp("table"), rows, convention)
     q = np.random.default_rng(seed).uniform(-170, 170, len(rows)).tolist()
     np.testing.assert_allclose(flange(machine, q, rows), product(rows, q, convention), atol=1e-8)

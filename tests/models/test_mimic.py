@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import ctypes
 import subprocess
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
 
 from support import two_arms
 from support.generated_c import COMPILER, needs_compiler
 from support.two_arms import pose
+from truepose.cli import app
 from truepose.codegen.c import generate
 from truepose.errors import InputError
 from truepose.identification.fit.calibrate import calibrate
@@ -36,6 +42,9 @@ GRIP = """<robot name="grip">
   <joint name="f" type="revolute"> <parent link="slide"/> <child link="finger"/> <origin xyz="0 0.05 0"/>
     <axis xyz="1 0 0"/> <mimic joint="a" multiplier="-2"/> </joint>
 </robot>"""
+LEADS = st.integers(2, 6).flatmap(
+    lambda n: st.tuples(st.permutations(range(n)), *(st.integers(0, max(k - 1, 0)) for k in range(n)))
+)
 SENSOR = "sensor: {type: pose, sigma: {xyz: 0.01, rot: 0.01}}\n"
 
 
@@ -76,6 +85,68 @@ def test_a_urdf_s_mimic_joints_follow(tmp_path: Path, head: str) -> None:
     at = ca.Function("at", [model.q, model.p], [model.pose])
     for a in (-0.9, 0.0, 0.4):
         np.testing.assert_allclose(np.array(at(a, model.p_home)), expected(a), atol=1e-9)
+
+
+def chained(order: Sequence[int], leads: Sequence[int]) -> str:
+    """Return the URDF of a chain whose joint 0 is driven; each other one, k, follows one before it in number, not in place."""
+    text = "".join(f'<link name="l{k}"/>' for k in range(len(order) + 1))
+    for at, k in enumerate(order):
+        follows = f'<mimic joint="j{leads[k]}" multiplier="{0.5 + k}" offset="{0.1 * k}"/>' if k else ""
+        text += f'<joint name="j{k}" type="revolute"><parent link="l{at}"/><child link="l{at + 1}"/>'
+        text += f'<origin xyz="0.1 0 0.05"/><axis xyz="{k % 2} 1 0"/>{follows}</joint>'
+    return f'<robot name="r">{text}</robot>'
+
+
+@settings(max_examples=10)
+@given(LEADS, st.floats(-1.0, 1.0))
+def test_a_joint_may_follow_one_that_follows(
+    tmp_path_factory: pytest.TempPathFactory, drawn: tuple[Any, ...], q: float
+) -> None:
+    """Whatever leads: each joint is where multiplier and offset put it, one after the other."""
+    order, *leads = drawn
+    folder = tmp_path_factory.mktemp("chained")
+    (folder / "r.urdf").write_text(chained(order, leads), encoding="utf-8")
+    done = CliRunner().invoke(app, ["init", "--urdf", str(folder / "r.urdf"), "-o", str(folder / "r.yaml")])
+    assert done.exit_code == 0, done.output
+    machine = load_machine(folder / "r.yaml")
+    assert machine.mechanism.readings == ("j0",)
+    values, at = [q], np.eye(4)
+    for k in range(1, len(order)):
+        values.append((0.5 + k) * values[leads[k]] + 0.1 * k)
+    for k in order:
+        axis = np.array([k % 2, 1.0, 0.0]) / np.hypot(k % 2, 1.0)
+        motion = np.eye(4)
+        motion[:3, :3] = Rotation.from_rotvec(values[k] * axis).as_matrix()
+        at = at @ pose((100, 0, 50), (0, 0, 0)) @ motion
+    model = symbolic_model(machine)
+    found = ca.Function("at", [model.q, model.p], [model.pose])(q, model.p_home)
+    np.testing.assert_allclose(np.array(found), at, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("leads", "message"),
+    [
+        (
+            {"j1": "j2", "j2": "j1"},
+            "joint 'j1': mimic: found 'j1', by way of j2, expected a joint that moves",
+        ),
+        ({"j1": "j1"}, "joint 'j1': mimic: found 'j1', expected a joint that moves"),
+        ({"j1": "j9", "j2": "j0"}, "joint 'j1': mimic: found 'j9', expected a joint that moves"),
+    ],
+)
+def test_what_follows_itself_or_nothing_is_refused(
+    tmp_path: Path, leads: Mapping[str, str], message: str
+) -> None:
+    text = chained((0, 1, 2), (0, 0, 0))
+    for k, (joint, lead) in enumerate(leads.items(), start=1):
+        assert joint == f"j{k}"
+        text = text.replace(f'<mimic joint="j0" multiplier="{0.5 + k}"', f'<mimic joint="{lead}"')
+    (tmp_path / "r.urdf").write_text(text, encoding="utf-8")
+    done = CliRunner().invoke(
+        app, ["init", "--urdf", str(tmp_path / "r.urdf"), "-o", str(tmp_path / "r.yaml")]
+    )
+    assert done.exit_code == 2
+    assert message in done.output
 
 
 def test_a_ratio_is_found_and_written_back(tmp_path: Path) -> None:

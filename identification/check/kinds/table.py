@@ -66,13 +66,12 @@ def conventions(rig: Rig, scene: Scene) -> Iterator[Slip]:
 def exchanged_rows(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """Yield the table with two of its rows in each other's place."""
     stated = _stated(rig)
-    n = len(rig.machine.mechanism.actuators)
-    if stated is None or n > _MOST_JOINTS:
+    if stated is None or (n := len(_rows(rig))) > _MOST_JOINTS:
         return
     for i, j in combinations(range(n), 2):
         order = np.arange(n)
         order[[i, j]] = j, i
-        names = [rig.machine.mechanism.actuators[k].reading for k in (i, j)]
+        names = [_rows(rig)[k] for k in (i, j)]
         yield Slip(
             "permutation",
             ("mechanism.joints",),
@@ -93,7 +92,13 @@ def _stated(rig: Rig) -> str | None:
 
 
 def _places(rig: Rig, field: str) -> list[int]:
-    return [rig.names.index(f"{a.reading}.{field}") for a in rig.machine.mechanism.actuators]
+    return [rig.names.index(f"{name}.{field}") for name in _rows(rig)]
+
+
+def _rows(rig: Rig) -> list[str]:
+    """Return the names of the table's rows, those that are fixed among them."""
+    file = rig.machine.file
+    return [] if file is None else [str(row["name"]) for row in file.mechanism["joints"]]
 
 
 def _typed(rig: Rig, stated: str, p: Array) -> _Table:

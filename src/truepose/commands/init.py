@@ -42,9 +42,9 @@ ExpandOption = Annotated[
 ]
 MjcfOption = Annotated[
     Path | None,
-    typer.Option(metavar="FILE", help="MJCF (MuJoCo) to read the chain from."),
+    typer.Option(metavar="FILE", help="MJCF (MuJoCo) to read the machine from."),
 ]
-TipOption = Annotated[str, typer.Option(metavar="BODY", help="Last body of the MJCF's chain.")]
+TipOption = Annotated[str, typer.Option(metavar="BODY", help="Last body of the MJCF's machine.")]
 ArmOption = Annotated[
     str,
     typer.Option(
@@ -99,7 +99,7 @@ def init(
     """A commented machine file to start from, and an empty recording beside it with the columns it needs.
 
     The mechanism comes from a table, a URDF, an MJCF or a bundled machine; on a terminal without any of them, from
-    questions. Base and tool are unknown unless told.
+    questions. Base and tool are unknown unless told. What the machine file leaves out of its source is listed.
 
     Example: truepose init --arm ur5e --sensor position -o cell3.yaml
 
@@ -139,8 +139,11 @@ def _write(start: Start, asked: Asked, path: Path, as_json: bool) -> None:
         "name": start.name,
         "columns": files.header.split(","),
         "files": [str(path), str(recording)],
+        "left_out": list(start.left_out),
     }
-    finish(summary, lines, [f"{recording}: left as it stands"] if kept else [], as_json=as_json)
+    notes = [f"left out: {line}" for line in start.left_out]
+    notes += [f"{recording}: left as it stands"] if kept else []
+    finish(summary, lines, notes, as_json=as_json)
 
 
 def _list(as_json: bool) -> None:

@@ -92,6 +92,7 @@ def _urdf(folder: Path) -> list[Seed]:
     machine, rows = seeds.URDF_MACHINE.encode(), b"pan,lift\n10,20\n-30,5\n40,60\n"
     commands = (
         ("init", "--urdf", "arm.urdf", "-o", "out/arm.yaml"),
+        ("init", "--urdf", "arm.urdf", "--tip-link", "jaw", "-o", "out/arm.yaml"),
         (
             "init",
             "--urdf",
@@ -112,8 +113,9 @@ def _urdf(folder: Path) -> list[Seed]:
 
 
 def _mjcf(folder: Path) -> list[Seed]:
-    commands = (("init", "--mjcf", "arm.xml", "-o", "out/arm.yaml"),)
-    return [Seed("arm.xml", seeds.MJCF.encode(), commands)]
+    one = (("init", "--mjcf", "arm.xml", "-o", "out/arm.yaml"),)
+    several = (("init", "--mjcf", "arm.xml", "--tip", "pen", "-o", "out/arm.yaml"),)
+    return [Seed("arm.xml", seeds.MJCF.encode(), one), Seed("arm.xml", seeds.LOOPED_MJCF.encode(), several)]
 
 
 def _bags(folder: Path) -> list[Seed]:

@@ -78,6 +78,21 @@ MJCF = """<mujoco model="arm">
   </worldbody>
 </mujoco>
 """
+LOOPED_MJCF = """<mujoco model="bars">
+  <default><geom type="sphere" size="0.01"/></default>
+  <worldbody>
+    <body name="c1" pos="-0.1 0 0" euler="0 0 120"><joint name="a1" ref="3"/><geom/>
+      <body name="r1" pos="0.2 0 0" euler="0 0 -60"><joint name="e1"/><geom/>
+        <body name="pen" pos="0.2 0 0"><geom/><joint name="f" type="slide"/></body></body></body>
+    <body name="c2" pos="0.1 0 0" euler="0 0 60"><joint name="a2"/><geom/>
+      <body name="r2" pos="0.2 0 0" euler="0 0 60"><joint name="e2"/><geom/></body></body>
+    <body name="box" pos="1 0 0"><freejoint/><geom/></body>
+  </worldbody>
+  <equality><connect name="tie" body1="r2" body2="r1" anchor="0.2 0 0"/><weld body1="box" body2="c2" active="false"/>
+    <joint joint1="f" joint2="a1" polycoef="0 0.01 0 0 0"/></equality>
+  <actuator><position joint="a1"/><motor joint="a2"/></actuator>
+</mujoco>
+"""
 POINTS = (
     "// SpatialAnalyzer 2023.1\n// Units: Millimeters\nA::Main::P1, 1234.5678, -12.5, 800.0\n"
     "A::Main::P2, 1300.25, 40.125, 790.5\n"

@@ -259,7 +259,7 @@ def test_a_urdf_without_masses_states_gravity(tmp_path: Path) -> None:
                 '<link name="b"/><joint name="q3" type="revolute"><parent link="post"/><child link="b"/></joint></robot>',
             ),
             (),
-            "several ends of the chain from 'floor': b, boom, tool0, expected one: say which with --tip-link",
+            "several ends of the chain from 'floor': b, tool0, expected one: say which with --tip-link",
         ),
         (
             URDF.replace('<link name="floor"/>', '<link name="floor"/><link name="sky"/>'),
@@ -278,6 +278,95 @@ def test_a_urdf_that_does_not_say_which_chain_is_refused(
     assert done.exit_code == 2
     assert message in done.output
     assert not (tmp_path / "m.yaml").exists()
+
+
+def extended(*more: str) -> str:
+    """Return the URDF with further joints: ``parent child type``, and what a mimic joint follows."""
+    text = ""
+    for line in more:
+        parent, child, kind, *led = line.split()
+        follows = f'<mimic joint="{led[0]}"/>' if led else ""
+        text += f'<link name="{child}"/><joint name="to_{child}" type="{kind}"><parent link="{parent}"/>'
+        text += f'<child link="{child}"/>{follows}</joint>'
+    return URDF.replace("</robot>", f"{text}</robot>")
+
+
+@pytest.mark.parametrize(
+    ("more", "ends"),
+    [
+        (("floor camera fixed",), ""),
+        (("tool0 l prismatic", "tool0 r prismatic to_l"), ""),
+        (("tool0 l prismatic", "tool0 r prismatic"), "l, r"),
+        (("tool0 l prismatic", "tool0 r prismatic to_l", "tool0 tcp fixed"), "l, tcp"),
+        (("boom tcp fixed",), "tcp, tool0"),
+        (("floor l revolute",), "l, tool0"),
+        (("floor box floating", "box lid fixed"), ""),
+    ],
+)
+def test_where_a_chain_ends_is_asked_and_never_guessed(
+    tmp_path: Path, more: tuple[str, ...], ends: str
+) -> None:
+    """Links without joints beyond are ends where a driven joint leads to them and nothing that they follow stands aside."""
+    (tmp_path / "arm.urdf").write_text(extended(*more))
+    done = run("--urdf", tmp_path / "arm.urdf", "-o", tmp_path / "m.yaml")
+    assert done.exit_code == (2 if ends else 0), done.output
+    if ends:
+        assert (
+            f"found several ends of the chain from 'floor': {ends}, expected one: say which with --tip-link"
+            in done.output
+        )
+        assert (
+            run("--urdf", tmp_path / "arm.urdf", "--tip-link", "tool0", "-o", tmp_path / "m.yaml").exit_code
+            == 0
+        )
+    assert load_machine(tmp_path / "m.yaml").mechanism.readings[:2] == ("q1", "q2")
+
+
+@pytest.mark.parametrize("kind", ["floating", "planar"])
+@pytest.mark.parametrize("base", ["floor", "base"])
+def test_a_joint_of_no_chain_is_refused_by_its_name_and_kind(tmp_path: Path, kind: str, base: str) -> None:
+    text = URDF.replace('link="floor"', f'link="{base}"').replace('name="floor"', f'name="{base}"')
+    root = f'<link name="world"/><joint name="root" type="{kind}"><parent link="world"/><child link="{base}"/></joint>'
+    (tmp_path / "arm.urdf").write_text(text.replace("</robot>", f"{root}</robot>"))
+    done = run("--urdf", tmp_path / "arm.urdf", "-o", tmp_path / "m.yaml")
+    assert done.exit_code == 2
+    assert f"joint 'root': type: found '{kind}', expected revolute" in done.output
+    assert f"at the link '{base}' (base_link, --base-link)" in done.output
+    done = run("--urdf", tmp_path / "arm.urdf", "--base-link", base, "-o", tmp_path / "m.yaml")
+    assert done.exit_code == 0, done.output
+
+
+def test_what_a_urdf_has_beyond_the_machine_is_listed(tmp_path: Path) -> None:
+    """A base that the root carries fixed is the base."""
+    text = (
+        extended("floor camera fixed")
+        .replace('"floor"', '"base"')
+        .replace("</robot>", "<transmission/></robot>")
+    )
+    root = '<link name="world"/><joint name="root" type="fixed"><parent link="world"/><child link="base"/></joint>'
+    (tmp_path / "arm.urdf").write_text(text.replace("</robot>", f"{root}</robot>"))
+    done = run("--urdf", tmp_path / "arm.urdf", "-o", tmp_path / "m.yaml")
+    assert done.exit_code == 0, done.output
+    for words in (
+        "links that are not on the way to the tip: camera, world",
+        "elements that nothing reads: transmission",
+    ):
+        assert f"note: left out: {words}\n" in done.output
+        assert f"# Left out: {words}\n" in (tmp_path / "m.yaml").read_text()
+    assert load_machine(tmp_path / "m.yaml").mechanism.readings == ("q1", "q2")
+
+
+@pytest.mark.parametrize("limit", ['<limit lower="-3" upper="3"/>', '<limit effort="1"/>', ""])
+def test_joints_without_limits_are_read_and_listed(tmp_path: Path, limit: str) -> None:
+    (tmp_path / "arm.urdf").write_text(URDF.replace('<limit lower="-3" upper="3"/>', limit))
+    done = run("--urdf", tmp_path / "arm.urdf", "-o", tmp_path / "m.yaml")
+    assert done.exit_code == 0, done.output
+    ranges = [actuator.range for actuator in load_machine(tmp_path / "m.yaml").mechanism.actuators]
+    assert (ranges[0] is None) == ("lower" not in limit)
+    listed = (
+        "# CHECK joints without a range, which `plan` asks for: q1.\n" in (tmp_path / "m.yaml").read_text()
+    )
+    assert listed == ("lower" not in limit)
 
 
 def test_names_of_robot_descriptions_are_understood(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,10 +8,13 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from typer.testing import CliRunner
 
+from truepose.cli import app
 from truepose.errors import InputError
+from truepose.models.load import load_machine
 from truepose.models.starting.cells import cell, interval
-from truepose.models.starting.start import tidy
+from truepose.models.starting.start import readings_of, tidy
 from truepose.models.starting.table import table_start
 
 
@@ -60,7 +63,7 @@ def test_a_length_is_read_as_it_is_printed(text: str, unit: str, mm: float) -> N
     ("text", "offset"),
     [
         ("θ1", 0), ("q2", 0), ("theta_3", 0), ("θ2 - 90", -90), ("q2-90°", -90), ("θ3+pi/2", 90), ("90 + q4", 90),
-        ("q5*", 0), ("-90", -90), ("+θ1", 0),
+        ("q5*", 0), ("-90", -90), ("+θ1", 0), ("θ₇ − 90", -90),
     ],
 )  # fmt: skip
 def test_a_joints_variable_may_stand_before_its_offset(text: str, offset: float) -> None:
@@ -168,6 +171,16 @@ def test_khalils_convention_shows_by_its_column_r(tmp_path: Path) -> None:
         ),
         ("a,alpha,d,theta\n25,90,x,0\n", "standard", "line 2, column 'd': found 'x', expected a length"),
         ("a,alpha,d,theta,kind\n25,90,4,0,screw\n", "standard", "column 'kind': found 'screw'"),
+        (
+            "a,alpha,d,theta,kind\n25,90,40,q1,fixed\n",
+            "standard",
+            "column 'theta': found 'q1' in a fixed row",
+        ),
+        (
+            "a,alpha,d,theta,kind,range\n25,90,40,0,-,±9\n",
+            "standard",
+            "column 'range': found '±9' in a fixed row",
+        ),
         ("a,alpha,d,theta,weight\n25,90,4,0,3\n", "standard", "found the column 'weight'"),
         ("a,a,d,theta\n25,90,4,0\n", "standard", "the column 'a' twice"),
         ("a [kg],alpha,d,theta\n25,90,4,0\n", "standard", "column 'a': found the unit 'kg'"),
@@ -191,3 +204,85 @@ def test_tables_are_refused_rather_than_guessed(
     with pytest.raises(InputError) as caught:
         table_start(path, convention)
     assert message in str(caught.value)
+
+
+FRANKA = [(0, 333), (0, 0), (0, 316), (82.5, 0), (-82.5, 384), (0, 0), (88, 0)]
+"""a and d, mm, as Franka publishes them; 107 more lead to the flange."""
+ENDS = ["flange", "Flange", "F", "tool", "TCP", "ee", "end effector", "tool0", "hand", "8", ""]
+
+
+def typed(name: str, kind: str, theta: str, last: tuple[str, str, str], *, ranged: bool = False) -> str:
+    """Return the table with cells of each joint, ``{k}`` its number, and name, kind and theta of the row behind the joints."""
+    rows = [(name, kind, theta, row, "±170" if ranged else "") for row in FRANKA]
+    rows.append((last[0], last[1], last[2], (0, 107), ""))
+    lines = [
+        f"{label.format(k=k)},{own.format(k=k)},{a},{d},0,{turn.format(k=k)},{ends}"
+        for k, (label, own, turn, (a, d), ends) in enumerate(rows, start=1)
+    ]
+    return "\n".join(["name,kind,a,d,alpha,theta,range", *lines]) + "\n"
+
+
+@given(
+    name=st.sampled_from(["q{k}", "Joint {k}", "A{k}", "{k}", "", "axis_{k}"]),
+    said=st.sampled_from(["variable", "kind", "both", "names"]),
+    theta=st.sampled_from(["{}", "{} - 90", "90 + {}"]),
+    end=st.sampled_from(ENDS),
+    empty=st.booleans(),
+    stated=st.booleans(),
+    ranged=st.booleans(),
+)
+def test_a_row_without_a_joint_is_not_driven(
+    tmp_path_factory: pytest.TempPathFactory,
+    name: str, said: str, theta: str, end: str, empty: bool, stated: bool, ranged: bool,
+) -> None:  # fmt: skip
+    """Seven joints, however a table says which rows they are, and a frame behind them that keeps its constants."""
+    if said == "names" and not stated and (end in ("8", "") or (not name and end in ("F", "hand"))):
+        stated = True  # nothing else tells such a row from a joint's
+    kind = "revolute" if said in ("kind", "both") else ""
+    variable = theta.format("θ{k}") if said in ("variable", "both") else "0"
+    text = typed(name, kind, variable, (end, "fixed" if stated else "", "" if empty else "0"), ranged=ranged)
+    path = tmp_path_factory.mktemp("table") / "panda.csv"
+    path.write_text(text, encoding="utf-8")
+    start = table_start(path, "modified")
+    joints = start.mechanism["joints"]
+    assert [joint["kind"] for joint in joints] == [*7 * ["revolute"], "fixed"]
+    assert [joint["d"] for joint in joints] == [*(d for _, d in FRANKA), 107]
+    assert len(readings_of(start.mechanism)) == 7
+    assert stated or any("CHECK rows" in line for line in start.about)
+
+
+@pytest.mark.parametrize("theta", ["0", "90", ""])
+@pytest.mark.parametrize(
+    "names", [("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3"), ("pan", "tilt"), ("", "", "")]
+)
+def test_rows_that_nothing_tells_apart_are_joints_and_listed(
+    tmp_path: Path, names: tuple[str, ...], theta: str
+) -> None:
+    path = tmp_path / "arm.csv"
+    path.write_text("\n".join(["name,a,d,alpha,theta", *(f"{name},300,0,0,{theta}" for name in names)]))
+    start = table_start(path, "standard")
+    assert all(joint["kind"] == "revolute" for joint in start.mechanism["joints"])
+    (line,) = [line for line in start.about if "do not say whether they are driven" in line]
+    assert all((repr(name) in line) == (not name[-1:].isdigit()) for name in names if name)
+
+
+def test_a_variable_in_d_is_a_slide_s(tmp_path: Path) -> None:
+    path = tmp_path / "scara.csv"
+    path.write_text("a,d,alpha,theta\n300,400,0,θ1\n200,0,180,θ2\n0,d3 + 20,0,0\n0,30,0,θ4\n0,50,0,0\n")
+    joints = table_start(path, "standard").mechanism["joints"]
+    assert [joint["kind"] for joint in joints] == ["revolute", "revolute", "prismatic", "revolute", "fixed"]
+    assert joints[2]["d"] == 20
+
+
+def test_a_flange_s_row_is_a_frame_of_the_machine(tmp_path: Path) -> None:
+    """In both conventions, under a name that no frame has; the recording has a column for each joint."""
+    (tmp_path / "panda.csv").write_text(typed("q{k}", "", "0", ("flange", "", "0")), encoding="utf-8")
+    for convention in ("standard", "modified"):
+        path = tmp_path / f"{convention}.yaml"
+        words = ["init", "--table", str(tmp_path / "panda.csv"), "--convention", convention, "-o", str(path)]
+        done = CliRunner().invoke(app, words)
+        assert done.exit_code == 0, done.output
+        machine = load_machine(path)
+        assert machine.mechanism.readings == tuple(f"q{k}" for k in range(1, 8))
+        assert machine.geometry["flange_frame.r"].nominal == 107
+        assert "# CHECK rows that are not named as joints, and are fixed here: 'flange'." in path.read_text()
