@@ -8,6 +8,7 @@ target is told in comes from the FDAT of its name (taught points), else from ``$
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -77,6 +78,7 @@ class Kuka:
         return Program(
             text, tuple(found.targets), in_order(found.left), Euler(), {"rad": "deg", "mm": "mm"},
             frames(other, _OTHER) | frames(mask, _OWN), StatusTurn(),
+            again=functools.partial(self.read, machine=machine, beside=beside),
         )  # fmt: skip
 
     def _computed(self, mask: str, lines: Lines, found: _Found) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import functools
 import re
 from collections.abc import Mapping, Sequence
 
@@ -57,7 +58,10 @@ class Points:
         kinds = _kinds(machine) if joints else AXIS_UNITS
         own = {n: _unit(machine, n, kinds[n], units[n], joints=joints) for n in wanted}
         targets, left = _targets(text, rows, [place[n] for n in wanted], "joints" if joints else "pose")
-        return Program(text, targets, in_order(left), _form(own, joints=joints), own if joints else {})
+        again = functools.partial(self.read, machine=machine)
+        return Program(
+            text, targets, in_order(left), _form(own, joints=joints), own if joints else {}, again=again
+        )
 
 
 def _targets(

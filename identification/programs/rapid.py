@@ -6,6 +6,7 @@ in motions. The work object and the tool of one are those of the motions of this
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -83,7 +84,8 @@ class Rapid:
                 )
                 (targets if isinstance(one, Target) else left).append(one)  # type: ignore[arg-type]
         return Program(
-            text, tuple(targets), in_order(left), Quaternion(), {"rad": "deg", "mm": "mm"}, cell.frames, Quadrants()
+            text, tuple(targets), in_order(left), Quaternion(), {"rad": "deg", "mm": "mm"}, cell.frames, Quadrants(),
+            again=functools.partial(self.read, machine=machine, beside=beside),
         )  # fmt: skip
 
 

@@ -23,12 +23,15 @@ def read(dialect: str, text: str, beside: str | None = None) -> Program:
 
 
 def told(target: Target) -> str:
-    """In one word or two: name, frames, and where the configuration is not looked at."""
+    """In a few words: name, frames, where the configuration is not looked at, and whether motions get copies."""
     base, tool = (
         "" if name is None else f"{mark}{name.partition('@')[0]}"
         for name, mark in ((target.base, " in "), (target.tool, " with "))
     )
-    return f"{target.name}{base}{tool}{' loose' * target.loose}"
+    inside = "".join(f" in {name.partition('@')[0]}" for name in target.within)
+    return (
+        f"{target.name}{base}{inside}{tool}{' loose' * target.loose}{' copied' * (target.copies is not None)}"
+    )
 
 
 RELATIVE, FUNCTION = "a relative motion: it starts where", "a function gives the point"
@@ -108,7 +111,8 @@ def test_krl_frames_of_both_files_have_places_of_their_own() -> None:
     assert found.frames[found.targets[0].base or ""][0] == 7.0
 
 
-RUNS, SEVERAL = "worked out while the program runs", "used with several features or tools"
+RUNS, SEVERAL = "worked out while the program runs", "motions go to it in several ways"
+MANY, NOT_HERE = "its feature may have several values there", "its value is not in this text"
 WRITES = "the program changes a target while it runs"
 
 
@@ -120,11 +124,22 @@ WRITES = "the program changes a target while it runs"
         (f"a={P}\nmovel(a)\nb = {Q}\n  movej( b )\nglobal c={P}\nlocal d={P}\nmovel(c)\nmovec(c,d)", ["a", "b", "c", "d"], {}),
         (f"set_tcp(t)\nmovel({P})\nset_tcp({P})\nmovel({P})", ["literal with t", "literal with set_tcp"], {}),
         (f"movel({P})\nset_tcp(t)", ["literal"], {}),
-        (f"a={P}\nmovel(a)\nset_tcp(t)\nmovel(a)\nb={Q}\nmovej(b)\nset_tcp(s)\nmovej(b)", ["b with t"], {1: SEVERAL}),
+        (f"a={P}\nmovel(a)\nset_tcp(t)\nmovel(a)\nb={Q}\nmovej(b)\nset_tcp(s)\nmovej(b)",
+         ["a copied", "a with t copied", "b with t"], {}),
         (f"a={P}\nmovel(a)\nmovel(a)", ["a"], {}),
         (f"\na={P}\r\r\nb={Q}\rmovel(a)\nmovej(b)", ["a", "b"], {}),
         (f"f={P}\na={P}\nmovel(pose_trans(f, a))\nmovel(pose_trans(f,{P}))", ["a in f", "literal in f"], {}),
-        (f"f={P}\nmovel(pose_trans(f, pose_trans(f, {P})))\nmovel(pose_trans({P}, {P}))", [], {2: RUNS, 3: RUNS}),
+        (f"f={P}\nmovel(pose_trans(f, pose_trans(f, {P})))\nmovel(pose_trans({P}, {P}))",
+         ["literal in f in f", "literal in p[1,2,3,4,5,6]"], {}),
+        (f"f={P}\nmovel(f)\nmovel(pose_trans(f,{P}))\nset_tcp(f)", ["f copied", "literal in f"], {}),
+        (f"f={P}\na={P}\nb=pose_trans(f,a)\nmovel(a)\nmovel(b)\nmovel(pose_trans(f,b))",
+         ["b copied", "b in f copied", "a copied"], {}),
+        (f"a={P}\nmovel(a)\na={P}\nmovel(a)\nwhile c:\n movel(pose_trans(a,{P}))\n a={P}\n movel(a)\nend",
+         ["a", "a copied", "a copied"], {6: MANY}),
+        (f"a={P}\nif c:\n a={P}\nend\nmovel(a)\nset_tcp(t)\nmovel(a)", [], {5: SEVERAL, 7: SEVERAL}),
+        (f"a={P}\ndef f():\n a={P}\nend\nf()\nmovel(a)\nmovel(b)\nmovel(pose_trans(a,{P}))", [],
+         {6: SEVERAL, 7: NOT_HERE, 8: MANY}),
+        (f"a=pose_trans(get_f(),{P})\nmovel(a)\nq=get_inverse_kin({P})\nmovej(q)", ["literal"], {2: f"its value is {RUNS}"}),
         (f"a={P}\nmovel(pose_add(a, {P}))\nmovel(get_target())\nmovel(pose_trans(a))", [],
          {1: "motions go to what is worked out of it", 2: RUNS, 3: RUNS, 4: RUNS}),
         (f"a={P}\nb={Q}\nc=[{P}]\nx={P}+y", [], {1: NOWHERE, 4: NOWHERE}),
