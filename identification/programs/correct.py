@@ -26,6 +26,7 @@ from truepose.identification.programs.program import (
     Program,
     Target,
     in_order,
+    replaced,
     shown,
 )
 from truepose.identification.programs.robot import Robot
@@ -252,19 +253,11 @@ def edited(text: str, solved: Sequence[Solved]) -> str:
             edits += [(n.start, n.end, new) for n, new in zip(old, one.numbers, strict=True)]
         else:
             spans = target.copies.spans[: len(one.numbers)]
-            literal = _replaced(
+            literal = replaced(
                 target.copies.literal, [(*at, new) for at, new in zip(spans, one.numbers, strict=True)]
             )
             edits += [(start, end, literal) for start, end in target.copies.names]
-    return _replaced(text, edits)
-
-
-def _replaced(text: str, edits: Sequence[tuple[int, int, str]]) -> str:
-    out, at = [], 0
-    for start, end, new in sorted(edits):
-        out += [text[at:start], new]
-        at = end
-    return "".join([*out, text[at:]])
+    return replaced(text, edits)
 
 
 __all__ = ["NEARBY", "Corrected", "Correction", "correct", "edited"]

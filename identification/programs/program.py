@@ -8,7 +8,7 @@ from __future__ import annotations
 import bisect
 import functools
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
@@ -184,6 +184,15 @@ def shown(text: str, most: int = 60) -> str:
     return words if len(words) <= most else words[: most - 3] + "..."
 
 
+def replaced(text: str, edits: Iterable[tuple[int, int, str]]) -> str:
+    """The text with what is to stand at spans of it."""
+    out, at = [], 0
+    for start, end, new in sorted(edits):
+        out += [text[at:start], new]
+        at = end
+    return "".join([*out, text[at:]])
+
+
 def in_order(left: Sequence[Left]) -> tuple[Left, ...]:
     """By line, each once."""
     return tuple(sorted(dict.fromkeys(left), key=lambda one: one.line))
@@ -209,5 +218,6 @@ __all__ = [
     "masked",
     "numbers_in",
     "parts",
+    "replaced",
     "shown",
 ]

@@ -153,8 +153,8 @@ class Motions:
             return np.asarray(self.form.poses(np.array([values]))[0])
         if _NAME.fullmatch(piece):
             reaching = self.flow.reaching(piece, span[0])
-            values = [self._pose((one.start, one.end), depth + 1) for one in reaching if not one.partly]
-            return values[0] if len(reaching) == len(values) == 1 else None
+            poses = [self._pose((one.start, one.end), depth + 1) for one in reaching if not one.partly]
+            return poses[0] if len(reaching) == len(poses) == 1 else None
         inside = self._factors(span)
         factors = [self._pose(one, depth + 1) for one in inside or ()]
         return (
