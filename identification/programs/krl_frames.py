@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 
-from truepose.identification.programs.program import BASE_ITSELF, NUMBER, closing, parts
+from truepose.identification.programs.program import BASE_ITSELF, NUMBER, Span, parts
 
 _NULL = {"$NULLFRAME", "$WORLD", "$ROBROOT"}
 _SET = re.compile(r"(?i)^[ \t]*\$(BASE|TOOL)\s*=\s*(?P<what>[^\r\n]+?)\s*$")
@@ -14,7 +14,10 @@ _BAS = re.compile(r"(?i)^[ \t]*BAS\s*\(\s*#(BASE|TOOL)\s*,\s*(?P<n>\d+)\s*\)")
 _FDAT_ACT = re.compile(r"(?i)^[ \t]*FDAT_ACT\s*=\s*(?P<name>\w+)")
 _IPO = re.compile(r"(?i)^[ \t]*\$IPO_MODE\s*=\s*#(?P<mode>\w+)")
 _MOTION = re.compile(r"(?i)^[ \t]*(?P<how>S?PTP|S?LIN|S?CIRC|SPL)\b(?P<rest>[^\r\n]*)")
-_NAME = re.compile(r"\s*+(?:(?P<name>[A-Za-z_]\w*+)\s*+(?:\[[^\]]*\])?)\s*+(?:C_\w++\s*+)*+(?:WITH\b.*)?")
+_FACTOR = re.compile(r"\{[^{}]*\}|[A-Za-z_]\w*+(?:[ \t]*\[[^\]]*\])?")
+_PLACE = re.compile(rf"\s*+(?P<what>(?:{_FACTOR.pattern})(?:\s*:\s*(?:{_FACTOR.pattern}))*)\s*+(?P<rest>.*)")
+_BEHIND = re.compile(r"(?:C_\w++\s*+)*+(?:WITH\b.*)?")
+_FIELD = re.compile(rf"(\w+)\s+({NUMBER})\s*(?=,|$)")
 _FDAT = re.compile(r"(?i)\bFDAT\s+(?P<name>\w+)\s*=\s*\{(?P<fields>[^{}]*)\}")
 _STATED = re.compile(r"(?<!\w)(?P<name>\$?\w+(?:\s*\[\s*\d+\s*\])?)\s*=\s*\{(?P<fields>[^{}]*)\}")
 _LINE = re.compile(r"[^\r\n]+")
@@ -22,11 +25,16 @@ _LINE = re.compile(r"[^\r\n]+")
 
 @dataclass(frozen=True)
 class Stand:
-    """Names of the base and the tool in force, None where the text says nothing; ``fixed``: the robot holds the part."""
+    """Names of the base and the tool in force, None where the text says nothing; ``fixed``: the robot holds the part.
+
+    ``base_at`` and ``tool_at`` are where a name of the program's own was put in force.
+    """
 
     base: str | None
     tool: str | None
     fixed: bool = False
+    base_at: int | None = field(default=None, compare=False)
+    tool_at: int | None = field(default=None, compare=False)
 
 
 def fdats(mask: str) -> dict[str, Stand]:
@@ -42,24 +50,36 @@ def fdats(mask: str) -> dict[str, Stand]:
 
 
 def frames(mask: str, file: str) -> dict[str, tuple[float, ...]]:
-    """Frames whose six numbers a text states, by name; those of ``$BASE`` and ``$TOOL`` by their place in ``file``, too."""
-    out = {}
+    """Frames whose six numbers a text states, by name; those of ``$BASE`` and ``$TOOL`` by their place in ``file``, too.
+
+    What is stated with several numbers is not known.
+    """
+    out: dict[str, tuple[float, ...]] = {}
+    several: set[str] = set()
     for m in _STATED.finditer(mask):
         name = re.sub(r"\s", "", m["name"]).upper()
-        told = dict(re.findall(rf"(\w+)\s+({NUMBER})\s*(?=,|$)", m["fields"].upper()))
-        if set(told) >= set("XYZABC"):
+        numbers = stated(m["fields"])
+        if numbers is not None:
             own = f"{name}@{file}{m.end('name')}" if name in ("$BASE", "$TOOL") else name
-            out[own] = tuple(float(told[field]) for field in "XYZABC")
-    return out
+            several |= {own} if out.setdefault(own, numbers) != numbers else set()
+    return {name: numbers for name, numbers in out.items() if name not in several}
 
 
-def uses(mask: str, taught: Mapping[str, Stand], file: str) -> dict[str, dict[Stand, bool]]:
-    """Frames by the names of points that motions go to, and by ``file@position`` of the constants in motions.
+@dataclass(frozen=True)
+class Motion:
+    """What a motion goes to at ``start``: a product of ``factors`` (spans), the last of them its target.
 
-    Beside each, whether one of the motions goes from point to point: others do not look at status and turn. ``taught`` are
-    the frames of taught points (``fdats``).
+    ``checked``: it goes from point to point; others do not look at status and turn.
     """
-    out: dict[str, dict[Stand, bool]] = {}
+
+    start: int
+    stand: Stand
+    factors: tuple[Span, ...]
+    checked: bool
+
+
+def motions(mask: str, taught: Mapping[str, Stand], file: str) -> Iterator[Motion]:
+    """Yield the motions of a text; ``taught`` are the frames of taught points (``fdats``)."""
     stand = Stand(None, None)
     for line in _LINE.finditer(mask):
         text = line.group()
@@ -68,19 +88,18 @@ def uses(mask: str, taught: Mapping[str, Stand], file: str) -> dict[str, dict[St
         if motion is None:
             continue
         start = line.start() + motion.start("rest")
-        for a, b in parts(mask, start, line.end()):
-            piece = mask[a:b]
-            inside = mask.find("{", a, b)
-            name = _NAME.fullmatch(piece)
-            if inside >= 0 and not mask[a:inside].strip() and closing(mask, inside) is not None:
-                key = f"{file}@{inside}"
-            elif name is not None:
-                key = name["name"].upper()
-            else:
+        for span in parts(mask, start, line.end()):
+            m = _PLACE.match(mask, *span)
+            if m is None or not (m["what"].endswith("}") or _BEHIND.fullmatch(m["rest"])):
                 continue
-            held = out.setdefault(key, {})
-            held[stand] = held.get(stand, False) or motion["how"].upper() in ("PTP", "SPTP")
-    return out
+            factors = tuple(one.span() for one in _FACTOR.finditer(mask, *m.span("what")))
+            yield Motion(m.start("what"), stand, factors, motion["how"].upper() in ("PTP", "SPTP"))
+
+
+def stated(text: str) -> tuple[float, ...] | None:
+    """Return the numbers of a position in braces; None where one is missing, or no number."""
+    told = dict(_FIELD.findall(text.upper().strip("{} ")))
+    return tuple(float(told[field]) for field in "XYZABC") if set(told) >= set("XYZABC") else None
 
 
 def _after(line: str, start: int, stand: Stand, taught: Mapping[str, Stand], file: str) -> Stand:
@@ -91,7 +110,7 @@ def _after(line: str, start: int, stand: Stand, taught: Mapping[str, Stand], fil
         which = setting[1].upper()
         own = f"${which}@{file}{start + setting.end(1)}"
         name = BASE_ITSELF if what in _NULL else own if what.startswith("{") else what
-        return _with(stand, which, name)
+        return _with(stand, which, name, start + setting.start("what") if _FACTOR.fullmatch(what) else None)
     if bas is not None:
         return _with(stand, bas[1].upper(), _numbered(bas[1].upper(), bas["n"]))
     if act is not None:
@@ -101,8 +120,10 @@ def _after(line: str, start: int, stand: Stand, taught: Mapping[str, Stand], fil
     return stand
 
 
-def _with(stand: Stand, which: str, name: str | None) -> Stand:
-    return replace(stand, base=name) if which == "BASE" else replace(stand, tool=name)
+def _with(stand: Stand, which: str, name: str | None, at: int | None = None) -> Stand:
+    if which == "BASE":
+        return replace(stand, base=name, base_at=at)
+    return replace(stand, tool=name, tool_at=at)
 
 
 def _numbered(which: str, number: str | None) -> str | None:
@@ -112,4 +133,4 @@ def _numbered(which: str, number: str | None) -> str | None:
     return BASE_ITSELF if int(number) == 0 else f"{which}_DATA[{int(number)}]"
 
 
-__all__ = ["Stand", "fdats", "frames", "uses"]
+__all__ = ["Motion", "Stand", "fdats", "frames", "motions", "stated"]

@@ -19,7 +19,8 @@ class Going:
     """A motion to a literal: the names of its frames (as in ``Target``), and where in the text it is.
 
     ``name``: the span of text that names the literal, None where the literal itself is there; ``sure``: the name has no other
-    value there. ``near`` as in ``Target``; ``loose``: the motion does not look at configurations.
+    value there; ``elsewhere``: the motion is in the file beside. ``near`` as in ``Target``; ``loose``: the motion does not
+    look at configurations.
     """
 
     base: str | None
@@ -30,6 +31,12 @@ class Going:
     sure: bool = field(default=True, compare=False)
     near: tuple[float, ...] | None = field(default=None, compare=False)
     loose: bool = field(default=False, compare=False)
+    elsewhere: bool = field(default=False, compare=False)
+
+    @property
+    def span(self) -> Span | None:
+        """Where a copy of the literal may be written; None where it may not."""
+        return self.name if self.sure and not self.elsewhere else None
 
 
 @dataclass(frozen=True)
@@ -47,10 +54,7 @@ def ways_to(goings: Sequence[Going], *, is_frame: bool, in_frames: bool) -> list
         groups.setdefault(one if in_frames else None, []).append(one)
     alone = len(groups) == 1 and not is_frame
     return [
-        Way(
-            tuple(group),
-            None if alone else tuple(one.name for one in group if one.name is not None and one.sure),
-        )
+        Way(tuple(group), None if alone else tuple(one.span for one in group if one.span is not None))
         for group in groups.values()
     ]
 

@@ -87,7 +87,10 @@ class Motions:
             inner = (*going.within, feature) if going.base is not None else ()
             self._take(inside[1], replace(going, base=going.base or feature, within=inner), what)
         else:
-            self.left.append(Left(self.lines.of(span[0]), shown(f"{what}({piece}"), _COMPUTED, computed=True))
+            within = going.base is not None  # what it is in stays, and is no target that is corrected
+            self.left.append(
+                Left(self.lines.of(span[0]), shown(f"{what}({piece}"), _COMPUTED, computed=not within)
+            )
 
     def _take_name(self, span: Span, going: Going, what: str) -> None:
         """What a motion goes to that names a variable: the literals that it may have there, or what they are worked out of."""

@@ -121,7 +121,7 @@ ENDDAT
         (21, "PB[1]", None, None),
     ]
     assert program.frames[program.targets[2].base or ""] == (100.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    assert [line for line, _ in sorted(left(program).items())] == [9, 10, 11, 12, 13, 19]
+    assert [line for line, _ in sorted(left(program).items())] == [8, 9, 10, 11, 12, 13, 15, 19]
     assert left(program)[9] == "X, Y, A, B, C of it stay what they are when the robot comes there"
     assert left(program)[12] == "not all of its coordinates are plain numbers"
     points = DIALECTS["kuka"].read(

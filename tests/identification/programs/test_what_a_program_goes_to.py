@@ -37,7 +37,7 @@ def told(target: Target) -> str:
 RELATIVE, FUNCTION = "a relative motion: it starts where", "a function gives the point"
 CHANGED = "the program changes a coordinate while it runs"
 STAY, NUMBERS = "of it stay what they are", "not all of its coordinates are plain numbers"
-NOWHERE = "no motion here goes to it"
+NOWHERE, ELSEWHERE = "no motion here goes to it", "its value is in neither this text nor"
 
 
 @pytest.mark.parametrize(
@@ -45,7 +45,8 @@ NOWHERE = "no motion here goes to it"
     [
         (f"PTP {POSE}\nSLIN {POSE} C_DIS\nSPTP {JOINTS}", ["PTP", "SLIN loose", "SPTP"], {}),
         (f"\nLIN {POSE}\rPTP {POSE}\r\nPOS P={POSE}", ["LIN loose", "PTP", "P"], {}),
-        (f"CIRC {POSE},{POSE},CA 90\nSCIRC P1,{POSE}\nSPL {POSE}", ["CIRC loose"] * 2 + ["SCIRC loose", "SPL loose"], {}),
+        (f"CIRC {POSE},{POSE},CA 90\nSCIRC P1,{POSE}\nSPL {POSE}", ["CIRC loose"] * 2 + ["SCIRC loose", "SPL loose"],
+         {2: ELSEWHERE}),
         (f"PTP {{E6POS: {POSE[1:]}\nptp {{e6axis:{JOINTS[1:].lower()}", ["PTP", "PTP"], {}),
         ("PTP {A1 1,A2 2,A3 3,A4 4}\nLIN {Z 5}", [], {1: f"A5, A6 {STAY}", 2: f"X, Y, A, B, C {STAY}"}),
         (f"LIN_REL {POSE}\nSPTP_REL {JOINTS}", [], {1: RELATIVE, 2: RELATIVE}),
@@ -59,8 +60,11 @@ NOWHERE = "no motion here goes to it"
         (f"DECL E6POS A1,B[3]\nA1={POSE}\nB[2]={POSE}\nC={POSE}", ["A1", "B[2]"], {4: NOWHERE}),
         (f"FRAME F={POSE}\nDECL FRAME G\nG={POSE}\nFRAME H={POSE}\nLIN H", ["H loose"], {}),
         (f"$BASE={POSE}\n$TOOL={POSE}\nBASE_DATA[3]={POSE}\nMACHINE_FRAME={POSE}\n$WORLD={POSE}", [], {}),
-        (f"$BASE=B\nLIN P\n$BASE=C\nLIN P\nPTP Q\nP={POSE}\nAXIS Q={JOINTS}", ["Q in C"],
-         {6: "used with several frames (base B with tool none; base C with tool none)"}),
+        (f"$BASE=B\nLIN P\n$BASE=C\nLIN P\nPTP Q\nP={POSE}\nAXIS Q={JOINTS}",
+         ["P in B loose copied", "P in C loose copied", "Q in C"], {}),
+        (f"P={POSE}\nLIN P:{POSE}\nLIN P\nR=P:{POSE}\nLIN R\nLIN P:Q\nPTP P:{POSE}",
+         ["P loose copied", "LIN in P loose", "PTP in P", "R copied"], {6: "worked out by `:` while"}),
+        (f"P={POSE}\n$BASE=P\nLIN P\nP={POSE}\n$BASE=P\nLIN P", ["P in P loose copied", "P in P loose copied"], {}),
         (f"$BASE=B\nPTP Q\n$BASE=C\nPTP Q\nAXIS Q={JOINTS}", ["Q in B"], {}),
         (f"$IPO_MODE=#TCP\nLIN {POSE}\nPTP {JOINTS}", ["PTP"], {2: "the tool is fixed in the cell"}),
         (f"; PTP {POSE}\n&PARAM {POSE}\nWAIT FOR {POSE}\nPTP {{X 1,Y\n", [], {}),
