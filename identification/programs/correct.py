@@ -30,7 +30,7 @@ from truepose.identification.programs.program import (
     shown,
 )
 from truepose.identification.programs.robot import Robot
-from truepose.identification.programs.run import Solved, read_again, run
+from truepose.identification.programs.run import Solved, edits_of, read_again, run
 from truepose.models import lie
 from truepose.models.machine import Machine
 from truepose.models.mechanism import AXES
@@ -244,20 +244,8 @@ def _nearby(robot: Robot, meant: Sequence[Meant]) -> float:
 
 
 def edited(text: str, solved: Sequence[Solved]) -> str:
-    """Return the text with new numbers in place of the old ones, and with literals where motions get a copy of their own."""
-    edits: list[tuple[int, int, str]] = []
-    for one in solved:
-        target = one.meant.target
-        if target.copies is None:
-            old = (*target.numbers, *target.configuration)
-            edits += [(n.start, n.end, new) for n, new in zip(old, one.numbers, strict=True)]
-        else:
-            spans = target.copies.spans[: len(one.numbers)]
-            literal = replaced(
-                target.copies.literal, [(*at, new) for at, new in zip(spans, one.numbers, strict=True)]
-            )
-            edits += [(start, end, literal) for start, end in target.copies.names]
-    return replaced(text, edits)
+    """Return the text with what was solved for in it."""
+    return replaced(text, edits_of(solved))
 
 
 __all__ = ["NEARBY", "Corrected", "Correction", "correct", "edited"]

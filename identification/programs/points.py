@@ -77,7 +77,9 @@ def _targets(
             row = shown(text[cells[0][0] : cells[-1][1]])
             left.append(Left(line, row, "not every cell of the point is a number"))
         else:
-            targets.append(Target(line, f"row {count}", kind, known, place=cells[0][0]))
+            targets.append(
+                Target(line, f"row {count}", kind, known, place=cells[0][0], places=(cells[0][0],))
+            )
     return tuple(targets), left
 
 

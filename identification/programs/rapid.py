@@ -39,6 +39,7 @@ _QUOTE = r'"(?:[^"\r\n]|"")*"'
 
 _OFFSET = re.compile(r"(?i)\b(Offs|RelTool|ORobT|PoseMult|CRobT|CalcRobT|MirPos)\s*\(")
 _NOT_IN_USE = (9e9, 0.0)
+_WRITES = "the program changes it while it runs"
 _WORDS = Keywords(
     function=r"(?:LOCAL[ \t]+)?(?:PROC|FUNC|TRAP)\b",
     loop=r"(?:WHILE|FOR)\b",
@@ -55,8 +56,8 @@ class Rapid:
     name, title = "rapid", "ABB RAPID"
 
     def read(self, text: str, machine: Machine, beside: str | None = None) -> Program:
-        mask = masked(text, _COMMENT, _QUOTE)
-        reader = _Reader(mask, Lines(text), cell_of(text, mask), moves(mask), list(statements(mask)))
+        mask, axes = masked(text, _COMMENT, _QUOTE), len(machine.mechanism.readings) if machine else 6
+        reader = _Reader(mask, Lines(text), cell_of(text, mask), moves(mask), list(statements(mask)), axes)
         reader.take()
         return Program(
             text, tuple(reader.targets), in_order(reader.left), Quaternion(), {"rad": "deg", "mm": "mm"},
@@ -66,21 +67,27 @@ class Rapid:
 
 @dataclass
 class _Reader:
-    """One module: its literals, and which motions go to them."""
+    """One module: its literals, and which motions go to them. ``count`` is how many axes the robot has."""
 
     mask: str
     lines: Lines
     cell: Cell
     moved: Moves
     statements: list[Statement]
+    count: int
     targets: list[Target] = field(default_factory=list)
     left: list[Left] = field(default_factory=list)
 
     def take(self) -> None:
         """Collect targets, and what is left."""
         named = [s for s in self.statements if s.name is not None]
-        given = [Assignment(s.name or "", s.start, s.end, partly=s.partly) for s in named]
+        given = [
+            Assignment(s.name or "", s.start, s.end, partly=s.partly or (s.array and s.declared is None))
+            for s in named
+        ]
         flow = Flow.of(self.mask, _WORDS, given)
+        changed = {name: _WRITES for name in self.cell.frames if flow.assigned(name)}
+        self.cell = Cell(self.cell.frames, {**self.cell.moved, **changed})
         goings = self._goings(flow, {s.start: s for s in named})
         whole: dict[int, re.Match[str]] = {}
         unread: list[Statement] = []
@@ -111,7 +118,9 @@ class _Reader:
         for name, several in self.moved.names.items():
             for move in several:
                 reaching = flow.reaching(name, move.span[0])
-                whole = [one for one in reaching if not one.partly]
+                whole = [one for one in reaching if not named[one.start].partly]
+                if not reaching and move.sure:
+                    self._leave(move.span[0], self.mask[slice(*move.span)], "its value is not in this text")
                 sure = len(reaching) == 1 and move.one and not named[reaching[0].start].array
                 for one in whole:
                     out.setdefault(one.start, []).append(
@@ -122,7 +131,9 @@ class _Reader:
     def _literal(self, m: re.Match[str], is_pose: bool, name: str, goings: list[Going]) -> None:
         numbers = numbers_in(self.mask, m.start(), m.end())
         own, configuration, external = (
-            (numbers[:7], numbers[7:11], numbers[11:]) if is_pose else (numbers[:6], [], numbers[6:])
+            (numbers[:7], numbers[7:11], numbers[11:])
+            if is_pose
+            else (self._axes(numbers[:6]), [], numbers[6:])
         )
         if (why := _odd(is_pose, own, external)) is not None:
             self._leave(m.start(), f"{name} := {shown(m.group(), 40)}", why)
@@ -147,6 +158,11 @@ class _Reader:
                     loose=bool(goings) and all(g.loose for g in way.goings), places=places, copies=copies,
                 )
             )  # fmt: skip
+
+    def _axes(self, numbers: list[Number]) -> list[Number]:
+        """Values of the robot's axes; of a robot of fewer than six the others are not in use."""
+        unused = all(n.value in _NOT_IN_USE for n in numbers[self.count :])
+        return numbers[: self.count] if unused else numbers
 
     def _held(self, going: Going) -> str | None:
         """Why nobody knows where the frames of a motion are."""

@@ -38,7 +38,8 @@ _NAME = re.compile(r"\s*(?P<name>[A-Za-z]\w*)\s*(?:\{[^{}]*\})?\s*")
 class Move:
     """The names of the work object and tool of a motion; None where nothing tells. ``checked``: it looks at configurations.
 
-    ``span`` is what it goes to; ``one``: that names one value, not an element of an array.
+    ``span`` is what it goes to; ``one``: that names one value, not an element of an array; ``sure``: where it stands in the
+    motion nothing else can.
     """
 
     wobj: str | None
@@ -46,6 +47,7 @@ class Move:
     checked: bool = field(default=True, compare=False)
     span: Span = field(default=(0, 0), compare=False)
     one: bool = field(default=True, compare=False)
+    sure: bool = field(default=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -96,12 +98,12 @@ def moves(mask: str) -> Moves:
             kind not in unchecked,
         )
         spans.append((start, end, move))
-        for a, b in positional[:-1]:
+        for k, (a, b) in enumerate(positional[:-1]):
             bare = re.sub(r"\\\s*\w+(?:\s*:=\s*\w+)?", "", mask[a:b])
             name = _NAME.fullmatch(bare)
             at = a + len(mask[a:b]) - len(mask[a:b].lstrip())
             if name is not None:
-                to = replace(move, span=(at, at + len(name["name"])), one="{" not in bare)
+                to = replace(move, span=(at, at + len(name["name"])), one="{" not in bare, sure=k == 0)
                 names.setdefault(name["name"].lower(), []).append(to)
             elif mask[at : at + 1].isalpha():
                 others.append(replace(move, span=(at, a + len(mask[a:b].rstrip()))))

@@ -6,6 +6,7 @@ how it reads, or in which frames a motion goes by cannot hide behind the numbers
 
 from __future__ import annotations
 
+import bisect
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from truepose.errors import InputError, ReadBackError
 from truepose.identification.programs.frames import Frames, Told
 from truepose.identification.programs.meaning import Meant, by_tool, joint_values
-from truepose.identification.programs.program import Program, Target
+from truepose.identification.programs.program import Program, Target, replaced
 from truepose.identification.programs.robot import Robot
 
 Array = NDArray[np.float64]
@@ -49,7 +50,7 @@ def run(
     """
     of_target = {id(one.meant.at): k for k, one in enumerate(solved)}
     now: list[tuple[int, Target, Told]] = []
-    for target, other in _pairs(*programs):
+    for target, other in _pairs(*programs, solved):
         told = frames[1].of(other)
         k = of_target.get(id(target))
         if k is None:
@@ -87,23 +88,47 @@ def read_again(program: Program, text: str) -> Program:
         raise ReadBackError(f"{_WRONG} cannot be read: {exc}") from exc
 
 
-def motions(program: Program) -> list[tuple[int, int]]:
-    """Return places of motions in a text with the index of their target, in the order of the text."""
-    every = [(place, k) for k, t in enumerate(program.targets) for place in (t.places or (t.place,))]
-    return sorted(every, key=lambda one: (one[0], program.targets[one[1]].numbers[0].start))
+def edits_of(solved: Sequence[Solved]) -> list[tuple[int, int, str]]:
+    """Return what is written at spans of the text: new numbers, and literals where motions get a copy of their own."""
+    edits: list[tuple[int, int, str]] = []
+    for one in solved:
+        target = one.meant.target
+        if target.copies is None:
+            old = (*target.numbers, *target.configuration)
+            edits += [(n.start, n.end, new) for n, new in zip(old, one.numbers, strict=True)]
+        else:
+            spans = target.copies.spans[: len(one.numbers)]
+            new = [(*at, number) for at, number in zip(spans, one.numbers, strict=True)]
+            edits += [(*span, replaced(target.copies.literal, new)) for span in target.copies.names]
+    return sorted(edits)
 
 
-def _pairs(program: Program, again: Program) -> list[tuple[Target, Target]]:
-    """Return the targets of each motion, before and now."""
-    here, there = motions(program), motions(again)
+def _pairs(program: Program, again: Program, solved: Sequence[Solved]) -> list[tuple[Target, Target]]:
+    """Return the targets of each motion, before and now; and what no motion here goes to, by where it is written."""
+    here, there = _motions(program), _motions(again)
     if len(here) != len(there):
         raise ReadBackError(f"{_WRONG} has {len(there)} motions to targets, expected {len(here)}")
-    pairs = [(program.targets[k], again.targets[j]) for (_, k), (_, j) in zip(here, there, strict=True)]
+    pairs = list(zip(here, there, strict=True))
+    edits = edits_of(solved)
+    ends = [end for _, end, _ in edits]
+    longer = [0, *np.cumsum([len(new) - (end - start) for start, end, new in edits]).tolist()]
+    still = {t.numbers[0].start: t for t in again.targets if not t.places}
+    for target in (t for t in program.targets if not t.places):
+        start = target.numbers[0].start
+        now = still.get(start + longer[bisect.bisect_right(ends, start)])
+        if now is None:
+            raise ReadBackError(f"{_WRONG} has no target {target.name}, expected it as in line {target.line}")
+        pairs.append((target, now))
     for target, other in pairs:
-        same = (target.kind, bool(target.places), len(target.configuration))
-        if same != (other.kind, bool(other.places), len(other.configuration)):
+        if (target.kind, len(target.configuration)) != (other.kind, len(other.configuration)):
             raise ReadBackError(f"{other.line}: {_wrong(other)}, expected {target.kind} of {target.name}")
     return pairs
+
+
+def _motions(program: Program) -> list[Target]:
+    """Return the target of each motion, in the order of the text."""
+    every = [(place, t.numbers[0].start, k) for k, t in enumerate(program.targets) for place in t.places]
+    return [program.targets[k] for *_, k in sorted(every)]
 
 
 def _wrong(other: Target) -> str:
@@ -150,4 +175,4 @@ def _commands(
     return q
 
 
-__all__ = ["MISSED", "Solved", "motions", "read_again", "run"]
+__all__ = ["MISSED", "Solved", "edits_of", "read_again", "run"]
