@@ -98,6 +98,25 @@ class Flow:
         again = bisect.bisect_left(every, self._last_loop(place, every[sure]), key=lambda one: one.end)
         return every[sure : max(k, again)]
 
+    def in_force(self, name: str, place: int) -> tuple[Assignment | None, ...]:
+        """Return the assignments that may hold at a place, None for none, of what every function sets for itself.
+
+        Without one in the place's own function that surely comes first, the last one before it in the text counts.
+        """
+        every, own = self.assigned(name), self._function(place)
+        k = bisect.bisect_right(every, place, key=lambda one: one.end)
+        here = [one for one in every[:k] if self._function(one.end) == own]
+        back = range(len(here) - 1, -1, -1)
+        sure = next((j for j in back if self._at(here[j].end).holds(place)), None)
+        first = here[sure] if sure is not None else self._before(every[:k], own)
+        end = self._last_loop(place, first)
+        again = [one for one in every[k:] if one.end < end and self._function(one.end) == own]
+        return tuple(dict.fromkeys([first, *here[0 if sure is None else sure :], *again]))
+
+    def _before(self, every: tuple[Assignment, ...], own: int) -> Assignment | None:
+        """Return the last assignment of another function."""
+        return next((one for one in reversed(every) if self._function(one.end) != own), None)
+
     def assigned(self, name: str) -> tuple[Assignment, ...]:
         """Return all assignments to a name."""
         return self._names.get(name.lower(), ())
@@ -129,11 +148,11 @@ class Flow:
             block = block.around
         return block.start
 
-    def _last_loop(self, place: int, sure: Assignment) -> int:
+    def _last_loop(self, place: int, sure: Assignment | None) -> int:
         """Return the end of the outermost loop around a place that does not begin with the ``sure`` assignment inside."""
         block, end = self._at(place), place
         while block.around is not None:
-            if block.kind == "loop" and not block.holds(sure.end):
+            if block.kind == "loop" and (sure is None or not block.holds(sure.end)):
                 end = block.end
             block = block.around
         return end

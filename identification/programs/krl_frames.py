@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
+from truepose.identification.programs.flow import Assignment, Flow, Keywords
 from truepose.identification.programs.program import BASE_ITSELF, NUMBER, Span, parts
 
 _NULL = {"$NULLFRAME", "$WORLD", "$ROBROOT"}
@@ -14,6 +15,14 @@ _BAS = re.compile(r"(?i)^[ \t]*BAS\s*\(\s*#(BASE|TOOL)\s*,\s*(?P<n>\d+)\s*\)")
 _FDAT_ACT = re.compile(r"(?i)^[ \t]*FDAT_ACT\s*=\s*(?P<name>\w+)")
 _IPO = re.compile(r"(?i)^[ \t]*\$IPO_MODE\s*=\s*#(?P<mode>\w+)")
 _MOTION = re.compile(r"(?i)^[ \t]*(?P<how>S?PTP|S?LIN|S?CIRC|SPL)\b(?P<rest>[^\r\n]*)")
+WORDS = Keywords(
+    function=r"(?:GLOBAL[ \t]+)?(?:DEF|DEFFCT)\b",
+    loop=r"(?:LOOP|WHILE|REPEAT|FOR)\b",
+    branch=r"(?:IF|SWITCH)\b",
+    turn=r"(?:ELSE|CASE|DEFAULT)\b",
+    close=r"(?:END(?:FCT|LOOP|WHILE|FOR|IF|SWITCH)?|UNTIL)\b",
+    jump=r"GOTO\b",
+)
 _FACTOR = re.compile(r"\{[^{}]*\}|[A-Za-z_]\w*+(?:[ \t]*\[[^\]]*\])?")
 _PLACE = re.compile(rf"\s*+(?P<what>(?:{_FACTOR.pattern})(?:\s*:\s*(?:{_FACTOR.pattern}))*)\s*+(?P<rest>.*)")
 _BEHIND = re.compile(r"(?:C_\w++\s*+)*+(?:WITH\b.*)?")
@@ -69,21 +78,24 @@ def frames(mask: str, file: str) -> dict[str, tuple[float, ...]]:
 class Motion:
     """What a motion goes to at ``start``: a product of ``factors`` (spans), the last of them its target.
 
-    ``checked``: it goes from point to point; others do not look at status and turn.
+    ``checked``: it goes from point to point; others do not look at status and turn. ``sure``: no other base and tool can be
+    in force there.
     """
 
     start: int
     stand: Stand
     factors: tuple[Span, ...]
     checked: bool
+    sure: bool
 
 
 def motions(mask: str, taught: Mapping[str, Stand], file: str) -> Iterator[Motion]:
     """Yield the motions of a text; ``taught`` are the frames of taught points (``fdats``)."""
-    stand = Stand(None, None)
+    settings = list(_settings(mask, taught, file))
+    made = {(one.which, one.place): one for one in settings}
+    flow = Flow.of(mask, WORDS, [Assignment(one.which, one.place, one.place) for one in settings])
     for line in _LINE.finditer(mask):
         text = line.group()
-        stand = _after(text, line.start(), stand, taught, file)
         motion = _MOTION.match(text)
         if motion is None:
             continue
@@ -93,7 +105,8 @@ def motions(mask: str, taught: Mapping[str, Stand], file: str) -> Iterator[Motio
             if m is None or not (m["what"].endswith("}") or _BEHIND.fullmatch(m["rest"])):
                 continue
             factors = tuple(one.span() for one in _FACTOR.finditer(mask, *m.span("what")))
-            yield Motion(m.start("what"), stand, factors, motion["how"].upper() in ("PTP", "SPTP"))
+            stand, sure = _stand(flow, made, m.start("what"))
+            yield Motion(m.start("what"), stand, factors, motion["how"].upper() in ("PTP", "SPTP"), sure)
 
 
 def stated(text: str) -> tuple[float, ...] | None:
@@ -102,28 +115,57 @@ def stated(text: str) -> tuple[float, ...] | None:
     return tuple(float(told[field]) for field in "XYZABC") if set(told) >= set("XYZABC") else None
 
 
-def _after(line: str, start: int, stand: Stand, taught: Mapping[str, Stand], file: str) -> Stand:
-    """What is in force behind a line that begins at ``start``."""
-    setting, bas, act, ipo = (p.match(line) for p in (_SET, _BAS, _FDAT_ACT, _IPO))
-    if setting is not None:
-        what = re.sub(r"\s", "", setting["what"]).upper()
-        which = setting[1].upper()
-        own = f"${which}@{file}{start + setting.end(1)}"
-        name = BASE_ITSELF if what in _NULL else own if what.startswith("{") else what
-        return _with(stand, which, name, start + setting.start("what") if _FACTOR.fullmatch(what) else None)
-    if bas is not None:
-        return _with(stand, bas[1].upper(), _numbered(bas[1].upper(), bas["n"]))
-    if act is not None:
-        return taught.get(f"X{act['name'].upper().removeprefix('F')}", Stand(None, None))
-    if ipo is not None:
-        return replace(stand, fixed=ipo["mode"].upper() == "TCP")
-    return stand
+@dataclass(frozen=True)
+class _Setting:
+    """A base, a tool, or that the tool is fixed, put in force by ``text``; ``at`` is where a name of the program's own is."""
+
+    which: str
+    place: int
+    value: str | None
+    text: str
+    at: int | None = None
 
 
-def _with(stand: Stand, which: str, name: str | None, at: int | None = None) -> Stand:
-    if which == "BASE":
-        return replace(stand, base=name, base_at=at)
-    return replace(stand, tool=name, tool_at=at)
+def _settings(mask: str, taught: Mapping[str, Stand], file: str) -> Iterator[_Setting]:
+    """Yield what puts frames in force, in the order of a text."""
+    for line in _LINE.finditer(mask):
+        text, place = line.group(), line.start()
+        setting, bas, act, ipo = (p.match(text) for p in (_SET, _BAS, _FDAT_ACT, _IPO))
+        if setting is not None:
+            what = re.sub(r"\s", "", setting["what"]).upper()
+            which = setting[1].upper()
+            own = f"${which}@{file}{place + setting.end(1)}"
+            name = BASE_ITSELF if what in _NULL else own if what.startswith("{") else what
+            yield _Setting(
+                which, place, name, what, place + setting.start("what") if _FACTOR.fullmatch(what) else None
+            )
+        elif bas is not None:
+            numbered = _numbered(bas[1].upper(), bas["n"])
+            yield _Setting(bas[1].upper(), place, numbered, str(numbered))
+        elif act is not None:
+            stand = taught.get(f"X{act['name'].upper().removeprefix('F')}", Stand(None, None))
+            for part, held in (("BASE", stand.base), ("TOOL", stand.tool)):
+                yield _Setting(part, place, held, str(held))
+            yield _Setting("FIXED", place, "#TCP" if stand.fixed else None, str(stand.fixed))
+        elif ipo is not None:
+            fixed = ipo["mode"].upper() == "TCP"
+            yield _Setting("FIXED", place, "#TCP" if fixed else None, str(fixed))
+
+
+def _stand(flow: Flow, made: Mapping[tuple[str, int], _Setting], place: int) -> tuple[Stand, bool]:
+    """Return what is in force at a place, and whether nothing else can be."""
+    last: dict[str, _Setting | None] = {}
+    sure = True
+    for which in ("BASE", "TOOL", "FIXED"):
+        found = [made[which, one.start] if one else None for one in flow.in_force(which, place)]
+        last[which] = found[-1]
+        sure = sure and len({one.text if one else None for one in found}) == 1
+    base, tool, fixed = last["BASE"], last["TOOL"], last["FIXED"]
+    stand = Stand(
+        base.value if base else None, tool.value if tool else None, bool(fixed and fixed.value),
+        base.at if base else None, tool.at if tool else None,
+    )  # fmt: skip
+    return stand, sure
 
 
 def _numbered(which: str, number: str | None) -> str | None:
@@ -133,4 +175,4 @@ def _numbered(which: str, number: str | None) -> str | None:
     return BASE_ITSELF if int(number) == 0 else f"{which}_DATA[{int(number)}]"
 
 
-__all__ = ["Motion", "Stand", "fdats", "frames", "motions", "stated"]
+__all__ = ["WORDS", "Motion", "Stand", "fdats", "frames", "motions", "stated"]

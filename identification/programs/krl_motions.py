@@ -9,9 +9,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.programs.flow import Assignment, Flow, Keywords
+from truepose.identification.programs.flow import Assignment, Flow
 from truepose.identification.programs.forms import Euler
-from truepose.identification.programs.krl_frames import Motion, Stand, motions, stated
+from truepose.identification.programs.krl_frames import WORDS, Motion, Stand, motions, stated
 from truepose.identification.programs.program import Left, Lines, Span, Target, numbers_in, shown
 from truepose.identification.programs.roles import Going, copies_of
 
@@ -22,15 +22,8 @@ _ASSIGNED = re.compile(
     r"(?im)^[ \t]*(?:(?:GLOBAL|DECL|CONST)[ \t]+)*(?:\w+[ \t]+)?(?P<name>[A-Za-z_]\w*)[ \t]*(?P<index>\[[^\]\r\n]*\])?"
     r"(?P<part>(?:\.\w+)*)[ \t]*=(?!=)[ \t]*(?P<value>[^\r\n]*)"
 )
-_WORDS = Keywords(
-    function=r"(?:GLOBAL[ \t]+)?(?:DEF|DEFFCT)\b",
-    loop=r"(?:LOOP|WHILE|REPEAT|FOR)\b",
-    branch=r"(?:IF|SWITCH)\b",
-    turn=r"(?:ELSE|CASE|DEFAULT)\b",
-    close=r"(?:END(?:FCT|LOOP|WHILE|FOR|IF|SWITCH)?|UNTIL)\b",
-    jump=r"GOTO\b",
-)
 _NAME = re.compile(r"[A-Za-z_]\w*")
+_UNSURE = "its base or its tool may have several values there"
 Key = tuple[bool, int]
 """A literal: whether it is in the file beside, and where it begins."""
 
@@ -61,7 +54,7 @@ class Motions:
         given = [list(_assignments(mask)) for mask in self.masks]
         for k, mask in enumerate(self.masks):
             beside = [replace(one, file="beside") for one in given[1 - k]]
-            self._flows.append(Flow.of(mask, _WORDS, [*given[k], *beside]))
+            self._flows.append(Flow.of(mask, WORDS, [*given[k], *beside]))
         for k, mask in enumerate(self.masks):
             for motion in motions(mask, self.taught, "beside:" if k else ""):
                 self._take(bool(k), motion)
@@ -69,6 +62,13 @@ class Motions:
     def _take(self, other: bool, motion: Motion) -> None:
         *frames, leaf = motion.factors
         stand = motion.stand
+        if not motion.sure:
+            self._keep(other, leaf)
+            if not other:
+                self.left.append(
+                    Left(self.lines.of(motion.start), shown(self.masks[0][slice(*leaf)]), _UNSURE)
+                )
+            return
         base, tool = (
             self._in_force(other, stand.base, stand.base_at),
             self._in_force(other, stand.tool, stand.tool_at),
@@ -88,6 +88,14 @@ class Motions:
         if found and frames:
             self.features.update(self._parts)
             self.followed |= set() if other else {motion.start}
+
+    def _keep(self, other: bool, span: Span) -> None:
+        """Leave what a motion goes to as it is."""
+        if self.masks[other].startswith("{", span[0]):
+            self.features.add((other, span[0]))
+            return
+        for one in self._flows[other].reaching(_named(self.masks[other], span)[0], span[0]):
+            self.features.add((other != bool(one.file), one.start))
 
     def _in_force(self, other: bool, name: str | None, at: int | None) -> str | None:
         """The name of a base or tool, with its place where the program gives it several values."""

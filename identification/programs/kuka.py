@@ -156,7 +156,7 @@ class _Reader:
         before, key = self.mask[begin:start], (self.beside, start)
         assigned, motion = _ASSIGNED.match(before), _MOTION.match(before)
         goings = self.went.goings.get(key, [])
-        if assigned is None and motion is None and not goings:
+        if not goings and ((assigned is None and motion is None) or key in self.went.features):
             return
         fields = _fields(self.mask, start, end)
         if fields is None or not (set(fields) & {*_POSE, *_JOINTS}):
@@ -178,7 +178,7 @@ class _Reader:
             return
         bare = name.partition("[")[0]
         kind = (assigned["type"] or "").upper() or self.types.get(bare, "")
-        if not goings and (kind == "FRAME" or (self.beside, span[0]) in self.went.features):
+        if not goings and kind == "FRAME":
             return  # a frame of the program's own
         if not kind and not goings and not {"S", "T"} & set(fields):
             self._leave(begin, span[1], "no motion here goes to it")

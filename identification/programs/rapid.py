@@ -82,7 +82,9 @@ class _Reader:
         """Collect targets, and what is left."""
         named = [s for s in self.statements if s.name is not None]
         given = [
-            Assignment(s.name or "", s.start, s.end, partly=s.partly or (s.array and s.declared is None))
+            Assignment(
+                s.name or "", s.start, s.end, partly=s.partly or s.maybe or (s.array and s.declared is None)
+            )
             for s in named
         ]
         flow = Flow.of(self.mask, _WORDS, given)

@@ -22,15 +22,17 @@ _STATEMENT = re.compile(r"[^;]*;?")
 _DECLARED = re.compile(
     r"(?i)\b(?:CONST|PERS|VAR)\s+(?P<type>robtarget|jointtarget)\s+(?P<name>\w+)\s*(?P<array>\{[^{}]*\})?\s*:=\s*"
 )
-_ASSIGNED = re.compile(r"(?i)\s*(?P<name>\w+)\s*(?P<array>\{[^{}]*\})?\s*:=\s*")
-_CHANGED = re.compile(r"(?i)^\s*(?P<what>(?P<name>\w+)(?:\s*\{[^{}]*\})?\s*(?:\.\w+)+\s*:=.*)$", re.S)
+_OTHER = re.compile(r"(?i)\b(?:CONST|PERS|VAR)\s+\w+\s+\Z")
+_ASSIGNED = re.compile(
+    r"(?i)(?<![\\\w.])(?P<name>[A-Z]\w*)\s*(?P<array>\{[^{}]*\})?\s*(?P<part>(?:\.\w+)*)\s*:=\s*"
+)
 
 
 @dataclass(frozen=True)
 class Statement:
     """The text ``[start:end]``. A ``value`` is given to ``name`` (lower case), ``declared`` as written there.
 
-    ``array``: to elements of an array; ``partly``: to a component.
+    ``array``: to elements of an array; ``partly``: to a component; ``maybe``: under a condition that stands in the statement.
     """
 
     start: int
@@ -40,6 +42,7 @@ class Statement:
     value: Span = (0, 0)
     array: bool = False
     partly: bool = False
+    maybe: bool = False
 
 
 def statements(mask: str) -> Iterator[Statement]:
@@ -48,17 +51,18 @@ def statements(mask: str) -> Iterator[Statement]:
         if not m.group().strip():
             continue
         start, end = m.span()
-        declared, changed = _DECLARED.search(mask, start, end), _CHANGED.match(m.group().rstrip(";"))
-        given = declared or _ASSIGNED.match(mask, start, end)
-        if given is not None:
-            value = given.end(), given.end() + len(mask[given.end() : end].rstrip("; \t\r\n"))
-            own = declared["name"] if declared else None
-            begin = given.start() if declared else start
-            yield Statement(begin, end, given["name"].lower(), own, value, given["array"] is not None)
-        elif changed is not None:
-            yield Statement(start + changed.start("what"), end, changed["name"].lower(), partly=True)
-        else:
+        declared = _DECLARED.search(mask, start, end)
+        given = declared or _ASSIGNED.search(mask, start, end)
+        if given is None or (declared is None and _OTHER.search(mask, start, given.start())):
             yield Statement(start, end)
+            continue
+        value = given.end(), given.end() + len(mask[given.end() : end].rstrip("; \t\r\n"))
+        name, own = given["name"].lower(), declared["name"] if declared else None
+        before = re.split(r"[\r\n]", mask[start : given.start()])[-1]
+        partly = declared is None and bool(given["part"])
+        yield Statement(
+            given.start(), end, name, own, value, given["array"] is not None, partly, not declared and bool(before.strip())
+        )  # fmt: skip
 
 
 def literals(mask: str, statement: Statement) -> Iterator[tuple[re.Match[str], bool]]:

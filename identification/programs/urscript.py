@@ -25,11 +25,11 @@ from truepose.identification.programs.program import (
     shown,
 )
 from truepose.identification.programs.roles import SEVERAL, Way, copies_of, ways_to
-from truepose.identification.programs.urscript_motions import LITERAL, Motions
+from truepose.identification.programs.urscript_motions import IN_FORCE, LITERAL, SET_TCP, Motions
 from truepose.models.machine import Machine
 
 _COMMENT, _QUOTE = r"#[^\r\n]*", r"\"[^\"\r\n]*\"|'[^'\r\n]*'"
-_BEGIN = r"(?<![^\r\n])[ \t]*+(?:(?:global|local)[ \t]+)?"
+_BEGIN = r"(?<![^\r\n:;])[ \t]*+(?:(?:global|local)[ \t]+)?"
 _VALUE = rf"{LITERAL.pattern}(?=[ \t]*(?:[\r\n;]|\Z))|[^\r\n]*"
 _ASSIGNED = re.compile(rf"{_BEGIN}(?P<name>[A-Za-z_]\w*)\s*=(?!=)[ \t]*(?P<value>{_VALUE})")
 _COMPONENT = re.compile(
@@ -100,6 +100,8 @@ def _assignments(mask: str) -> Iterator[Assignment]:
         yield Assignment(m["name"], *m.span("value"))
     for m in _COMPONENT.finditer(mask):
         yield Assignment(m["name"], *m.span("what"), partly=True)
+    for m in SET_TCP.finditer(mask):
+        yield Assignment(IN_FORCE, *m.span())
 
 
 def _name_of(mask: str, m: re.Match[str]) -> str | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import bisect
 import re
 from dataclasses import dataclass, field, replace
 
@@ -28,7 +27,9 @@ Array = NDArray[np.float64]
 _SIX = r"\[\s*" + r"\s*,\s*".join([NUMBER] * 6) + r"\s*\]"
 LITERAL = re.compile(rf"(?:(?P<pose>(?<!\w)p[ \t]*)|(?<![\w\]])){_SIX}")
 _CALL = re.compile(r"\b(?P<what>movej|movel|movep|movec|servoj|servoc|get_inverse_kin)\s*\(")
-_SET_TCP = re.compile(r"\bset_tcp\s*\(")
+SET_TCP = re.compile(r"\bset_tcp\s*\(")
+IN_FORCE = "set_tcp()"
+"""What the flow of a text calls the tool in force."""
 _TRANS = re.compile(r"\s*pose_trans\s*\(")
 _NAME = re.compile(r"[A-Za-z_]\w*")
 _PLACES = {"movec": 2}
@@ -57,18 +58,28 @@ class Motions:
     def follow(self) -> None:
         """Look at every motion of the text."""
         tools = self._tools()
-        starts = list(tools)
         for call in _CALL.finditer(self.mask):
             end = closing(self.mask, call.end() - 1)
             if end is None:
                 continue
             arguments = parts(self.mask, call.end(), end)
             near = self._near(arguments[1:2]) if call["what"] == "get_inverse_kin" else None
-            k = bisect.bisect_left(starts, call.start())
-            going = Going(None, (), tools[starts[k - 1]] if k else None, call.start(), near=near)
+            held = [
+                tools.get(one.start) if one else None for one in self.flow.in_force(IN_FORCE, call.start())
+            ]
+            going = Going(None, (), held[-1], call.start(), near=near)
+            unsure = len({self.frames.get(name, name) if name else None for name in held}) > 1
             for argument in arguments[: _PLACES.get(call["what"], 1)]:
                 span = self._bare(argument)
-                self._take(span, replace(going, place=span[0]), call["what"])
+                if unsure and not self.mask.startswith("get_inverse_kin", span[0]):
+                    self._leave(
+                        replace(going, place=span[0]),
+                        self.mask[slice(*span)],
+                        "its tool may have several values there",
+                    )
+                    self._pose(span)
+                else:
+                    self._take(span, replace(going, place=span[0]), call["what"])
 
     def _take(self, span: Span, going: Going, what: str) -> None:
         """What one argument of a motion goes to."""
@@ -187,7 +198,7 @@ class Motions:
     def _tools(self) -> dict[int, str]:
         """Names of what calls of set_tcp set, by position."""
         out: dict[int, str] = {}
-        for m in _SET_TCP.finditer(self.mask):
+        for m in SET_TCP.finditer(self.mask):
             end = closing(self.mask, m.end() - 1)
             if end is None:
                 continue
@@ -208,4 +219,4 @@ class Motions:
         return start, max(start, span[1] - len(piece) + len(piece.rstrip()))
 
 
-__all__ = ["LITERAL", "Motions"]
+__all__ = ["IN_FORCE", "LITERAL", "SET_TCP", "Motions"]
