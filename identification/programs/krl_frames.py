@@ -159,7 +159,11 @@ def _stand(flow: Flow, made: Mapping[tuple[str, int], _Setting], place: int) -> 
     for which in ("BASE", "TOOL", "FIXED"):
         found = [made[which, one.start] if one else None for one in flow.in_force(which, place)]
         last[which] = found[-1]
-        sure = sure and len({one.text if one else None for one in found}) == 1
+        alike = len({one.text if one else None for one in found}) == 1
+        named = any(
+            one is not None and one.at is not None for one in found
+        )  # whose value may be another at each
+        sure = sure and alike and (len(found) == 1 or not named)
     base, tool, fixed = last["BASE"], last["TOOL"], last["FIXED"]
     stand = Stand(
         base.value if base else None, tool.value if tool else None, bool(fixed and fixed.value),
