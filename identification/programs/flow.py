@@ -7,6 +7,7 @@ reaches the loop's beginning. Names that several functions assign, and programs 
 from __future__ import annotations
 
 import bisect
+import itertools
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -105,17 +106,22 @@ class Flow:
         """
         every, own = self.assigned(name), self._function(place)
         k = bisect.bisect_right(every, place, key=lambda one: one.end)
-        here = [one for one in every[:k] if self._function(one.end) == own]
-        back = range(len(here) - 1, -1, -1)
-        sure = next((j for j in back if self._at(here[j].end).holds(place)), None)
-        first = here[sure] if sure is not None else self._before(every[:k], own)
+        first: Assignment | None = None
+        here: list[Assignment] = []
+        for one in (every[j] for j in range(k - 1, -1, -1)):
+            if self._function(one.end) != own:
+                first = first or one
+                if one.end < own:
+                    break
+            elif self._at(one.end).holds(place):
+                first = one
+                break
+            else:
+                here.insert(0, one)
         end = self._last_loop(place, first)
-        again = [one for one in every[k:] if one.end < end and self._function(one.end) == own]
-        return tuple(dict.fromkeys([first, *here[0 if sure is None else sure :], *again]))
-
-    def _before(self, every: tuple[Assignment, ...], own: int) -> Assignment | None:
-        """Return the last assignment of another function."""
-        return next((one for one in reversed(every) if self._function(one.end) != own), None)
+        later = itertools.takewhile(lambda one: one.end < end, (every[j] for j in range(k, len(every))))
+        again = [one for one in later if self._function(one.end) == own]
+        return tuple(dict.fromkeys([first, *here, *again]))
 
     def assigned(self, name: str) -> tuple[Assignment, ...]:
         """Return all assignments to a name."""

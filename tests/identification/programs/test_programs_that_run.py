@@ -44,7 +44,7 @@ def check_law(dialect: str, text: str, found: Correction, taken: bool) -> int:
 
 
 @pytest.mark.parametrize("dialect", DIALECT_NAMES)
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(data=st.data())
 def test_every_motion_ends_where_it_was_meant(machine: Machine, dialect: str, data: st.DataObject) -> None:
     nodes: list[Node] = data.draw(programs(dialect, blocks=False))
@@ -57,7 +57,7 @@ def test_every_motion_ends_where_it_was_meant(machine: Machine, dialect: str, da
 
 
 @pytest.mark.parametrize("dialect", DIALECT_NAMES)
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(data=st.data())
 def test_in_branches_and_loops_a_motion_ends_where_it_was_meant_or_is_listed(
     machine: Machine, dialect: str, data: st.DataObject
