@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from truepose.codegen.blocks import blocks_of
+from truepose.codegen.example import example_context
 from truepose.codegen.features import ALL, Features
 from truepose.codegen.layout import Layout, layout_of
 from truepose.codegen.left_out import left_out, left_out_words
@@ -60,7 +61,6 @@ _LIMITS = {
     "leaps": 6,
     "patience": 2,
 }
-_EXAMPLES = 8
 _PARTS = ("batch", "state")
 """Files that a feature has for itself."""
 
@@ -131,7 +131,7 @@ def _context(
         **_numbers(real),
         **_sizes(model, layout),
         **_interface(model, layout),
-        **_example(layout, single=real == "float"),
+        **example_context(model, layout, single=real == "float"),
         **_pointing(model, layout),
         "blocks": blocks.texts,
         "fixed_block": blocks.texts[0],
@@ -235,17 +235,6 @@ def _pointing(model: SymbolicModel, layout: Layout) -> dict[str, Any]:
         "pointing_tight": (layout.tight * layout.rotation) ** 2,
         "pointing_limit": MAX_ITER,
         "pointing_starts": POINTING_STARTS,
-    }
-
-
-def _example(layout: Layout, *, single: bool) -> dict[str, Any]:
-    """Vectors of ``example.c``, how far its guesses stand aside, and what it allows."""
-    slack = 3.0 if single else 1.0  # rounding of p and q in single precision is not the solver's doing
-    return {
-        "vectors": [(q, pose[:3].ravel()) for q, pose in layout.vectors[:_EXAMPLES]],
-        "aside": np.minimum(50.0 * layout.unknown[: len(layout.near)], 0.02 * layout.width),
-        "position": slack * layout.position,
-        "rotation": slack * layout.rotation,
     }
 
 

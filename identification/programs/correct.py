@@ -18,18 +18,19 @@ from truepose.errors import InputError
 from truepose.identification.compensation.inverse import Reach
 from truepose.identification.programs.forms import written
 from truepose.identification.programs.frames import Cell, Frames, Told, shown_name
-from truepose.identification.programs.meaning import Meant, by_tool, joint_units, joint_values, meant_of
+from truepose.identification.programs.meaning import Meant, by_tool, joint_units, meant_of
 from truepose.identification.programs.points import decimals_of
 from truepose.identification.programs.program import (
     LARGEST,
     Left,
-    Number,
     Program,
     Target,
     in_order,
+    replaced,
     shown,
 )
 from truepose.identification.programs.robot import Robot
+from truepose.identification.programs.run import Solved, edits_of, read_again, run
 from truepose.models import lie
 from truepose.models.machine import Machine
 from truepose.models.mechanism import AXES
@@ -88,7 +89,7 @@ def correct(
 
     ``drivers`` are values of what effects depend on (``payload``, ``temperature.base``), mm, rad, kg, degC; the rest has its
     defaults. Raises InputError for a machine whose joints a pose does not tell where the program has poses, and where no target
-    is left to correct.
+    is left to correct; ReadBackError where the corrected program, run, does not do what this one meant.
     """
     frames, robot = Frames(program, cell or Cell()), Robot(machine, drivers or {})
     program = _check(robot, program)
@@ -101,7 +102,14 @@ def correct(
         else:
             known.append((target, told))
     meant = meant_of(robot, program, known, left)
-    done = _corrected(robot, program, meant, left)
+    solved = _solved(robot, program, meant, left)
+    text = edited(program.text, solved)
+    again = _check(robot, read_again(program, text)) if solved else program
+    after = run(robot, (program, again), (frames, Frames(again, cell or Cell())), solved)
+    done = [
+        Corrected(one.meant.target, one.numbers, one.change, one.before, missed, one.reconfigured)
+        for one, missed in zip(solved, after, strict=True)
+    ]
     assumed = sorted({shown_name(m.told.assumed) for m in meant if m.told.assumed})
     arrival = robot.arrival(np.array([m.q for m in meant])) if meant else 0.0
     nearby = _nearby(robot, meant) if any(one.computed for one in left) else None
@@ -109,7 +117,6 @@ def correct(
     poses = [m.target for m in meant if m.target.kind == "pose"]
     bare = sum(t.base is None for t in poses) * (given.base is None)
     unnamed = (bare, sum(t.tool is None for t in poses) * (given.tool is None))
-    text = _edited(program.text, done)
     return Correction(
         text, tuple(done), in_order(left), robot.drivers, arrival, tuple(assumed), nearby, unnamed
     )
@@ -147,8 +154,8 @@ def _check(robot: Robot, program: Program) -> Program:
     return replace(program, targets=bare, configuration=None)
 
 
-def _corrected(robot: Robot, program: Program, meant: list[Meant], left: list[Left]) -> list[Corrected]:
-    out: list[Corrected] = []
+def _solved(robot: Robot, program: Program, meant: list[Meant], left: list[Left]) -> list[Solved]:
+    out: list[Solved] = []
     for tool, rows in by_tool([(k, m.told) for k, m in enumerate(meant)]):
         some = [meant[k] for k in rows]
         goal, q = np.array([m.goal for m in some]), np.array([m.q for m in some])
@@ -158,21 +165,15 @@ def _corrected(robot: Robot, program: Program, meant: list[Meant], left: list[Le
         robot.nominal(tool)
         seen = robot.solver.forward(found.q)[0]
         change = robot.missed(goal, seen)
-        good, texts = [], []
         for row, m in enumerate(some):
             why = _refused(robot, found.status[row], found.saturated(row), found.q[row] - q[row])
             new = _texts(robot, program, m, found.q[row], seen[row]) if why is None else None
             if new is None:
                 left.append(Left(m.target.line, m.target.name, why or _WRIST))
                 continue
-            good.append(row)
-            texts.append(new)
-        after = _after(robot, program, [some[row] for row in good], texts, found.q[good], tool)
-        for row, new, left_over in zip(good, texts, after, strict=True):
-            target = some[row].target
-            turned = new[len(target.numbers) :] != tuple(n.text for n in target.configuration)
-            out.append(Corrected(target, new, change[row], before[row], left_over, turned))
-    return sorted(out, key=lambda one: one.target.numbers[0].start)
+            turned = new[len(m.target.numbers) :] != tuple(n.text for n in m.target.configuration)
+            out.append(Solved(m, new, found.q[row], change[row], before[row], turned))
+    return sorted(out, key=lambda one: (one.meant.target.line, one.meant.target.numbers[0].start))
 
 
 _WRIST = "the correction would take axis 5 through zero, into another configuration of the wrist"
@@ -218,32 +219,6 @@ def _texts(robot: Robot, program: Program, m: Meant, q: Array, seen: Array) -> t
     return (*out, *same)
 
 
-def _after(
-    robot: Robot,
-    program: Program,
-    some: list[Meant],
-    texts: list[tuple[str, ...]],
-    q: Array,
-    tool: Array | None,
-) -> Array:
-    """(n, 6) where the real tool is from the targets when the nominal controller is told the new texts."""
-    if not some:
-        return np.zeros((0, 6))
-    robot.nominal(tool)
-    commands = q.copy()
-    values = [[float(t) for t in new[: len(m.target.numbers)]] for m, new in zip(some, texts, strict=True)]
-    rows = [row for row, m in enumerate(some) if m.target.kind == "pose"]
-    if rows:
-        poses = program.form.poses(np.array([values[row] for row in rows]))
-        told = np.array([robot.base @ some[row].told.base for row in rows]) @ poses
-        commands[rows] = robot.solver.inverse(told, q[rows], restarts=0, rewind=False).q
-    for row, m in enumerate(some):
-        if m.target.kind == "joints":
-            commands[row] = joint_values(robot, program, values[row])
-    robot.real(tool)
-    return robot.missed(np.array([m.goal for m in some]), robot.solver.forward(commands)[0])
-
-
 def _nearby(robot: Robot, meant: Sequence[Meant]) -> float:
     """Largest change (mm) of the correction from a target to places ``NEARBY`` away along the axes of the sensor's frame."""
     apart = [0.0]
@@ -268,18 +243,9 @@ def _nearby(robot: Robot, meant: Sequence[Meant]) -> float:
     return max(apart)
 
 
-def _edited(text: str, done: Sequence[Corrected]) -> str:
-    """The text with the new numbers in place of the old ones."""
-    edits: list[tuple[Number, str]] = [
-        (old, new)
-        for one in done
-        for old, new in zip((*one.target.numbers, *one.target.configuration), one.numbers, strict=True)
-    ]
-    out, at = [], 0
-    for old, new in sorted(edits, key=lambda edit: edit[0].start):
-        out += [text[at : old.start], new]
-        at = old.end
-    return "".join([*out, text[at:]])
+def edited(text: str, solved: Sequence[Solved]) -> str:
+    """Return the text with what was solved for in it."""
+    return replaced(text, edits_of(solved))
 
 
-__all__ = ["NEARBY", "Corrected", "Correction", "correct"]
+__all__ = ["NEARBY", "Corrected", "Correction", "correct", "edited"]

@@ -9,6 +9,7 @@ from pathlib import Path
 from truepose.bounded import read_at_most
 from truepose.errors import InputError
 from truepose.identification.programs.kuka import Kuka
+from truepose.identification.programs.languages import other_language, own_language
 from truepose.identification.programs.points import Points
 from truepose.identification.programs.program import PROGRAM_MOST, Dialect
 from truepose.identification.programs.rapid import Rapid
@@ -27,22 +28,33 @@ _SUFFIXES = {
     ".script": "urscript",
     ".urscript": "urscript",
 }
-_KRL = re.compile(rb"(?im)^\s*(?:&ACCESS|DEFDAT|DEF\s)|\{\s*(?:X|A1)\s+[-+.\d]")
+_TABLES = {".csv", ".parquet", ".pq", ".xlsx", ".xls"}
+"""Endings of tables: what they say is not looked at."""
+_KRL = re.compile(r"(?im)^\s*(?:&ACCESS|DEFDAT|DEF\s)|\{\s*(?:X|A1)\s+[-+.\d]")
 _BESIDE = {".src": ".dat", ".dat": ".src"}
 
 
 def dialect_of(path: Path, name: str | None = None) -> Dialect | None:
-    """The dialect that is named, or that a file's ending means; None where it means a table.
+    """The dialect that is named, or that a file's ending or words mean; None where it means a table.
 
-    A .dat is KUKA's where its text is. Raises InputError for a name that there is not.
+    A .dat is KUKA's where its text is. Raises InputError for a name that there is not, and for a program in another language.
     """
     if name is not None:
         if name not in DIALECTS:
             raise InputError(f"--dialect: found {name!r}, expected {', '.join(DIALECTS)}")
         return DIALECTS[name]
-    known = _SUFFIXES.get(path.suffix.lower())
-    if path.suffix.lower() == ".dat" and not _KRL.search(_bytes(path)):
+    ending = path.suffix.lower()
+    known = _SUFFIXES.get(ending)
+    head = _bytes(path).decode("latin-1") if path.is_file() and ending not in _TABLES else ""
+    if (other := other_language(head, ending)) is not None:
+        titles = ", ".join(d.title for d in DIALECTS.values())
+        raise InputError(
+            f"{path}: found another language, a {other}, expected a program in one of {titles}; of other programs export "
+            "the poses as a table, x y z rx ry rz"
+        )
+    if ending == ".dat" and not _KRL.search(head):
         return None
+    known = known or own_language(head)
     return None if known is None else DIALECTS[known]
 
 

@@ -48,14 +48,14 @@ class Frames:
             name.lower(): np.array(numbers) for name, numbers in program.frames.items() if _rigid(numbers)
         }
         given = {name.lower(): self._numbers(f"--frame {name}", v) for name, v in cell.frames.items()}
-        named = {one.lower() for t in program.targets for one in (t.base, t.tool) if one}
-        odd = [name for name in cell.frames if name.lower() not in named]
+        named = {one.lower() for t in program.targets for one in (t.base, t.tool, *t.within) if one}
+        odd = [name for name in cell.frames if name.lower() not in set(map(shown_name, named))]
         if odd and named:
-            known = ", ".join(sorted({shown_name(name) for name in named}))
+            known = ", ".join(sorted(set(map(shown_name, named))))
             raise InputError(
                 f"--frame: found the name {odd[0]!r}, expected one that targets are told in: {known}"
             )
-        self._known = stated | given
+        self._known = stated | {name: given[shown_name(name)] for name in named if shown_name(name) in given}
         self._base = None if cell.base is None else self._pose(self._numbers("--base", cell.base))
         self._tool = None if cell.tool is None else self._pose(self._numbers("--tool", cell.tool))
         self._unknown_tools = {
@@ -66,14 +66,13 @@ class Frames:
         """Frames of a target, or why they are not known."""
         if target.kind == "joints":
             return Told(np.eye(4), None)
-        base = np.eye(4) if self._base is None else self._base
-        if target.base == BASE_ITSELF:
-            base = np.eye(4)
-        elif target.base is not None:
-            numbers = self._known.get(target.base.lower())
-            if numbers is None:
-                return self._missing("told in", target.base)
-            base = self._pose(numbers)
+        base = np.eye(4) if self._base is None or target.base is not None else self._base
+        for name in (target.base, *target.within):
+            if name:
+                numbers = self._known.get(name.lower())
+                if numbers is None:
+                    return self._missing("told in", name)
+                base = base @ self._pose(numbers)
         tool = self._tool_of(target)
         return tool if isinstance(tool, str) else Told(base, *tool)
 

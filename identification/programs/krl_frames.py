@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 
-from truepose.identification.programs.program import BASE_ITSELF, NUMBER, closing, parts
+from truepose.identification.programs.flow import Assignment, Flow, Keywords
+from truepose.identification.programs.program import BASE_ITSELF, NUMBER, Span, parts
 
 _NULL = {"$NULLFRAME", "$WORLD", "$ROBROOT"}
 _SET = re.compile(r"(?i)^[ \t]*\$(BASE|TOOL)\s*=\s*(?P<what>[^\r\n]+?)\s*$")
@@ -14,7 +15,18 @@ _BAS = re.compile(r"(?i)^[ \t]*BAS\s*\(\s*#(BASE|TOOL)\s*,\s*(?P<n>\d+)\s*\)")
 _FDAT_ACT = re.compile(r"(?i)^[ \t]*FDAT_ACT\s*=\s*(?P<name>\w+)")
 _IPO = re.compile(r"(?i)^[ \t]*\$IPO_MODE\s*=\s*#(?P<mode>\w+)")
 _MOTION = re.compile(r"(?i)^[ \t]*(?P<how>S?PTP|S?LIN|S?CIRC|SPL)\b(?P<rest>[^\r\n]*)")
-_NAME = re.compile(r"\s*+(?:(?P<name>[A-Za-z_]\w*+)\s*+(?:\[[^\]]*\])?)\s*+(?:C_\w++\s*+)*+(?:WITH\b.*)?")
+WORDS = Keywords(
+    function=r"(?:GLOBAL[ \t]+)?(?:DEF|DEFFCT)\b",
+    loop=r"(?:LOOP|WHILE|REPEAT|FOR)\b",
+    branch=r"(?:IF|SWITCH)\b",
+    turn=r"(?:ELSE|CASE|DEFAULT)\b",
+    close=r"(?:END(?:FCT|LOOP|WHILE|FOR|IF|SWITCH)?|UNTIL)\b",
+    jump=r"GOTO\b",
+)
+_FACTOR = re.compile(r"\{[^{}]*\}|[A-Za-z_]\w*+(?:[ \t]*\[[^\]]*\])?")
+_PLACE = re.compile(rf"\s*+(?P<what>(?:{_FACTOR.pattern})(?:\s*:\s*(?:{_FACTOR.pattern}))*)\s*+(?P<rest>.*)")
+_BEHIND = re.compile(r"(?:C_\w++\s*+)*+(?:WITH\b.*)?")
+_FIELD = re.compile(rf"(\w+)\s+({NUMBER})\s*(?=,|$)")
 _FDAT = re.compile(r"(?i)\bFDAT\s+(?P<name>\w+)\s*=\s*\{(?P<fields>[^{}]*)\}")
 _STATED = re.compile(r"(?<!\w)(?P<name>\$?\w+(?:\s*\[\s*\d+\s*\])?)\s*=\s*\{(?P<fields>[^{}]*)\}")
 _LINE = re.compile(r"[^\r\n]+")
@@ -22,11 +34,16 @@ _LINE = re.compile(r"[^\r\n]+")
 
 @dataclass(frozen=True)
 class Stand:
-    """Names of the base and the tool in force, None where the text says nothing; ``fixed``: the robot holds the part."""
+    """Names of the base and the tool in force, None where the text says nothing; ``fixed``: the robot holds the part.
+
+    ``base_at`` and ``tool_at`` are where a name of the program's own was put in force.
+    """
 
     base: str | None
     tool: str | None
     fixed: bool = False
+    base_at: int | None = field(default=None, compare=False)
+    tool_at: int | None = field(default=None, compare=False)
 
 
 def fdats(mask: str) -> dict[str, Stand]:
@@ -42,67 +59,117 @@ def fdats(mask: str) -> dict[str, Stand]:
 
 
 def frames(mask: str, file: str) -> dict[str, tuple[float, ...]]:
-    """Frames whose six numbers a text states, by name; those of ``$BASE`` and ``$TOOL`` by their place in ``file``, too."""
-    out = {}
+    """Frames whose six numbers a text states, by name; those of ``$BASE`` and ``$TOOL`` by their place in ``file``, too.
+
+    What is stated with several numbers is not known.
+    """
+    out: dict[str, tuple[float, ...]] = {}
+    several: set[str] = set()
     for m in _STATED.finditer(mask):
         name = re.sub(r"\s", "", m["name"]).upper()
-        told = dict(re.findall(rf"(\w+)\s+({NUMBER})\s*(?=,|$)", m["fields"].upper()))
-        if set(told) >= set("XYZABC"):
+        numbers = stated(m["fields"])
+        if numbers is not None:
             own = f"{name}@{file}{m.end('name')}" if name in ("$BASE", "$TOOL") else name
-            out[own] = tuple(float(told[field]) for field in "XYZABC")
-    return out
+            several |= {own} if out.setdefault(own, numbers) != numbers else set()
+    return {name: numbers for name, numbers in out.items() if name not in several}
 
 
-def uses(mask: str, taught: Mapping[str, Stand], file: str) -> dict[str, dict[Stand, bool]]:
-    """Frames by the names of points that motions go to, and by ``file@position`` of the constants in motions.
+@dataclass(frozen=True)
+class Motion:
+    """What a motion goes to at ``start``: a product of ``factors`` (spans), the last of them its target.
 
-    Beside each, whether one of the motions goes from point to point: others do not look at status and turn. ``taught`` are
-    the frames of taught points (``fdats``).
+    ``checked``: it goes from point to point; others do not look at status and turn. ``sure``: no other base and tool can be
+    in force there.
     """
-    out: dict[str, dict[Stand, bool]] = {}
-    stand = Stand(None, None)
+
+    start: int
+    stand: Stand
+    factors: tuple[Span, ...]
+    checked: bool
+    sure: bool
+
+
+def motions(mask: str, taught: Mapping[str, Stand], file: str) -> Iterator[Motion]:
+    """Yield the motions of a text; ``taught`` are the frames of taught points (``fdats``)."""
+    settings = list(_settings(mask, taught, file))
+    made = {(one.which, one.place): one for one in settings}
+    flow = Flow.of(mask, WORDS, [Assignment(one.which, one.place, one.place) for one in settings])
     for line in _LINE.finditer(mask):
         text = line.group()
-        stand = _after(text, line.start(), stand, taught, file)
         motion = _MOTION.match(text)
         if motion is None:
             continue
         start = line.start() + motion.start("rest")
-        for a, b in parts(mask, start, line.end()):
-            piece = mask[a:b]
-            inside = mask.find("{", a, b)
-            name = _NAME.fullmatch(piece)
-            if inside >= 0 and not mask[a:inside].strip() and closing(mask, inside) is not None:
-                key = f"{file}@{inside}"
-            elif name is not None:
-                key = name["name"].upper()
-            else:
+        for span in parts(mask, start, line.end()):
+            m = _PLACE.match(mask, *span)
+            if m is None or not (m["what"].endswith("}") or _BEHIND.fullmatch(m["rest"])):
                 continue
-            held = out.setdefault(key, {})
-            held[stand] = held.get(stand, False) or motion["how"].upper() in ("PTP", "SPTP")
-    return out
+            factors = tuple(one.span() for one in _FACTOR.finditer(mask, *m.span("what")))
+            stand, sure = _stand(flow, made, m.start("what"))
+            yield Motion(m.start("what"), stand, factors, motion["how"].upper() in ("PTP", "SPTP"), sure)
 
 
-def _after(line: str, start: int, stand: Stand, taught: Mapping[str, Stand], file: str) -> Stand:
-    """What is in force behind a line that begins at ``start``."""
-    setting, bas, act, ipo = (p.match(line) for p in (_SET, _BAS, _FDAT_ACT, _IPO))
-    if setting is not None:
-        what = re.sub(r"\s", "", setting["what"]).upper()
-        which = setting[1].upper()
-        own = f"${which}@{file}{start + setting.end(1)}"
-        name = BASE_ITSELF if what in _NULL else own if what.startswith("{") else what
-        return _with(stand, which, name)
-    if bas is not None:
-        return _with(stand, bas[1].upper(), _numbered(bas[1].upper(), bas["n"]))
-    if act is not None:
-        return taught.get(f"X{act['name'].upper().removeprefix('F')}", Stand(None, None))
-    if ipo is not None:
-        return replace(stand, fixed=ipo["mode"].upper() == "TCP")
-    return stand
+def stated(text: str) -> tuple[float, ...] | None:
+    """Return the numbers of a position in braces; None where one is missing, or no number."""
+    told = dict(_FIELD.findall(text.upper().strip("{} ")))
+    return tuple(float(told[field]) for field in "XYZABC") if set(told) >= set("XYZABC") else None
 
 
-def _with(stand: Stand, which: str, name: str | None) -> Stand:
-    return replace(stand, base=name) if which == "BASE" else replace(stand, tool=name)
+@dataclass(frozen=True)
+class _Setting:
+    """A base, a tool, or that the tool is fixed, put in force by ``text``; ``at`` is where a name of the program's own is."""
+
+    which: str
+    place: int
+    value: str | None
+    text: str
+    at: int | None = None
+
+
+def _settings(mask: str, taught: Mapping[str, Stand], file: str) -> Iterator[_Setting]:
+    """Yield what puts frames in force, in the order of a text."""
+    for line in _LINE.finditer(mask):
+        text, place = line.group(), line.start()
+        setting, bas, act, ipo = (p.match(text) for p in (_SET, _BAS, _FDAT_ACT, _IPO))
+        if setting is not None:
+            what = re.sub(r"\s", "", setting["what"]).upper()
+            which = setting[1].upper()
+            own = f"${which}@{file}{place + setting.end(1)}"
+            name = BASE_ITSELF if what in _NULL else own if what.startswith("{") else what
+            yield _Setting(
+                which, place, name, what, place + setting.start("what") if _FACTOR.fullmatch(what) else None
+            )
+        elif bas is not None:
+            numbered = _numbered(bas[1].upper(), bas["n"])
+            yield _Setting(bas[1].upper(), place, numbered, str(numbered))
+        elif act is not None:
+            stand = taught.get(f"X{act['name'].upper().removeprefix('F')}", Stand(None, None))
+            for part, held in (("BASE", stand.base), ("TOOL", stand.tool)):
+                yield _Setting(part, place, held, str(held))
+            yield _Setting("FIXED", place, "#TCP" if stand.fixed else None, str(stand.fixed))
+        elif ipo is not None:
+            fixed = ipo["mode"].upper() == "TCP"
+            yield _Setting("FIXED", place, "#TCP" if fixed else None, str(fixed))
+
+
+def _stand(flow: Flow, made: Mapping[tuple[str, int], _Setting], place: int) -> tuple[Stand, bool]:
+    """Return what is in force at a place, and whether nothing else can be."""
+    last: dict[str, _Setting | None] = {}
+    sure = True
+    for which in ("BASE", "TOOL", "FIXED"):
+        found = [made[which, one.start] if one else None for one in flow.in_force(which, place)]
+        last[which] = found[-1]
+        alike = len({one.text if one else None for one in found}) == 1
+        named = any(
+            one is not None and one.at is not None for one in found
+        )  # whose value may be another at each
+        sure = sure and alike and (len(found) == 1 or not named)
+    base, tool, fixed = last["BASE"], last["TOOL"], last["FIXED"]
+    stand = Stand(
+        base.value if base else None, tool.value if tool else None, bool(fixed and fixed.value),
+        base.at if base else None, tool.at if tool else None,
+    )  # fmt: skip
+    return stand, sure
 
 
 def _numbered(which: str, number: str | None) -> str | None:
@@ -112,4 +179,4 @@ def _numbered(which: str, number: str | None) -> str | None:
     return BASE_ITSELF if int(number) == 0 else f"{which}_DATA[{int(number)}]"
 
 
-__all__ = ["Stand", "fdats", "frames", "uses"]
+__all__ = ["WORDS", "Motion", "Stand", "fdats", "frames", "motions", "stated"]

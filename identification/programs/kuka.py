@@ -8,13 +8,15 @@ target is told in comes from the FDAT of its name (taught points), else from ``$
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from truepose.identification.programs.configurations import StatusTurn
 from truepose.identification.programs.forms import Euler
-from truepose.identification.programs.krl_frames import Stand, fdats, frames, uses
+from truepose.identification.programs.krl_frames import Stand, fdats, frames
+from truepose.identification.programs.krl_motions import FIXED, Motions, outside
 from truepose.identification.programs.program import (
     NUMBER,
     Kind,
@@ -22,6 +24,7 @@ from truepose.identification.programs.program import (
     Lines,
     Number,
     Program,
+    Span,
     Target,
     closing,
     in_order,
@@ -29,6 +32,7 @@ from truepose.identification.programs.program import (
     parts,
     shown,
 )
+from truepose.identification.programs.roles import SEVERAL, Going, Way, copies_of, ways_to
 from truepose.models.machine import Machine
 
 _COMMENT = r";[^\r\n]*|(?m:^[ \t]*&[^\r\n]*)"
@@ -65,26 +69,31 @@ class Kuka:
         mask, lines, found = masked(text, _COMMENT), Lines(text), _Found()
         other = "" if beside is None else masked(beside, _COMMENT)
         taught = fdats(other) | fdats(mask)
-        used = uses(mask, taught, _OWN)
-        for name, stands in uses(other, taught, _OTHER).items():
-            own = used.setdefault(name, {})
-            own |= {stand: ptp or own.get(stand, False) for stand, ptp in stands.items()}
-        reader = _Reader(mask, lines, found, used, taught, _types(mask) | _types(other))
-        for start, end in _aggregates(mask):
-            begin = max(mask.rfind("\n", 0, start), mask.rfind("\r", 0, start)) + 1
-            reader.take(begin, start, end)
-        self._computed(mask, lines, found)
+        went = Motions((mask, other), lines, taught)
+        went.follow()
+        types = _types(mask) | _types(other)
+        count = len(machine.mechanism.readings) if machine else len(_JOINTS)
+        for text_of, is_beside in ((mask, False), (other, True)):
+            _Reader(text_of, is_beside, lines, found, went, taught, types, count).take()
+        self._computed(mask, lines, found, went.followed)
+        targets, left = [*found.targets, *went.worked_out], [*found.left, *went.left]
         return Program(
-            text, tuple(found.targets), in_order(found.left), Euler(), {"rad": "deg", "mm": "mm"},
-            frames(other, _OTHER) | frames(mask, _OWN), StatusTurn(),
+            text, tuple(targets), in_order(left), Euler(), {"rad": "deg", "mm": "mm"},
+            frames(other, _OTHER) | frames(mask, _OWN) | went.frames, StatusTurn(),
+            again=functools.partial(self.read, machine=machine, beside=beside),
         )  # fmt: skip
 
-    def _computed(self, mask: str, lines: Lines, found: _Found) -> None:
+    def _computed(self, mask: str, lines: Lines, found: _Found, followed: set[int]) -> None:
         """Motions to what the program works out while it runs."""
         motion = re.compile(r"(?im)^[ \t]*((?:S?PTP|S?LIN|S?CIRC|SPL)\b[^\r\n]*)")
         for m in motion.finditer(mask):
             what = m.group(1)
-            if ":" in re.sub(r"\{[^{}]*\}", "", what):
+            products = [
+                p
+                for p in parts(mask, m.start(1) + len(what.split()[0]), m.end(1))
+                if ":" in outside(mask[slice(*p)])
+            ]
+            if products and not any(p[0] <= place < p[1] for p in products for place in followed):
                 why = "worked out by `:` while the program runs: it gets the correction of its first point"
                 found.left.append(Left(lines.of(m.start(1)), shown(what), why, computed=True))
             elif re.match(r"(?i)\w+\s+[A-Z_]\w*\s*\(", what):
@@ -122,82 +131,122 @@ def _aggregates(mask: str) -> Iterator[tuple[int, int]]:
 
 @dataclass
 class _Reader:
-    """One text: what its constants are."""
+    """What the constants of one text are: the program's, or that of the file ``beside`` it, of which motions get copies.
+
+    ``count`` is how many axes the robot has.
+    """
 
     mask: str
+    beside: bool
     lines: Lines
     found: _Found
-    used: dict[str, dict[Stand, bool]]
+    went: Motions
     taught: dict[str, Stand]
     types: dict[str, str]
+    count: int
 
-    def take(self, begin: int, start: int, end: int) -> None:
+    def take(self) -> None:
+        """Collect targets, and what is left."""
+        for start, end in _aggregates(self.mask):
+            begin = max(self.mask.rfind("\n", 0, start), self.mask.rfind("\r", 0, start)) + 1
+            self._constant(begin, start, end)
+
+    def _constant(self, begin: int, start: int, end: int) -> None:
         """A constant ``[start:end]`` on the line that begins at ``begin``."""
-        before, line = self.mask[begin:start], self.lines.of(start)
+        before, key = self.mask[begin:start], (self.beside, start)
         assigned, motion = _ASSIGNED.match(before), _MOTION.match(before)
-        if assigned is None and motion is None:
+        goings = self.went.goings.get(key, [])
+        if not goings and ((assigned is None and motion is None) or key in self.went.features):
             return
         fields = _fields(self.mask, start, end)
         if fields is None or not (set(fields) & {*_POSE, *_JOINTS}):
             if fields is None and self._is_position(assigned, motion, start, end):
-                self._leave(line, begin, end, "not all of its coordinates are plain numbers")
+                self._leave(begin, end, "not all of its coordinates are plain numbers")
             return
         if assigned is not None:
-            self._assigned(assigned, fields, begin, end, line)
-        elif motion is not None:
-            how = motion["how"].upper()
-            if how.endswith("_REL"):
-                self._leave(line, begin, end, "a relative motion: it starts where the motion before it ended")
-                return
-            self._target(line, how, fields, self.used.get(f"{_OWN}@{start}", {}), begin, end)
+            self._assigned(assigned, fields, goings, begin, (start, end))
+        elif motion is not None and motion["how"].upper().endswith("_REL"):
+            self._leave(begin, end, "a relative motion: it starts where the motion before it ended")
+        else:
+            self._target(before.split(maxsplit=1)[0].upper(), fields, goings, begin, (start, end))
 
     def _assigned(
-        self, assigned: re.Match[str], fields: dict[str, Number], begin: int, end: int, line: int
+        self, assigned: re.Match[str], fields: dict[str, Number], goings: list[Going], begin: int, span: Span
     ) -> None:
         name = re.sub(r"\s", "", assigned["name"]).upper()
-        kind = (assigned["type"] or "").upper()
         if _FRAMES.match(name):
             return
         bare = name.partition("[")[0]
-        stands = self.used.get(bare, {})
-        if bare in self.taught:
-            stands = {self.taught[bare]: any(stands.values()) or not stands}
-        kind = kind or self.types.get(bare, "")
-        if kind == "FRAME" and not stands:
-            return  # a base or a tool of the program's own
-        if not kind and not stands and not {"S", "T"} & set(fields):
-            self._leave(line, begin, end, "no motion here goes to it")
+        kind = (assigned["type"] or "").upper() or self.types.get(bare, "")
+        if not goings and kind == "FRAME":
+            return  # a frame of the program's own
+        if not kind and not goings and not {"S", "T"} & set(fields):
+            self._leave(begin, span[1], "no motion here goes to it")
             return
-        self._target(line, name, fields, stands, begin, end)
+        self._target(name, fields, goings, begin, span)
 
     def _target(
-        self, line: int, name: str, fields: dict[str, Number], stands: dict[Stand, bool], begin: int, end: int
+        self, name: str, fields: dict[str, Number], goings: list[Going], begin: int, span: Span
     ) -> None:
         kind: Kind = "joints" if "A1" in fields else "pose"
-        names = _JOINTS if kind == "joints" else _POSE
+        names = self._axes(fields) if kind == "joints" else _POSE
         missing = [f for f in names if f not in fields]
         external = [f for f in fields if _EXTERNAL.fullmatch(f) and fields[f].value != 0.0]
-        stand = next(iter(stands), Stand(None, None))
-        why = None
         if missing:
-            why = f"{', '.join(missing)} of it stay what they are when the robot comes there"
-        elif external:
-            why = f"external axes are in use ({', '.join(f'{f} {fields[f].text}' for f in external)})"
-        elif len(stands) > 1 and kind == "pose":
-            told = sorted(f"base {s.base or 'none'} with tool {s.tool or 'none'}" for s in stands)
-            why = f"used with several frames ({'; '.join(told)})"
-        elif stand.fixed and kind == "pose":
-            why = "the tool is fixed in the cell and the robot holds the part (#TCP)"
-        if why is not None:
-            self._leave(line, begin, end, why)
+            self._leave(
+                begin, span[1], f"{', '.join(missing)} of it stay what they are when the robot comes there"
+            )
             return
-        chosen = ("S" in fields, "T" in fields)
-        configuration = (fields["S"], fields["T"]) if all(chosen) and kind == "pose" else ()
+        if external:
+            used = ", ".join(f"{f} {fields[f].text}" for f in external)
+            self._leave(begin, span[1], f"external axes are in use ({used})")
+            return
+        stand = self.taught.get(name.partition("[")[0], Stand(None, None))
+        bare = Going(stand.base, (), FIXED if stand.fixed else stand.tool, begin)
         numbers = tuple(fields[f] for f in names)
-        loose = bool(stands) and not any(stands.values())
+        configured = {"S", "T"} <= set(fields) and kind == "pose"
+        configuration = (fields["S"], fields["T"]) if configured else ()
+        is_frame = (self.beside, span[0]) in self.went.features
+        ways = ways_to(goings, is_frame=is_frame, in_frames=kind == "pose") or [Way((bare,), None)]
+        for way in ways:
+            if way.names is not None or not self.beside:
+                self._way(way, Target(0, name, kind, numbers, configuration), goings, begin, span)
+        if not self.beside and ways[0].names is not None and any(one.elsewhere for one in goings):
+            told = sorted({_stand_words(one) for one in goings})
+            self._leave(
+                begin, span[1], f"used with several frames ({'; '.join(told)}): its motions get copies"
+            )
+
+    def _way(self, way: Way, target: Target, goings: list[Going], begin: int, span: Span) -> None:
+        """Motions to a constant in the same frames: it is changed itself, or each of them gets a copy."""
+        own = [one for one in way.goings if not one.elsewhere]
+        if way.names is not None:
+            lost = [one for one in own if one.span is None]
+            self.found.left += [Left(self.lines.of(one.place), target.name, SEVERAL) for one in lost]
+            own = [one for one in own if one.span is not None]
+            if not own:
+                return
+        first = way.goings[0] if way.names is None else own[0]
+        at = begin if way.names is None else first.place
+        if first.tool == FIXED and target.kind == "pose":
+            why = "the tool is fixed in the cell and the robot holds the part (#TCP)"
+            self.found.left.append(Left(self.lines.of(at), shown(self.mask[begin : span[1]]), why))
+            return
+        tool = None if first.tool == FIXED else first.tool
+        copies = copies_of(self.mask, span, [*target.numbers, *target.configuration], way.names)
+        line = self.lines.of(span[0] if way.names is None else at)
+        places = tuple(one.place for one in own) if goings else ()
         self.found.targets.append(
-            Target(line, name, kind, numbers, configuration, stand.base, stand.tool, begin, loose=loose)
-        )
+            replace(
+                target, line=line, base=first.base, tool=tool, place=places[0] if places else begin,
+                loose=bool(goings) and all(one.loose for one in way.goings), within=first.within, places=places, copies=copies,
+            )
+        )  # fmt: skip
+
+    def _axes(self, fields: dict[str, Number]) -> tuple[str, ...]:
+        """Names of the robot's axes; a robot of fewer than six has no others, or they are 0."""
+        own, others = _JOINTS[: self.count], _JOINTS[self.count :]
+        return own if all(f not in fields or fields[f].value == 0.0 for f in others) else _JOINTS
 
     def _is_position(
         self, assigned: re.Match[str] | None, motion: re.Match[str] | None, start: int, end: int
@@ -208,8 +257,15 @@ class _Reader:
             r"(?i)\s*(?:\w+\s*:)?\s*(?:X|A1)\s", inside
         ) is not None
 
-    def _leave(self, line: int, begin: int, end: int, why: str) -> None:
-        self.found.left.append(Left(line, shown(self.mask[begin:end]), why))
+    def _leave(self, begin: int, end: int, why: str) -> None:
+        if not self.beside:
+            start = begin + len(self.mask[begin:end]) - len(self.mask[begin:end].lstrip())
+            self.found.left.append(Left(self.lines.of(start), shown(self.mask[begin:end]), why))
+
+
+def _stand_words(going: Going) -> str:
+    base, tool = (shown(name.partition("@")[0]) if name else "none" for name in (going.base, going.tool))
+    return f"base {base} with tool {tool}"
 
 
 def _fields(mask: str, start: int, end: int) -> dict[str, Number] | None:

@@ -17,15 +17,23 @@ from truepose.models.units import convert
 
 Array = NDArray[np.float64]
 
+_OTHER = 1e-3
+"""rad, mm: joints that differ by more are another solution."""
+_OTHERWISE = "motions go to it with several solutions of the joints: it is corrected for that of the first"
+
 
 @dataclass(frozen=True)
 class Meant:
-    """A target with its frames, the pose (4, 4) that is meant in the sensor's frame, and its nominal joints (nq,)."""
+    """A target with its frames, the pose (4, 4) that is meant in the sensor's frame, and its nominal joints (nq,).
+
+    ``at`` is the program's own target; ``target`` has no configuration where no joints have it.
+    """
 
     target: Target
     told: Told
     goal: Array
     q: Array
+    at: Target
 
 
 def meant_of(
@@ -33,33 +41,56 @@ def meant_of(
 ) -> list[Meant]:
     """Nominal joints of all targets. Where nothing else tells, they are the next to those before, as the text goes.
 
-    Targets that no joints can be told of are added to ``left``.
+    Targets that no joints can be told of are added to ``left``, and those that motions go to with several.
     """
     poses = [k for k, (target, _) in enumerate(known) if target.kind == "pose"]
     numbers = np.array([[n.value for n in known[k][0].numbers] for k in poses])
     goals = dict(zip(poses, program.form.poses(numbers), strict=True)) if poses else {}
     solutions = dict(_solutions(robot, known, goals, program.configuration))
-    out: list[Meant] = []
+    out: dict[int, Meant | None] = {}
     before = robot.home
-    for k, (target, told) in sorted(enumerate(known), key=lambda item: item[1][0].place):
-        robot.nominal(told.tool)
+    for k in _visits(known):
+        target, told = known[k]
         if target.kind == "joints":
-            q = joint_values(robot, program, [n.value for n in target.numbers])
-            out.append(Meant(target, told, robot.solver.forward(q[None, :])[0][0], q))
-            before = q
-            continue
-        configured = tuple(n.value for n in target.configuration)
-        near = before if target.near is None else joint_values(robot, program, target.near)
-        branches, q = solutions[k]
-        chosen, held = branches.chosen(q, near, program.configuration, configured), target
-        if chosen.q is None and target.loose and configured:
-            chosen, held = branches.chosen(q, near, None, ()), replace(target, configuration=())
-        if chosen.q is None:
-            left.append(Left(target.line, target.name, chosen.why))
-            continue
-        out.append(Meant(held, told, robot.base @ told.base @ goals[k], chosen.q))
-        before = chosen.q
-    return out
+            if k not in out:
+                robot.nominal(told.tool)
+                q = joint_values(robot, program, [n.value for n in target.numbers])
+                out[k] = Meant(target, told, robot.solver.forward(q[None, :])[0][0], q, target)
+        elif k not in out or out[k] is not None:
+            found = _meant(robot, program, target, solutions[k], before)
+            last = out.get(k)
+            if isinstance(found, str):
+                left.append(Left(target.line, target.name, found))
+                out[k] = None
+            elif last is None:
+                goal = robot.base @ told.base @ goals[k]
+                out[k] = Meant(found[0], told, goal, found[1], target)
+            elif np.max(np.abs(found[1] - last.q)) > _OTHER:
+                left.append(Left(target.line, target.name, _OTHERWISE))
+        now = out[k]
+        before = before if now is None else now.q
+    return [one for one in out.values() if one is not None]
+
+
+def _visits(known: Sequence[tuple[Target, Told]]) -> list[int]:
+    """Targets in the order in which the text goes to them, again and again."""
+    visits = [
+        (place, k) for k, (target, _) in enumerate(known) for place in (target.places or (target.place,))
+    ]
+    return [k for _, k in sorted(visits)]
+
+
+def _meant(
+    robot: Robot, program: Program, target: Target, solutions: tuple[Branches, Array], before: Array
+) -> tuple[Target, Array] | str:
+    """The target and the joints that a motion to it means, next to those ``before``; or why none."""
+    configured = tuple(n.value for n in target.configuration)
+    near = before if target.near is None else joint_values(robot, program, target.near)
+    branches, q = solutions
+    chosen = branches.chosen(q, near, program.configuration, configured)
+    if chosen.q is None and target.loose and configured:
+        chosen, target = branches.chosen(q, near, None, ()), replace(target, configuration=())
+    return chosen.why if chosen.q is None else (target, chosen.q)
 
 
 def _solutions(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import functools
 import re
 from collections.abc import Mapping, Sequence
 
@@ -57,7 +58,10 @@ class Points:
         kinds = _kinds(machine) if joints else AXIS_UNITS
         own = {n: _unit(machine, n, kinds[n], units[n], joints=joints) for n in wanted}
         targets, left = _targets(text, rows, [place[n] for n in wanted], "joints" if joints else "pose")
-        return Program(text, targets, in_order(left), _form(own, joints=joints), own if joints else {})
+        again = functools.partial(self.read, machine=machine)
+        return Program(
+            text, targets, in_order(left), _form(own, joints=joints), own if joints else {}, again=again
+        )
 
 
 def _targets(
@@ -73,7 +77,9 @@ def _targets(
             row = shown(text[cells[0][0] : cells[-1][1]])
             left.append(Left(line, row, "not every cell of the point is a number"))
         else:
-            targets.append(Target(line, f"row {count}", kind, known, place=cells[0][0]))
+            targets.append(
+                Target(line, f"row {count}", kind, known, place=cells[0][0], places=(cells[0][0],))
+            )
     return tuple(targets), left
 
 

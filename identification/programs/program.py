@@ -8,7 +8,7 @@ from __future__ import annotations
 import bisect
 import functools
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
@@ -18,6 +18,7 @@ from truepose.identification.programs.forms import Form
 from truepose.models.machine import Machine
 
 Kind = Literal["pose", "joints"]
+Span = tuple[int, int]
 NUMBER = r"[+-]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][+-]?\d++)?"
 WHOLE_NUMBER = re.compile(NUMBER)
 _BRACKET = re.compile(r"[][(){}]")
@@ -43,13 +44,27 @@ class Number:
 
 
 @dataclass(frozen=True)
+class Copies:
+    """Where motions name a target whose own numbers have to stay: each gets a literal of its own there.
+
+    ``literal`` is its text, with the target's numbers, then those of its configuration, at ``spans``; ``names`` are the spans
+    of the program's text that it takes the place of.
+    """
+
+    literal: str
+    spans: tuple[Span, ...]
+    names: tuple[Span, ...]
+
+
+@dataclass(frozen=True)
 class Target:
-    """A place that a program sends the robot to.
+    """A place that a program sends the robot to, in one way: several motions go there with the same frames.
 
     ``numbers`` are those of its pose in the order of the program's ``Form``, or of its joints; ``configuration`` are those that
     choose among solutions. ``base`` and ``tool`` name the frames it is told in: None is what the user says, ``BASE_ITSELF``
-    none. ``place`` is where in the text the program first goes there; ``near`` are joints next to which it goes, as written.
-    ``loose``: the controller does not look at the configuration there, so that no joints need to have it.
+    none; ``within`` are frames inside the base, the outermost first. ``place`` is where in the text the program first goes
+    there, ``places`` all; ``near`` are joints next to which it goes, as written. ``loose``: the controller does not look at
+    the configuration there, so that no joints need to have it. ``copies``: where it is written instead of its own place.
     """
 
     line: int
@@ -62,6 +77,9 @@ class Target:
     place: int = 0
     near: tuple[float, ...] | None = None
     loose: bool = False
+    within: tuple[str, ...] = ()
+    places: tuple[int, ...] = ()
+    copies: Copies | None = None
 
 
 @dataclass(frozen=True)
@@ -89,6 +107,8 @@ class Program:
     """Units of joints in the text, by their unit inside (rad, mm)."""
     frames: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     configuration: Configuration | None = None
+    again: Callable[[str], Program] | None = field(default=None, compare=False)
+    """Reads another text of the same kind, beside the same file."""
 
 
 class Dialect(Protocol):
@@ -164,6 +184,15 @@ def shown(text: str, most: int = 60) -> str:
     return words if len(words) <= most else words[: most - 3] + "..."
 
 
+def replaced(text: str, edits: Iterable[tuple[int, int, str]]) -> str:
+    """The text with what is to stand at spans of it."""
+    out, at = [], 0
+    for start, end, new in sorted(edits):
+        out += [text[at:start], new]
+        at = end
+    return "".join([*out, text[at:]])
+
+
 def in_order(left: Sequence[Left]) -> tuple[Left, ...]:
     """By line, each once."""
     return tuple(sorted(dict.fromkeys(left), key=lambda one: one.line))
@@ -175,17 +204,20 @@ __all__ = [
     "NUMBER",
     "PROGRAM_MOST",
     "WHOLE_NUMBER",
+    "Copies",
     "Dialect",
     "Kind",
     "Left",
     "Lines",
     "Number",
     "Program",
+    "Span",
     "Target",
     "closing",
     "in_order",
     "masked",
     "numbers_in",
     "parts",
+    "replaced",
     "shown",
 ]

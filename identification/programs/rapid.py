@@ -6,15 +6,16 @@ in motions. The work object and the tool of one are those of the motions of this
 
 from __future__ import annotations
 
+import functools
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 
 from truepose.identification.programs.configurations import Quadrants
+from truepose.identification.programs.flow import Assignment, Flow, Keywords
 from truepose.identification.programs.forms import Quaternion
 from truepose.identification.programs.program import (
     BASE_ITSELF,
-    NUMBER,
     Kind,
     Left,
     Lines,
@@ -26,35 +27,27 @@ from truepose.identification.programs.program import (
     numbers_in,
     shown,
 )
-from truepose.identification.programs.rapid_frames import Cell, Move, cell_of, moves
+from truepose.identification.programs.rapid_frames import Cell, Move, Moves, cell_of, moves
+from truepose.identification.programs.rapid_offsets import Offset, offset_of
+from truepose.identification.programs.rapid_statements import Statement, literals, statements
+from truepose.identification.programs.roles import SEVERAL, Going, Way, copies_of, ways_to
 from truepose.models.machine import Machine
 
 _COMMENT = r"![^\r\n]*"
 _QUOTE = r'"(?:[^"\r\n]|"")*"'
 
 
-def _list(count: int) -> str:
-    return r"\[\s*" + r"\s*,\s*".join([NUMBER] * count) + r"\s*\]"
-
-
-def _lists(*counts: int) -> str:
-    return r"\[\s*" + r"\s*,\s*".join(_list(n) for n in counts) + r"\s*\]"
-
-
-_ROBTARGET, _JOINTTARGET = re.compile(_lists(3, 4, 4, 6)), re.compile(_lists(6, 6))
-_STATEMENT = re.compile(r"[^;]*;?")
-_DECLARED = re.compile(
-    r"(?i)\b(?:CONST|PERS|VAR)\s+(?P<type>robtarget|jointtarget)\s+(?P<name>\w+)\s*(?:\{[^{}]*\})?\s*:="
-)
 _OFFSET = re.compile(r"(?i)\b(Offs|RelTool|ORobT|PoseMult|CRobT|CalcRobT|MirPos)\s*\(")
-_CHANGED = re.compile(r"(?i)^\s*(?P<what>\w+(?:\s*\{[^{}]*\})?\s*(?:\.\w+)+\s*:=.*)$", re.S)
 _NOT_IN_USE = (9e9, 0.0)
-
-
-@dataclass(frozen=True)
-class _Statement:
-    start: int
-    end: int
+_WRITES = "the program changes it while it runs"
+_WORDS = Keywords(
+    function=r"(?:LOCAL[ \t]+)?(?:PROC|FUNC|TRAP)\b",
+    loop=r"(?:WHILE|FOR)\b",
+    branch=r"(?:IF\b[^;\r\n]*\bTHEN\b|TEST\b)",
+    turn=r"(?:ELSEIF|ELSE|CASE|DEFAULT)\b",
+    close=r"END(?:PROC|FUNC|TRAP|WHILE|FOR|IF|TEST)\b",
+    jump=r"GOTO\b",
+)
 
 
 class Rapid:
@@ -63,99 +56,190 @@ class Rapid:
     name, title = "rapid", "ABB RAPID"
 
     def read(self, text: str, machine: Machine, beside: str | None = None) -> Program:
-        mask, lines = masked(text, _COMMENT, _QUOTE), Lines(text)
-        cell, moved = cell_of(text, mask), moves(mask)
-        targets: list[Target] = []
-        left: list[Left] = list(_computed(mask, lines))
-        for statement in _statements(mask):
-            declared = _DECLARED.search(mask, statement.start, statement.end)
-            found = list(_literals(mask, statement))
-            if declared is not None and not found:
-                why = "its value is no list of plain numbers"
-                left.append(
-                    Left(lines.of(declared.start()), shown(mask[declared.start() : statement.end]), why)
-                )
-            for m, is_pose in found:
-                name = declared["name"].lower() if declared else None
-                uses = moved.of_name(name) if name else moved.of_place(m.start())
-                one = _target(
-                    mask, m, is_pose, declared["name"] if declared else "literal", uses, lines, cell
-                )
-                (targets if isinstance(one, Target) else left).append(one)  # type: ignore[arg-type]
+        mask, axes = masked(text, _COMMENT, _QUOTE), len(machine.mechanism.readings) if machine else 6
+        reader = _Reader(mask, Lines(text), cell_of(text, mask), moves(mask), list(statements(mask)), axes)
+        reader.take()
         return Program(
-            text, tuple(targets), in_order(left), Quaternion(), {"rad": "deg", "mm": "mm"}, cell.frames, Quadrants()
+            text, tuple(reader.targets), in_order(reader.left), Quaternion(), {"rad": "deg", "mm": "mm"},
+            reader.cell.frames, Quadrants(), again=functools.partial(self.read, machine=machine, beside=beside),
         )  # fmt: skip
 
 
-def _statements(mask: str) -> Iterator[_Statement]:
-    for m in _STATEMENT.finditer(mask):
-        if m.group().strip():
-            yield _Statement(m.start(), m.end())
+@dataclass
+class _Reader:
+    """One module: its literals, and which motions go to them. ``count`` is how many axes the robot has."""
+
+    mask: str
+    lines: Lines
+    cell: Cell
+    moved: Moves
+    statements: list[Statement]
+    count: int
+    targets: list[Target] = field(default_factory=list)
+    left: list[Left] = field(default_factory=list)
+
+    def take(self) -> None:
+        """Collect targets, and what is left."""
+        named = [s for s in self.statements if s.name is not None]
+        given = [
+            Assignment(
+                s.name or "", s.start, s.end, partly=s.partly or s.maybe or (s.array and s.declared is None)
+            )
+            for s in named
+        ]
+        flow = Flow.of(self.mask, _WORDS, given)
+        changed = {name: _WRITES for name in self.cell.frames if flow.assigned(name)}
+        self.cell = Cell(self.cell.frames, {**self.cell.moved, **changed})
+        goings = self._goings(flow, {s.start: s for s in named})
+        whole: dict[int, re.Match[str]] = {}
+        unread: list[Statement] = []
+        for statement in self.statements:
+            found = list(literals(self.mask, statement))
+            if statement.declared is not None and not found:
+                unread.append(statement)
+            for m, is_pose in found:
+                if statement.name is None:
+                    going = [_going(move, m.start()) for move in self.moved.of_place(m.start())]
+                    self._literal(m, is_pose, "literal", going)
+                else:
+                    self._literal(
+                        m, is_pose, statement.declared or statement.name, goings.get(statement.start, [])
+                    )
+            if len(found) == 1 and not statement.array and found[0][1]:
+                whole[statement.start] = found[0][0]
+        followed = self._offsets(flow, whole)
+        self.left[:0] = _computed(self.mask, self.lines, self.statements, followed)
+        for statement in unread:
+            if statement.value[0] not in followed:
+                why = "its value is no list of plain numbers"
+                self._leave(statement.start, self.mask[statement.start : statement.end], why)
+
+    def _goings(self, flow: Flow, named: Mapping[int, Statement]) -> dict[int, list[Going]]:
+        """Motions by the start of the statement that gives their target its value."""
+        out: dict[int, list[Going]] = {}
+        for name, several in self.moved.names.items():
+            for move in several:
+                reaching = flow.reaching(name, move.span[0])
+                whole = [one for one in reaching if not named[one.start].partly]
+                if not reaching and move.sure:
+                    self._leave(move.span[0], self.mask[slice(*move.span)], "its value is not in this text")
+                sure = len(reaching) == 1 and move.one and not named[reaching[0].start].array
+                for one in whole:
+                    out.setdefault(one.start, []).append(
+                        replace(_going(move, move.span[0]), name=move.span, sure=sure)
+                    )
+        return out
+
+    def _literal(self, m: re.Match[str], is_pose: bool, name: str, goings: list[Going]) -> None:
+        numbers = numbers_in(self.mask, m.start(), m.end())
+        own, configuration, external = (
+            (numbers[:7], numbers[7:11], numbers[11:])
+            if is_pose
+            else (self._axes(numbers[:6]), [], numbers[6:])
+        )
+        if (why := _odd(is_pose, own, external)) is not None:
+            self._leave(m.start(), f"{name} := {shown(m.group(), 40)}", why)
+            return
+        kind: Kind = "pose" if is_pose else "joints"
+        bare = Way((Going(None, (), None, m.start()),), None)
+        for way in ways_to(goings, is_frame=False, in_frames=is_pose) or [bare]:
+            first = way.goings[0]
+            if way.names is not None:
+                self.left += [Left(self.lines.of(g.place), name, SEVERAL) for g in way.goings if not g.sure]
+            if way.names == ():
+                continue
+            at = m.start() if way.names is None else first.place
+            if is_pose and (why := self._held(first)) is not None:
+                self._leave(at, f"{name} := {shown(m.group(), 40)}", why)
+                continue
+            places = tuple(g.place for g in way.goings if way.names is None or g.sure) if goings else ()
+            copies = copies_of(self.mask, m.span(), [*own, *configuration], way.names)
+            self.targets.append(
+                Target(
+                    self.lines.of(at), name, kind, tuple(own), tuple(configuration), first.base, first.tool, first.place,
+                    loose=bool(goings) and all(g.loose for g in way.goings), places=places, copies=copies,
+                )
+            )  # fmt: skip
+
+    def _axes(self, numbers: list[Number]) -> list[Number]:
+        """Values of the robot's axes; of a robot of fewer than six the others are not in use."""
+        unused = all(n.value in _NOT_IN_USE for n in numbers[self.count :])
+        return numbers[: self.count] if unused else numbers
+
+    def _held(self, going: Going) -> str | None:
+        """Why nobody knows where the frames of a motion are."""
+        names = [name for name in (going.base, going.tool) if name in self.cell.moved]
+        return f"{names[0]}: {self.cell.moved[names[0]]}" if names and names[0] else None
+
+    def _offsets(self, flow: Flow, whole: Mapping[int, re.Match[str]]) -> set[int]:
+        """Take targets that are worked out of constants; return where."""
+        values = {s.start: s.value for s in self.statements}
+        said = [(move, move.span) for move in self.moved.others]
+        for name, several in self.moved.names.items():
+            for move in several:
+                reaching = flow.reaching(name, move.span[0])
+                if len(reaching) == 1 and move.one and reaching[0].start not in whole:
+                    said.append((move, values[reaching[0].start]))
+        followed: set[int] = set()
+        for move, span in said:
+            offset = offset_of(self.mask, span)
+            reaching = flow.reaching(offset.name, span[0]) if offset else ()
+            m = whole.get(reaching[0].start) if len(reaching) == 1 else None
+            if offset is not None and m is not None and self._offset(offset, m, move):
+                followed.add(span[0])
+        return followed
+
+    def _offset(self, offset: Offset, m: re.Match[str], move: Move) -> bool:
+        """Take the target that a motion works out of a literal; return False where it cannot be corrected."""
+        going, numbers = _going(move, move.span[0]), numbers_in(self.mask, *m.span())
+        if self._held(going) is not None or _odd(True, numbers[:7], numbers[11:]) is not None:
+            return False
+        literal = offset.literal(m.group(), numbers_in(m.group(), 0, len(m.group())))
+        new = numbers_in(literal, 0, len(literal))
+        self.targets.append(
+            Target(
+                self.lines.of(going.place), shown(self.mask[slice(*move.span)]), "pose", tuple(new[:7]), tuple(new[7:11]),
+                going.base, going.tool, going.place, loose=going.loose, places=(going.place,),
+                copies=copies_of(literal, (0, len(literal)), new[:11], (move.span,)),
+            )
+        )  # fmt: skip
+        return True
+
+    def _leave(self, place: int, what: str, why: str) -> None:
+        self.left.append(Left(self.lines.of(place + len(what) - len(what.lstrip())), shown(what), why))
 
 
-def _literals(mask: str, statement: _Statement) -> Iterator[tuple[re.Match[str], bool]]:
-    for pattern in (_ROBTARGET, _JOINTTARGET):
-        for m in pattern.finditer(mask, statement.start, statement.end):
-            yield m, pattern is _ROBTARGET
+def _going(move: Move, place: int) -> Going:
+    return Going(_named(move.wobj, "wobj0"), (), _named(move.tool, "tool0"), place, loose=not move.checked)
 
 
-def _target(
-    mask: str, m: re.Match[str], is_pose: bool, name: str, uses: list[Move], lines: Lines, cell: Cell
-) -> Target | Left:
-    numbers = numbers_in(mask, m.start(), m.end())
-    line = lines.of(m.start())
-    own, configuration, external = (
-        (numbers[:7], numbers[7:11], numbers[11:]) if is_pose else (numbers[:6], [], numbers[6:])
-    )
-    move = uses[0] if uses else Move(None, None)
-    why = _reason(is_pose, own, external, uses, move, cell)
-    if why is not None:
-        return Left(line, f"{name} := {shown(m.group(), 40)}", why)
-    kind: Kind = "pose" if is_pose else "joints"
-    loose = bool(uses) and not any(use.checked for use in uses)
-    base, tool = _named(move.wobj, "wobj0"), _named(move.tool, "tool0")
-    return Target(line, name, kind, tuple(own), tuple(configuration), base, tool, m.start(), loose=loose)
-
-
-def _reason(
-    is_pose: bool, own: list[Number], external: list[Number], uses: list[Move], move: Move, cell: Cell
-) -> str | None:
-    """Why a literal cannot be corrected."""
+def _odd(is_pose: bool, own: list[Number], external: list[Number]) -> str | None:
+    """Why a literal cannot be corrected in any frame."""
     if any(n.value not in _NOT_IN_USE for n in external):
         told = ", ".join(n.text for n in external if n.value not in _NOT_IN_USE)
         return f"external axes are in use ({told})"
-    if not is_pose:
-        return None
-    if len(set(uses)) > 1:
-        told = "; ".join(sorted(f"{m.wobj or 'wobj0'} with {m.tool or 'tool0'}" for m in set(uses)))
-        return f"used with several frames ({told})"
-    for name in (move.wobj, move.tool):
-        if name is not None and name in cell.moved:
-            return f"{name}: {cell.moved[name]}"
     # a power that overflows is an error, a product is infinite
     norm = sum(n.value * n.value for n in own[3:])
-    if abs(norm - 1.0) > 0.01:
-        return f"its quaternion's square is {norm:.4g}, not 1"
-    return None
+    return f"its quaternion's square is {norm:.4g}, not 1" if is_pose and abs(norm - 1.0) > 0.01 else None
 
 
 def _named(name: str | None, null: str) -> str | None:
     return BASE_ITSELF if name == null else name
 
 
-def _computed(mask: str, lines: Lines) -> Iterator[Left]:
+def _computed(mask: str, lines: Lines, statements: Iterable[Statement], followed: set[int]) -> Iterator[Left]:
     """Places where targets are worked out while the program runs."""
     for m in _OFFSET.finditer(mask):
+        if m.start() in followed:
+            continue
         end = mask.find(";", m.end())
         text = shown(mask[m.start() : end if end >= 0 else m.end() + 40])
         why = "worked out while the program runs: it gets the correction of its target"
         yield Left(lines.of(m.start()), text, why, computed=True)
-    for statement in _statements(mask):
-        changed = _CHANGED.match(mask[statement.start : statement.end].rstrip(";"))
-        if changed is not None:
-            at = statement.start + changed.start("what")
+    for one in statements:
+        if one.partly:
             why = "the program changes a target while it runs; what it writes is not corrected"
-            yield Left(lines.of(at), shown(changed["what"]), why, computed=True)
+            yield Left(lines.of(one.start), shown(mask[one.start : one.end].rstrip("; ")), why, computed=True)
 
 
 __all__ = ["Rapid"]

@@ -5,13 +5,13 @@ from __future__ import annotations
 import bisect
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from truepose.identification.programs.program import LARGEST, NUMBER, parts
+from truepose.identification.programs.program import LARGEST, NUMBER, Span, parts
 
 Array = NDArray[np.float64]
 _TEXT = r'(?:"(?:[^"]|"")*"|\w+)'
@@ -36,21 +36,32 @@ _NAME = re.compile(r"\s*(?P<name>[A-Za-z]\w*)\s*(?:\{[^{}]*\})?\s*")
 
 @dataclass(frozen=True)
 class Move:
-    """The names of the work object and tool of a motion; None where nothing tells. ``checked``: it looks at configurations."""
+    """The names of the work object and tool of a motion; None where nothing tells. ``checked``: it looks at configurations.
+
+    ``span`` is what it goes to; ``one``: that names one value, not an element of an array; ``sure``: where it stands in the
+    motion nothing else can.
+    """
 
     wobj: str | None
     tool: str | None
     checked: bool = field(default=True, compare=False)
+    span: Span = field(default=(0, 0), compare=False)
+    one: bool = field(default=True, compare=False)
+    sure: bool = field(default=False, compare=False)
 
 
 @dataclass(frozen=True)
 class Moves:
-    """Motions by the name (lower case) of their target, and in the order of the text, from ``starts`` to ``ends``."""
+    """Motions by the name (lower case) of their target, and in the order of the text, from ``starts`` to ``ends``.
+
+    ``others`` go to what is neither a name nor a literal.
+    """
 
     names: Mapping[str, list[Move]]
     starts: list[int]
     ends: list[int]
     moves: list[Move]
+    others: list[Move]
 
     def of_name(self, name: str) -> list[Move]:
         return self.names.get(name, [])
@@ -72,6 +83,7 @@ def moves(mask: str) -> Moves:
     """All motions of a module whose comments and strings are blank."""
     names: dict[str, list[Move]] = {}
     spans: list[tuple[int, int, Move]] = []
+    others: list[Move] = []
     unchecked = {m["which"].upper() for m in _UNCHECKED.finditer(mask)}
     for m in _MOVE.finditer(mask):
         start, end = m.span("rest")
@@ -86,12 +98,18 @@ def moves(mask: str) -> Moves:
             kind not in unchecked,
         )
         spans.append((start, end, move))
-        for a, b in positional[:-1]:
+        for k, (a, b) in enumerate(positional[:-1]):
             bare = re.sub(r"\\\s*\w+(?:\s*:=\s*\w+)?", "", mask[a:b])
             name = _NAME.fullmatch(bare)
+            at = a + len(mask[a:b]) - len(mask[a:b].lstrip())
             if name is not None:
-                names.setdefault(name["name"].lower(), []).append(move)
-    return Moves(names, [s for s, _, _ in spans], [e for _, e, _ in spans], [move for *_, move in spans])
+                to = replace(move, span=(at, at + len(name["name"])), one="{" not in bare, sure=k == 0)
+                names.setdefault(name["name"].lower(), []).append(to)
+            elif mask[at : at + 1].isalpha():
+                others.append(replace(move, span=(at, a + len(mask[a:b].rstrip()))))
+    return Moves(
+        names, [s for s, _, _ in spans], [e for _, e, _ in spans], [move for *_, move in spans], others
+    )
 
 
 def _tool_at(mask: str, how: str, positional: list[tuple[int, int]]) -> int:

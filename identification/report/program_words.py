@@ -59,6 +59,14 @@ def correction_notes(found: Correction, machine: Machine, limit: Limit) -> list[
         out.append(
             f"axes pass a border, so that numbers of the configuration changed with them: {_listed(turned)}"
         )
+    copied = [
+        f"line {one.target.line} ({one.target.name})" for one in found.done if one.target.copies is not None
+    ]
+    if copied:
+        out.append(
+            "motions that got a pose of their own, because what they name is a frame as well, goes by several frames or is "
+            f"worked out: {_listed(copied)}"
+        )
     if found.nearby is not None:
         out.append(
             "points that the program works out from a target get that target's correction: "
@@ -113,6 +121,7 @@ def correction_json(found: Correction, limit: Limit) -> dict[str, object]:
             for one in _beyond(found, limit)
         ],
         "reconfigured": [one.target.line for one in found.done if one.reconfigured],
+        "copied": [one.target.line for one in found.done if one.target.copies is not None],
         "assumed_tools": list(found.assumed),
         "without_base": found.unnamed[0],
         "without_tool": found.unnamed[1],

@@ -25,7 +25,12 @@ from truepose.codegen.printer import Real
 from truepose.codegen.pruning import pruned
 from truepose.codegen.rolling import rolled
 from truepose.errors import InputError
-from truepose.models.load import load_machine
+from truepose.models.load import build_machine, load_machine
+from truepose.models.machine import Machine
+from truepose.models.machine_file import checked_machine
+from truepose.models.starting.arms import bundled_start
+from truepose.models.starting.written import Asked, written
+from truepose.models.yaml_document import parse_document
 
 Array = NDArray[np.float64]
 CASES: list[tuple[str, Real, str]] = [
@@ -76,16 +81,60 @@ def test_the_header_says_what_is_there(root_directory: Path, name: str, real: Re
             assert len(re.findall(rf"\b{function}\b", text)) > 1, f"{file.name}: {function}"
 
 
+def example_of(
+    machine: Machine, real: Real, where: Path, wrong: str = ""
+) -> subprocess.CompletedProcess[str]:
+    """What the example prints of a machine's smallest C; ``wrong`` has functions that replace generated ones."""
+    assert COMPILER is not None
+    name = machine.name
+    generate(machine, where, real, features=Features.of("warm"))
+    (where / "wrong.c").write_text(f'#include "{name}_kin.h"\n' + wrong)
+    replaced = re.findall(rf"int ({name}_\w+)\(.*{{", wrong)
+    renamed = [f"-D{function}=right_{function}" for function in replaced]
+    subprocess.run([COMPILER, *WARNINGS, *renamed, "-O0", "-c", f"{name}_kin.c"], cwd=where, check=True)
+    linked = [COMPILER, "-O0", "example.c", "wrong.c", f"{name}_kin.o", "-lm", "-o", "example"]
+    subprocess.run(linked, cwd=where, check=True)
+    return subprocess.run([where / "example"], capture_output=True, text=True, check=False)
+
+
+def known_arm(name: str, folder: Path) -> Machine:
+    text = written(bundled_start(name), Asked()).machine_text
+    return build_machine(checked_machine(folder / "arm.yaml", parse_document(text, folder / "arm.yaml")))
+
+
 @needs_compiler
 @pytest.mark.parametrize(("name", "real"), [("arm", "float"), ("planar", "double"), ("redundant", "float")])
 def test_the_example_runs(root_directory: Path, tmp_path: Path, name: str, real: Real) -> None:
     """Where the guess alone has to do, the example's is near enough, and loops start closed there."""
-    assert COMPILER is not None
-    generate(machine_of(root_directory, name), tmp_path, real, features=Features.of("warm"))
-    command = [COMPILER, *WARNINGS, "-O0", "example.c", f"{name}_kin.c", "-lm", "-o", "example"]
-    subprocess.run(command, cwd=tmp_path, check=True)
-    ran = subprocess.run([tmp_path / "example"], capture_output=True, text=True, check=False)
+    ran = example_of(machine_of(root_directory, name), real, tmp_path)
     assert ran.returncode == 0, ran.stdout
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["ur5e", "ur10", "irb120", "iiwa7", "puma560", "gantry", "gough"])
+def test_the_example_runs_for_arms_whose_zero_is_singular_and_others(tmp_path: Path, name: str) -> None:
+    ran = example_of(known_arm(name, tmp_path), "double", tmp_path)
+    assert ran.returncode == 0, ran.stdout
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    ("wrong", "call", "result"),
+    [("fk", "p, z, q, T", "T[3] += 1e-5"), ("ik", "p, z, T, near, q", "q[0] += 1e-7"), ("ik", "p, z, T, near, q", "code = 2")],
+)  # fmt: skip
+def test_the_example_fails_on_wrong_code(tmp_path: Path, wrong: str, call: str, result: str) -> None:
+    """A pose that is 10 nm off, joints that are 0.1 urad off, and an inverse that gives up."""
+    machine = known_arm("ur5e", tmp_path)
+    arguments = {
+        "fk": "const double *p, const double *z, const double *q, double *T",
+        "ik": "const double *p, const double *z, const double *T, const double *near, double *q",
+    }[wrong]
+    code = (
+        f"int right_ur5e_{wrong}({arguments});\n"
+        f"int ur5e_{wrong}({arguments}) {{ int code = right_ur5e_{wrong}({call}); {result}; return code; }}\n"
+    )
+    ran = example_of(machine, "double", tmp_path, code)
+    assert ran.returncode == 1, ran.stdout
 
 
 @needs_compiler

@@ -75,7 +75,7 @@ def compensate(
     MACHINE is a calibrated.yaml or improved.yaml; its effects use the path's drivers (payload, temperatures, time). Its task:
     says which components of the pose are met; without one, fewer than six joints meet what they can hold.
     A table comes back with the joints' columns corrected. In a robot program (KUKA .src and .dat, ABB .mod, URScript) the
-    numbers of the targets are corrected where they stand and nothing else changes; what cannot be corrected is listed by line.
+    numbers of the targets are corrected where they stand, or where a motion names them; what cannot be is listed by line.
 
     Example: truepose compensate fit/calibrated.yaml path.csv -o commands.csv
 

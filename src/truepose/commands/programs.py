@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from truepose.errors import InputError
+from truepose.errors import InputError, ReadBackError
 from truepose.files import atomic_file
 
 if TYPE_CHECKING:
@@ -100,7 +100,6 @@ def correct_program(
     from truepose.identification.programs.correct import correct
     from truepose.identification.programs.dialects import beside, text_of
     from truepose.identification.programs.frames import Cell
-    from truepose.identification.programs.read_back import check_program
     from truepose.identification.report.applied_words import expected_words, pose_json
     from truepose.identification.report.program_words import (
         Limit,
@@ -117,9 +116,11 @@ def correct_program(
     cell = Cell(options.base, options.tool, _named("--frame", options.frames))
     drivers = {name: _value(name, text) for name, text in _named("--at", options.at).items()}
     try:
-        other = beside(path)
-        program = dialect.read(text_of(path), machine, other)
+        program = dialect.read(text_of(path), machine, beside(path))
         found = correct(machine, program, cell, drivers)
+    except ReadBackError as exc:
+        line = "" if str(exc)[0].isdigit() else " "
+        raise ReadBackError(f"{output}:{line}{exc}") from exc
     except InputError as exc:
         raise exc if str(exc).startswith("--") else InputError(f"{path}: {exc}") from None
     if not found.done:
@@ -127,7 +128,6 @@ def correct_program(
         raise InputError(
             f"{path}:{first.line}: {first.what}: no target can be corrected, the first because: {first.why}"
         )
-    check_program(found, program, dialect, machine, other, str(output))
     with atomic_file(output) as unfinished:
         unfinished.write_bytes(found.text.encode("latin-1"))
     summary = {"dialect": dialect.name, **correction_json(found, limit), "expected_pose": pose_json(machine)}

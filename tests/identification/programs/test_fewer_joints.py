@@ -59,3 +59,43 @@ def test_poses_that_joints_do_not_tell_are_refused(tmp_path: Path) -> None:
         InputError, match=r"planar3: found 3 joints, which meet x and y of .*, expected six, or fewer that"
     ):
         correct(flat, program)
+
+
+@pytest.mark.parametrize(
+    ("dialect", "text"),
+    [
+        ("kuka", "PTP {{{}}}\n"),
+        ("kuka", "PTP {{{},A5 0,A6 0.0,E1 0}}\n"),
+        ("kuka", "E6AXIS P={{{},A5 0,A6 0}}\nPTP P\n"),
+        ("rapid", "MoveAbsJ [[{},0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,fine,tool0;\n"),
+        (
+            "rapid",
+            "CONST jointtarget p:=[[{},9E9,9E9],[9E9,9E9,9E9,9E9,9E9,9E9]];\nMoveAbsJ p,v100,fine,tool0;\n",
+        ),
+    ],
+)
+def test_axis_targets_of_four_axes_have_four_values(tmp_path: Path, dialect: str, text: str) -> None:
+    """The nominal machine at the corrected axes stands where the program's axes would put the drawing."""
+    drawn = partial_machine(tmp_path, "scara")
+    machine = as_built(drawn, 9, length=0.1, angle=3e-4)
+    q = readings(drawn, 6, 10)[0]
+    units = [a.reading_unit for a in drawn.mechanism.actuators]
+    values = [float(np.degrees(v)) if unit == "rad" else float(v) for v, unit in zip(q, units, strict=True)]
+    names = [f"A{k + 1} " if dialect == "kuka" else "" for k in range(4)]
+    written = ",".join(f"{name}{v:.6f}" for name, v in zip(names, values, strict=True))
+    (done,) = correct(machine, DIALECTS[dialect].read(text.format(written), machine), Cell()).done
+    assert len(done.numbers) == 4 and np.max(np.abs(done.before[:3])) > 1e-3
+    assert np.max(np.abs(done.after[:3])) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("dialect", "text"),
+    [
+        ("kuka", "PTP {A1 1,A2 2,A3 3,A4 4,A5 5,A6 0}\n"),
+        ("rapid", "MoveAbsJ [[1,2,3,4,0,5],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,fine,tool0;\n"),
+    ],
+)
+def test_axes_that_the_robot_has_not_are_refused(tmp_path: Path, dialect: str, text: str) -> None:
+    machine = partial_machine(tmp_path, "scara")
+    with pytest.raises(InputError, match="found 4 joints, expected 6 joints"):
+        correct(machine, DIALECTS[dialect].read(text, machine), Cell())

@@ -15,7 +15,7 @@ from truepose.identification.programs.branches import Branches, flipped
 from truepose.identification.programs.configurations import StatusTurn
 from truepose.identification.programs.forms import Euler, Quaternion
 from truepose.identification.programs.frames import Cell, Frames, Told, shown_name
-from truepose.identification.programs.krl_frames import Stand, fdats, frames, uses
+from truepose.identification.programs.krl_frames import Stand, fdats, frames, motions
 from truepose.identification.programs.program import BASE_ITSELF, Number, Program, Target
 from truepose.identification.programs.rapid_frames import Move, cell_of, moves
 from truepose.identification.programs.shape import ArmShape
@@ -28,6 +28,17 @@ DRAWN, REAL = arms()
 @pytest.fixture(scope="module")
 def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
     return load_machine(machine_file(tmp_path_factory.mktemp("arm"), DRAWN))
+
+
+def uses(text: str, taught: dict[str, Stand], file: str) -> dict[str, dict[Stand, bool]]:
+    """Frames by the names of points that motions go to, and by the place of constants; and whether one is point to point."""
+    out: dict[str, dict[Stand, bool]] = {}
+    for motion in motions(text, taught, file):
+        start, end = motion.factors[-1]
+        key = f"{file}@{start}" if text[start] == "{" else text[start:end].partition("[")[0].upper()
+        held = out.setdefault(key, {})
+        held[motion.stand] = held.get(motion.stand, False) or motion.checked
+    return out
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,7 @@ from support.program_robots import (
     status_turn,
 )
 from truepose.cli import app
-from truepose.identification.programs.correct import Correction, correct
+from truepose.identification.programs.correct import edited
 
 Array = NDArray[np.float64]
 DRAWN, REAL = arms()
@@ -323,14 +323,13 @@ def test_a_program_that_reads_otherwise_is_not_published(
     how, (before, after) = WRITTEN[dialect], HEADS[dialect]
     lines = [how.line(k, row) for k, row in enumerate(joints(4))]
 
-    def faulty(*given: Any) -> Correction:
-        found = correct(*given)
-        text = found.text
-        number = list(re.finditer(r"\d\.\d{9,}", text))[7]
-        changed = text[: number.end()] + "1" + text[number.end() :]
-        return replace(found, text=changed if fault == "digit" else text.replace(lines[-1][:3], "; ", 1))
+    def faulty(*given: Any) -> str:
+        text = edited(*given)
+        number = list(re.finditer(r"\d\.(\d{9,})", text))[7]
+        changed = text[: number.start(1)] + str(9 - int(number[1][0])) + text[number.start(1) + 1 :]
+        return changed if fault == "digit" else text.replace(lines[-1][:3], "; ", 1)
 
-    monkeypatch.setattr("truepose.identification.programs.correct.correct", faulty)
+    monkeypatch.setattr("truepose.identification.programs.correct.edited", faulty)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     out, done = corrected(tmp_path, how.file, before + "\r\n".join(lines) + after)
     assert out == "" and done.exit_code == 1

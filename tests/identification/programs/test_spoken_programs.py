@@ -96,7 +96,9 @@ def test_points_of_a_module_s_own_offsets_are_told_how_far_off_they_are(tmp_path
     """The correction 100 mm beside a target, by numpy, differs from the target's by no more than is said."""
     x, y, z, w = Rotation.from_matrix(DRAWN.pose(Q)[:3, :3]).as_quat().tolist()
     literal = f"[{POSITION.tolist()},{[w, x, y, z]},{list(quadrants(DRAWN, Q))},[9E9,9E9,9E9,9E9,9E9,9E9]]"
-    text = f"CONST robtarget p1:={literal};\nMoveL p1,v100,fine,gun;\nMoveL Offs(p1,0,0,100),v100,fine,gun;\n"
+    text = (
+        f"CONST robtarget p1:={literal};\nMoveL p1,v100,fine,gun;\nMoveL Offs(p1,0,0,height),v100,fine,gun;\n"
+    )
     done, _ = run(tmp_path, text, "job.mod", "--json")
     said = json.loads(done.stdout)["nearby"]
     changes = []

@@ -23,18 +23,21 @@ def read(dialect: str, text: str, beside: str | None = None) -> Program:
 
 
 def told(target: Target) -> str:
-    """In one word or two: name, frames, and where the configuration is not looked at."""
+    """In a few words: name, frames, where the configuration is not looked at, and whether motions get copies."""
     base, tool = (
         "" if name is None else f"{mark}{name.partition('@')[0]}"
         for name, mark in ((target.base, " in "), (target.tool, " with "))
     )
-    return f"{target.name}{base}{tool}{' loose' * target.loose}"
+    inside = "".join(f" in {name.partition('@')[0]}" for name in target.within)
+    return (
+        f"{target.name}{base}{inside}{tool}{' loose' * target.loose}{' copied' * (target.copies is not None)}"
+    )
 
 
 RELATIVE, FUNCTION = "a relative motion: it starts where", "a function gives the point"
 CHANGED = "the program changes a coordinate while it runs"
 STAY, NUMBERS = "of it stay what they are", "not all of its coordinates are plain numbers"
-NOWHERE = "no motion here goes to it"
+NOWHERE, ELSEWHERE = "no motion here goes to it", "its value is in neither this text nor"
 
 
 @pytest.mark.parametrize(
@@ -42,7 +45,8 @@ NOWHERE = "no motion here goes to it"
     [
         (f"PTP {POSE}\nSLIN {POSE} C_DIS\nSPTP {JOINTS}", ["PTP", "SLIN loose", "SPTP"], {}),
         (f"\nLIN {POSE}\rPTP {POSE}\r\nPOS P={POSE}", ["LIN loose", "PTP", "P"], {}),
-        (f"CIRC {POSE},{POSE},CA 90\nSCIRC P1,{POSE}\nSPL {POSE}", ["CIRC loose"] * 2 + ["SCIRC loose", "SPL loose"], {}),
+        (f"CIRC {POSE},{POSE},CA 90\nSCIRC P1,{POSE}\nSPL {POSE}", ["CIRC loose"] * 2 + ["SCIRC loose", "SPL loose"],
+         {2: ELSEWHERE}),
         (f"PTP {{E6POS: {POSE[1:]}\nptp {{e6axis:{JOINTS[1:].lower()}", ["PTP", "PTP"], {}),
         ("PTP {A1 1,A2 2,A3 3,A4 4}\nLIN {Z 5}", [], {1: f"A5, A6 {STAY}", 2: f"X, Y, A, B, C {STAY}"}),
         (f"LIN_REL {POSE}\nSPTP_REL {JOINTS}", [], {1: RELATIVE, 2: RELATIVE}),
@@ -56,8 +60,11 @@ NOWHERE = "no motion here goes to it"
         (f"DECL E6POS A1,B[3]\nA1={POSE}\nB[2]={POSE}\nC={POSE}", ["A1", "B[2]"], {4: NOWHERE}),
         (f"FRAME F={POSE}\nDECL FRAME G\nG={POSE}\nFRAME H={POSE}\nLIN H", ["H loose"], {}),
         (f"$BASE={POSE}\n$TOOL={POSE}\nBASE_DATA[3]={POSE}\nMACHINE_FRAME={POSE}\n$WORLD={POSE}", [], {}),
-        (f"$BASE=B\nLIN P\n$BASE=C\nLIN P\nPTP Q\nP={POSE}\nAXIS Q={JOINTS}", ["Q in C"],
-         {6: "used with several frames (base B with tool none; base C with tool none)"}),
+        (f"$BASE=B\nLIN P\n$BASE=C\nLIN P\nPTP Q\nP={POSE}\nAXIS Q={JOINTS}",
+         ["P in B loose copied", "P in C loose copied", "Q in C"], {}),
+        (f"P={POSE}\nLIN P:{POSE}\nLIN P\nR=P:{POSE}\nLIN R\nLIN P:Q\nPTP P:{POSE}",
+         ["P loose copied", "LIN in P loose", "PTP in P", "R copied"], {6: "worked out by `:` while"}),
+        (f"P={POSE}\n$BASE=P\nLIN P\nP={POSE}\n$BASE=P\nLIN P", ["P in P loose copied", "P in P loose copied"], {}),
         (f"$BASE=B\nPTP Q\n$BASE=C\nPTP Q\nAXIS Q={JOINTS}", ["Q in B"], {}),
         (f"$IPO_MODE=#TCP\nLIN {POSE}\nPTP {JOINTS}", ["PTP"], {2: "the tool is fixed in the cell"}),
         (f"; PTP {POSE}\n&PARAM {POSE}\nWAIT FOR {POSE}\nPTP {{X 1,Y\n", [], {}),
@@ -108,7 +115,8 @@ def test_krl_frames_of_both_files_have_places_of_their_own() -> None:
     assert found.frames[found.targets[0].base or ""][0] == 7.0
 
 
-RUNS, SEVERAL = "worked out while the program runs", "used with several features or tools"
+RUNS, SEVERAL = "worked out while the program runs", "motions go to it in several ways"
+MANY, NOT_HERE = "its feature may have several values there", "its value is not in this text"
 WRITES = "the program changes a target while it runs"
 
 
@@ -120,11 +128,22 @@ WRITES = "the program changes a target while it runs"
         (f"a={P}\nmovel(a)\nb = {Q}\n  movej( b )\nglobal c={P}\nlocal d={P}\nmovel(c)\nmovec(c,d)", ["a", "b", "c", "d"], {}),
         (f"set_tcp(t)\nmovel({P})\nset_tcp({P})\nmovel({P})", ["literal with t", "literal with set_tcp"], {}),
         (f"movel({P})\nset_tcp(t)", ["literal"], {}),
-        (f"a={P}\nmovel(a)\nset_tcp(t)\nmovel(a)\nb={Q}\nmovej(b)\nset_tcp(s)\nmovej(b)", ["b with t"], {1: SEVERAL}),
+        (f"a={P}\nmovel(a)\nset_tcp(t)\nmovel(a)\nb={Q}\nmovej(b)\nset_tcp(s)\nmovej(b)",
+         ["a copied", "a with t copied", "b with t"], {}),
         (f"a={P}\nmovel(a)\nmovel(a)", ["a"], {}),
         (f"\na={P}\r\r\nb={Q}\rmovel(a)\nmovej(b)", ["a", "b"], {}),
         (f"f={P}\na={P}\nmovel(pose_trans(f, a))\nmovel(pose_trans(f,{P}))", ["a in f", "literal in f"], {}),
-        (f"f={P}\nmovel(pose_trans(f, pose_trans(f, {P})))\nmovel(pose_trans({P}, {P}))", [], {2: RUNS, 3: RUNS}),
+        (f"f={P}\nmovel(pose_trans(f, pose_trans(f, {P})))\nmovel(pose_trans({P}, {P}))",
+         ["literal in f in f", "literal in p[1,2,3,4,5,6]"], {}),
+        (f"f={P}\nmovel(f)\nmovel(pose_trans(f,{P}))\nset_tcp(f)", ["f copied", "literal in f"], {}),
+        (f"f={P}\na={P}\nb=pose_trans(f,a)\nmovel(a)\nmovel(b)\nmovel(pose_trans(f,b))",
+         ["b copied", "b in f copied", "a copied"], {}),
+        (f"a={P}\nmovel(a)\na={P}\nmovel(a)\nwhile c:\n movel(pose_trans(a,{P}))\n a={P}\n movel(a)\nend",
+         ["a", "a copied", "a copied"], {6: MANY}),
+        (f"a={P}\nif c:\n a={P}\nend\nmovel(a)\nset_tcp(t)\nmovel(a)", [], {5: SEVERAL, 7: SEVERAL}),
+        (f"a={P}\ndef f():\n a={P}\nend\nf()\nmovel(a)\nmovel(b)\nmovel(pose_trans(a,{P}))", [],
+         {6: SEVERAL, 7: NOT_HERE, 8: MANY}),
+        (f"a=pose_trans(get_f(),{P})\nmovel(a)\nq=get_inverse_kin({P})\nmovej(q)", ["literal"], {2: f"its value is {RUNS}"}),
         (f"a={P}\nmovel(pose_add(a, {P}))\nmovel(get_target())\nmovel(pose_trans(a))", [],
          {1: "motions go to what is worked out of it", 2: RUNS, 3: RUNS, 4: RUNS}),
         (f"a={P}\nb={Q}\nc=[{P}]\nx={P}+y", [], {1: NOWHERE, 4: NOWHERE}),
@@ -193,8 +212,13 @@ OFFSET, ASSIGNED = "worked out while the program runs: it gets the correction", 
          ["literal in  with t loose", "literal in  with ", "a"], {}),
         (f"ConfL\\Off;\nPERS robtarget a:={ROB};\nMoveL a,v,z,t;\nMoveJ a,v,z,t;", ["a in  with t"], {}),
         (f"CONST robtarget a:={ROB};\nMoveL A,v,z,t\\WObj:=w;\nMoveL a,v,z,t\\WObj:=W;", ["a in w with t"], {}),
-        (f"CONST robtarget a:={ROB};\nMoveL a,v,z,t\\WObj:=w;\nMoveL a,v,z,s;", [],
-         {1: "used with several frames (w with t; wobj0 with s)"}),
+        (f"CONST robtarget a:={ROB};\nMoveL a,v,z,t\\WObj:=w;\nMoveL a,v,z,s;",
+         ["a in w with t copied", "a in  with s copied"], {}),
+        (f"CONST robtarget a:={ROB};\nCONST robtarget b:=Offs(a,1,2,3);\nMoveL b,v,z,t;\n"
+         "MoveL RelTool(a,1,2,3\\Rz:=90),v,z,t;\nMoveL Offs(a,i,2,3),v,z,t;",
+         ["a", "b in  with t copied", "RelTool(a,1,2,3\\Rz:=90) in  with t copied"], {5: OFFSET}),
+        (f"VAR robtarget a:={ROB};\nPROC p()\nMoveL a,v,z,t;\na:={ROB};\nMoveL Offs(a,1,2,3),v,z,t;\nENDPROC",
+         ["a in  with t", "a in  with t"], {5: OFFSET}),
         (f"CONST jointtarget a:={JNT};\nMoveAbsJ a,v,z,t\\WObj:=w;\nMoveAbsJ a,v,z,s;", ["a in w with t"], {}),
         ("CONST robtarget a:=[[1,2,3],[1,0,0,0],[0,0,0,0],[0,9E9,7,9E9,9E9,-2]];\n"
          "CONST jointtarget b:=[[1,2,3,4,5,6],[9E9,9E9,9E9,1,0,9E9]];", [],

@@ -1,0 +1,76 @@
+"""The law of corrected programs: run from their text, they bring the real arm where the drawn arm would have been.
+
+Programs are drawn at random with waypoints in several roles, frames in frames and names that are assigned again; they are run
+by an evaluator that shares no code with the product.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from support.program_robots import difference, machine_file
+from support.run_programs import DRAWN, REAL, Controller, Node, programs, stands, written
+from truepose.identification.programs.correct import Correction, correct
+from truepose.identification.programs.dialects import DIALECTS
+from truepose.models.load import load_machine
+from truepose.models.machine import Machine
+
+DIALECT_NAMES = ("urscript", "kuka", "rapid")
+
+
+@pytest.fixture(scope="module")
+def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
+    return load_machine(machine_file(tmp_path_factory.mktemp("arm"), REAL))
+
+
+def check_law(dialect: str, text: str, found: Correction, taken: bool) -> int:
+    """Assert that motions which are not listed end within 1 um; return how many there are."""
+    listed = {one.line for one in found.left}
+    wanted, sent = (Controller(dialect, one, taken).moved for one in (text, found.text))
+    good = 0
+    for was, now in zip(wanted, sent, strict=True):
+        assert was.line == now.line
+        np.testing.assert_array_equal(was.tool, now.tool)
+        if was.line in listed:
+            continue
+        missed = difference(stands(now, REAL), was.pose)
+        assert np.linalg.norm(missed[:3]) < 1e-3, f"line {was.line}: {missed}\n{text}\n{found.text}"
+        assert np.linalg.norm(missed[3:]) < 1e-5
+        good += 1
+    return good
+
+
+@pytest.mark.parametrize("dialect", DIALECT_NAMES)
+@settings(max_examples=15, deadline=None)
+@given(data=st.data())
+def test_every_motion_ends_where_it_was_meant(machine: Machine, dialect: str, data: st.DataObject) -> None:
+    nodes: list[Node] = data.draw(programs(dialect, blocks=False))
+    text = written(dialect, nodes)
+    found = correct(machine, DIALECTS[dialect].read(text, machine))
+    count = check_law(dialect, text, found, taken=True)
+    assert count == sum(node[0] == "move" for node in nodes)
+    after = max(float(np.linalg.norm(one.after[:3])) for one in found.done)
+    assert after < 1e-3
+
+
+@pytest.mark.parametrize("dialect", DIALECT_NAMES)
+@settings(max_examples=15, deadline=None)
+@given(data=st.data())
+def test_in_branches_and_loops_a_motion_ends_where_it_was_meant_or_is_listed(
+    machine: Machine, dialect: str, data: st.DataObject
+) -> None:
+    text = written(dialect, data.draw(programs(dialect, blocks=True)))
+    found = correct(machine, DIALECTS[dialect].read(text, machine))
+    for taken in (True, False):
+        check_law(dialect, text, found, taken)
+
+
+@pytest.mark.parametrize("dialect", DIALECT_NAMES)
+def test_without_a_correction_the_law_does_not_hold(dialect: str) -> None:
+    text = written(dialect, [("move", ("name", "wa"))])
+    (moved,) = Controller(dialect, text, True).moved
+    assert np.linalg.norm(difference(stands(moved, REAL), moved.pose)[:3]) > 0.5
+    assert np.linalg.norm(difference(stands(moved, DRAWN), moved.pose)[:3]) < 1e-6
