@@ -128,7 +128,7 @@ def out_of_range(machine: Machine, recording: Recording) -> Iterator[Found]:
         bad = np.flatnonzero((q < low - slack) | (q > high + slack))
         if not len(bad):
             continue
-        unit = machine.units.of_joint(a.reading_unit)
+        unit = machine.column_unit(a.reading)
         found, ends = (
             convert(float(q[bad[0]]), a.reading_unit, unit),
             [convert(v, a.reading_unit, unit) for v in a.range],
@@ -181,7 +181,7 @@ def coarse_joints(rig: Rig, stand: Stand) -> Iterator[Found]:
         return  # one reading a row lies along every joint's motion
     machine, recording = rig.machine, rig.recording
     actuators = machine.mechanism.actuators
-    units = [machine.units.of_joint(a.reading_unit) for a in actuators]
+    units = [machine.column_unit(a.reading) for a in actuators]
     columns = zip(actuators, units, recording.q.T, strict=True)
     steps = [_step(convert(q, a.reading_unit, unit)) for a, unit, q in columns]
     for a, unit, step in zip(actuators, units, steps, strict=True):

@@ -9,11 +9,11 @@ from pathlib import Path
 from truepose.bounded import read_at_most
 from truepose.errors import InputError
 from truepose.identification.programs.kuka import Kuka
-from truepose.identification.programs.languages import other_language, own_language
 from truepose.identification.programs.points import Points
 from truepose.identification.programs.program import PROGRAM_MOST, Dialect
 from truepose.identification.programs.rapid import Rapid
 from truepose.identification.programs.urscript import UrScript
+from truepose.identification.recording.languages import other_language, own_language
 
 DIALECTS: Mapping[str, Dialect] = {d.name: d for d in (Kuka(), Rapid(), UrScript(), Points())}
 _SUFFIXES = {

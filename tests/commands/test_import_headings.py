@@ -201,7 +201,7 @@ def test_joints_in_a_comment_above_stay_joints(tmp_path: Path) -> None:
     ("text", "said"),
     [
         ("/PROG  TEST\n/ATTR\n/MN\n   1:J P[1] 100% FINE ;\n/POS\n", "a FANUC TP program"),
-        ("%\nO1000\nN10 G21 G90\nN20 G1 X10. Y20. F500\nM30\n", "G-code"),
+        ("%\nO1000\nN10 G21 G90\nN20 G1 X10. Y20. F500\nM30\n", "a G-code program"),
         ("def main():\n  movej([0, 0, 0, 0, 0, 0])\nend\n", "a URScript program"),
         ("MODULE Main\n  PROC main()\n  ENDPROC\nENDMODULE\n", "an ABB RAPID program"),
         ("&ACCESS RVP\nDEF main( )\nPTP HOME\nEND\n", "a KUKA KRL program"),

@@ -111,7 +111,7 @@ def quarter_turns(rig: Rig, scene: Scene) -> Iterator[Slip]:
 def offset(rig: Rig, k: int, size: float, *, searched: bool = False) -> Slip:
     """Joint k with its zero elsewhere by ``size`` (in the unit of its reading inside)."""
     a = rig.machine.mechanism.actuators[k]
-    unit = rig.machine.units.of_joint(a.reading_unit)
+    unit = rig.machine.column_unit(a.reading)
     shown = f"{convert(size, a.reading_unit, unit):+.6g} {unit}"
     return Slip(
         "offset",
@@ -143,7 +143,7 @@ def _shifted_zero(rig: Rig, k: int, size: float, pair: Pair) -> Pair:
         return pair.with_field(field, float(f"{convert(inside, a.unit, unit):.9g}"))
 
     def change(sheet: Sheet) -> Sheet:
-        own = sheet.units.get(a.reading) or rig.machine.units.of_joint(a.reading_unit)
+        own = sheet.units.get(a.reading) or rig.machine.column_unit(a.reading)
         read = sheet.numbers(a.reading) + convert(size, a.reading_unit, own)
         turns = convert(1.0, "rad", own) * _turns_back(a, read, own) if a.reading_unit == "rad" else 0.0
         return sheet.with_numbers({a.reading: read + turns})

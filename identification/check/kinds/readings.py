@@ -63,7 +63,7 @@ def _mend_coupled(rig: Rig, k: int, j: int, ratio: float, pair: Pair) -> Pair:
 def counts(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """Yield joints that read more than a joint turns, each alone and all of them, as counts of an encoder."""
     actuators = rig.machine.mechanism.actuators
-    units = [rig.machine.units.of_joint(a.reading_unit) for a in actuators]
+    units = [rig.machine.column_unit(a.reading) for a in actuators]
     wide = [
         k
         for k, (a, unit) in enumerate(zip(actuators, units, strict=True))
@@ -88,7 +88,7 @@ def _counted(a: Actuator, unit: str, q: Array) -> bool:
 def _as_counts(rig: Rig, scene: Scene, places: Sequence[int]) -> Iterator[Slip]:
     actuators = rig.machine.mechanism.actuators
     unit = actuators[places[0]].reading_unit
-    written = rig.machine.units.of_joint(unit)
+    written = rig.machine.column_unit(actuators[places[0]].reading)
     span = max(float(np.ptp(scene.rows.q[:, k])) for k in places)
     low, high = _SPANS[unit] / span
     if unit == "rad":

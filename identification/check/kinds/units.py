@@ -43,7 +43,7 @@ def _recordings(rig: Rig) -> Iterator[Slip]:
         if unit in columns:
             columns[unit].append(name)
     said = {
-        n: written.of_joint(u) if n in joints else written.written(u)
+        n: rig.machine.column_unit(n) if n in joints else written.written(u)
         for n, u in (*joints.items(), *seen.items())
     }
     others = [
@@ -98,14 +98,13 @@ def _readings(rig: Rig) -> Iterator[Slip]:
 
 
 def _joints(rig: Rig) -> Iterator[Slip]:
-    written = rig.machine.units
     for inside, kind, known in _DIMENSIONS:
         like = [a.reading for a in rig.machine.mechanism.actuators if a.reading_unit == inside]
         sets = [tuple(like), *((name,) for name in like)] if len(like) > 1 else [tuple(like)]
         for chosen in sets:
             odds = _ALONE if len(chosen) < len(like) else 1.0
             for unit, factors in _otherwise(
-                rig, chosen, dict.fromkeys(chosen, written.of_joint(inside)), known
+                rig, chosen, {n: rig.machine.column_unit(n) for n in chosen}, known
             ):
                 says = f"{joined(tuple(factors)) if len(factors) < 4 else 'joints'} in {unit}"
                 change, mend = partial(_scaled_joints, factors), partial(_said_in, tuple(factors), unit)

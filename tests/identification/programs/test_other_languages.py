@@ -13,7 +13,7 @@ from support.program_robots import arms, machine_file
 from truepose.cli import app
 from truepose.errors import InputError
 from truepose.identification.programs.dialects import dialect_of
-from truepose.identification.programs.languages import other_language, own_language
+from truepose.identification.recording.languages import other_language, own_language
 
 OTHERS = {
     "FANUC TP": ("job.ls", "/PROG  PICK\n/ATTR\nOWNER = MNEDITOR;\n/MN\n 1:J P[1] 100% FINE ;\n/POS\n/END\n"),
