@@ -116,6 +116,7 @@ class _Problem:
         """The sum at constants (np,), and the readings' share of it, both as an rms over the readings."""
         x, good = self.rig.assembled(self.here, p, self.stand.scene)
         residual = np.concatenate([b.residual for b in self.here.blocks(p, x)])
+        residual = residual * self.rig.scale(self.stand.scene)
         residual = residual[good & np.isfinite(residual).all(axis=1)]
         if len(residual) < 0.5 * len(good):
             return float("inf"), float("inf")
@@ -128,8 +129,9 @@ class _Problem:
 def _rows(rig: Rig, here: Predictor, p: Array, stand: Stand) -> tuple[Array, Array]:
     x, good = rig.assembled(here, p, stand.scene)
     blocks = list(here.blocks(p, x))
-    residual = np.concatenate([b.residual for b in blocks])
-    jacobian = np.concatenate([b.jacobian for b in blocks])
+    scale = rig.scale(stand.scene)
+    residual = np.concatenate([b.residual for b in blocks]) * scale
+    jacobian = np.concatenate([b.jacobian for b in blocks]) * scale[:, None]
     fine = good & np.isfinite(residual).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2))
     return jacobian[fine], residual[fine]
 

@@ -49,6 +49,7 @@ class FrameFit:
         self.rows, self.comparisons = here.recording, here.comparisons()
         self.lost = [lost_of(sensor, here.recording) for sensor in ends.machine.sensors]
         n, k = len(flange), sum(len(s.columns) for s in ends.machine.sensors)
+        self.scale = np.where(ends.long, 1.0 / scene.coarse, 1.0)
         self.shift, self.shift_by = np.zeros((n, k)), np.zeros((n, k, len(ends.names)))
 
     def cost(self, base: Array, tool: Array, p: Array) -> float:
@@ -106,7 +107,7 @@ class FrameFit:
             return None
         sigma = np.array([c.sigma for c in ends.machine.channels])
         points = {c.point for c in ends.machine.channels if c.unit == "mm"}
-        mm = (residual * sigma)[self.good][:, ends.long]
+        mm = (residual * sigma / self.scale)[self.good][:, ends.long]
         each = np.sort(np.sum(mm**2, axis=1) / max(len(points), 1))
         return float(np.sqrt(np.mean(each[: max(int(KEPT * len(each)), 1)])))
 
@@ -115,7 +116,7 @@ class FrameFit:
         pose = base @ self.flange @ tool
         every = zip(self.ends.sensors, self.comparisons, self.lost, strict=True)
         residual = np.hstack([f.residual(pose, t, self.rows, c, gone) for f, c, gone in every])
-        return np.nan_to_num(residual, nan=1e12)
+        return np.nan_to_num(residual, nan=1e12) * self.scale
 
     def _evaluate(self, t: Array) -> tuple[Array, Array]:
         """Residuals (n, m) and their Jacobian (n, m, nt)."""
@@ -134,7 +135,7 @@ class FrameFit:
         sight, rows = Sight(pose, twist, self.shift, self.shift_by), slice(0, len(pose))
         every = zip(self.ends.sensors, self.comparisons, self.lost, strict=True)
         block = joined(rows, [f.block(sight, t, self.rows, rows, c, gone) for f, c, gone in every])
-        return np.nan_to_num(block.residual, nan=1e12), block.jacobian
+        return np.nan_to_num(block.residual, nan=1e12) * self.scale, block.jacobian * self.scale[:, None]
 
 
 def _turning(rpy: Array) -> Array:

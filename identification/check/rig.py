@@ -94,6 +94,10 @@ class Rig:
             tolerance[base], tolerance[tool] = tolerance[tool], tolerance[base].copy()
         return tolerance
 
+    def scale(self, scene: Scene) -> Array:
+        """(m,) by what a hypothesis multiplies whitened residuals: lengths of another sigma."""
+        return np.where(self.long, 1.0 / scene.coarse, 1.0)
+
     def frames_of(self, p: Array) -> Frames:
         """Base and tool (4, 4) that constants have."""
         base, tool = (transform(p[self.at[frame]]) for frame in FRAMES)
@@ -147,7 +151,7 @@ class Rig:
         if not np.isfinite(min(costs)):
             return nothing
         p = self.with_frames(scene.p, starting[int(np.argmin(costs))])
-        steps = (0 if self.closed_form else FEW) if quick else STEPS
+        steps = (0 if self.closed_form and len(wide) == len(FRAMES) else FEW) if quick else STEPS
         return fit.descended(p, free, rows, steps, held)
 
     def frames_for(self, rows: NDArray[np.intp], poses: Array) -> Iterator[Frames]:

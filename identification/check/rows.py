@@ -49,7 +49,7 @@ def left_of(rig: Rig, weighed: Weighed) -> Left:
     places = usable(rig.machine, scene)
     here = rig.predictor.over(scene.rows.subset(places))
     x, good = rig.assembled(here, weighed.settled.p, scene)
-    residual = np.concatenate([b.residual for b in here.blocks(weighed.settled.p, x)])
+    residual = np.concatenate([b.residual for b in here.blocks(weighed.settled.p, x)]) * rig.scale(scene)
     fine = good & np.isfinite(residual).all(axis=1)
     residual = residual[fine]
     sizes = np.sqrt(np.mean(residual**2, axis=1))

@@ -107,11 +107,11 @@ def check_loaded(machine: Machine, recording: Recording) -> Check:
         found = [f for f in found if f.kind != "joint-never-moves"]
     best = result.best
     remaining = left_of(rig, best)
-    if not any(f.kind == "sessions-mixed" for f in said):
-        found += standing_out(rig, remaining)
     found += [*said, *no_tolerances(rig, best.stand), *coarse_joints(rig, best.stand)]
     if not any(f.verdict == "wrong" for f in found):
         found += sigmas(rig, best.stand, best.settled.price)
+    if not any(f.kind == "sessions-mixed" for f in said):
+        found += standing_out(rig, remaining)
     length = length_of(rig, remaining)
     left, unit = (best.stand.misfit, "sigma") if length is None else (length, "mm")
     ordered = sorted(found, key=lambda f: _ORDER[f.verdict])

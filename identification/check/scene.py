@@ -23,7 +23,7 @@ class Scene:
     measured lengths, and the rows (n,) that it leaves without a reading.
 
     drawn, stated: the factors by which it changed the lengths of the mechanism and those of tolerances. exchanged: whether base
-    and tool have each other's tolerances.
+    and tool have each other's tolerances. coarse: the factor by which the sigmas of lengths grow.
     """
 
     rows: Recording
@@ -33,6 +33,7 @@ class Scene:
     drawn: float = 1.0
     stated: float = 1.0
     exchanged: bool = False
+    coarse: float = 1.0
 
     def with_joints(self, q: Array) -> Scene:
         """The same with other readings of the joints (n, nq)."""

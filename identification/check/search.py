@@ -32,7 +32,7 @@ from truepose.identification.check.weighing import (
     Hypothesis,
     Weighed,
     best_of,
-    evidence,
+    bound,
     shares,
     undone,
     ways,
@@ -125,18 +125,17 @@ def _extended(rig: Rig, beam: Sequence[Hypothesis], makers: Makers, depth: int) 
 def _ranked(rig: Rig, tried: Sequence[Hypothesis]) -> list[Hypothesis]:
     """Return hypotheses by the evidence of a quick fit: of frames where the file has them, and wherever they fit best."""
 
-    every = ways(rig)
+    odds = ways(rig)
+    anywhere = max((o for way, o in odds.items() if way), default=1.0)
 
-    def bound(hypothesis: Hypothesis) -> float:
+    def score(hypothesis: Hypothesis) -> float:
         scene = hypothesis.scene
-        fits = {way: rig.stand(scene, way, quick=True).misfit for way in ((), FRAMES)[len(every) == 1 :]}
-        odds = {
-            (): hypothesis.odds,
-            FRAMES: hypothesis.odds * max([o for w, o in every.items() if w], default=1.0),
-        }
-        return max(evidence(rig, scene, misfit, odds[way]) for way, misfit in fits.items())
+        scores = [bound(rig, rig.stand(scene, FRAMES, quick=True), FRAMES, hypothesis.odds * anywhere)]
+        if len(odds) > 1:
+            scores.append(bound(rig, rig.stand(scene, (), quick=True), (), hypothesis.odds))
+        return max(scores)
 
-    return sorted(tried, key=bound, reverse=True)
+    return sorted(tried, key=score, reverse=True)
 
 
 def _enough(rig: Rig, every: Sequence[Weighed]) -> bool:

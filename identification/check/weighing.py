@@ -72,7 +72,7 @@ def evidence(rig: Rig, scene: Scene, misfit: float, odds: float) -> float:
     """Return the logarithm of a hypothesis' evidence, given its misfit in sigmas."""
     if not np.isfinite(misfit):
         return -np.inf
-    seen = misfit / scene.size ** float(np.mean(rig.long))
+    seen = misfit * (scene.coarse / scene.size) ** float(np.mean(rig.long))
     size = reach(rig, scene.p)
     unlikely = 0.5 * (np.log10(size / USUAL_REACH) / DECADES) ** 2 if size > 0 else 0.0
     return float(np.log(odds) - WORTH * np.log(max(seen, LEAST)) - unlikely)
@@ -109,10 +109,10 @@ def weigh(
     scene, found = hypothesis.scene, []
     for way, odds in (among or ways(rig)).items():
         stand = rig.stand(scene, way, also=also)
-        found.append((evidence(rig, scene, stand.misfit, odds * hypothesis.odds), way, odds, stand))
+        found.append((bound(rig, stand, way, odds * hypothesis.odds), way, odds, stand))
     best: Weighed | None = None
-    for bound, way, odds, stand in sorted(found, key=lambda one: -one[0]):
-        if best is not None and (best.near or bound < best.score):
+    for most, way, odds, stand in sorted(found, key=lambda one: -one[0]):
+        if best is not None and (best.near or most < best.score):
             break
         settled = settle(rig, stand, way)
         score = evidence(rig, scene, settled.price, odds * hypothesis.odds)
@@ -130,17 +130,25 @@ def is_near(rig: Rig, stand: Stand, settled: Settled, free: tuple[str, ...] = ()
     all constants inside ``FAR`` tolerances.
     """
     most = allowed(rig, stand) if not stand.bad else 0.0
-    drawn = stand.misfit <= most and _farthest(rig, stand, free) <= FAR
+    drawn = stand.misfit <= most and departures(rig, stand, free).max(initial=0.0) <= FAR
     return drawn or (settled.misfit <= most and settled.farthest <= FAR)
 
 
-def _farthest(rig: Rig, stand: Stand, free: tuple[str, ...]) -> float:
-    """How far a constant that is known (of frames or instrument) is from where the file has it, in tolerances."""
+def departures(rig: Rig, stand: Stand, free: tuple[str, ...]) -> Array:
+    """Return how far constants that are known (of frames and instrument) are from where the file has them, in tolerances."""
     tolerance = rig.tolerances(stand.scene)
     for frame in free:
         tolerance[rig.at[frame]] = np.inf
     known = tolerance > 0
-    return float((np.abs(stand.p - stand.scene.p)[known] / tolerance[known]).max(initial=0.0))
+    return np.asarray(np.abs(stand.p - stand.scene.p)[known] / tolerance[known])
+
+
+def bound(rig: Rig, stand: Stand, free: tuple[str, ...], odds: float) -> float:
+    """Return the logarithm of a hypothesis' evidence by frames alone; that these leave their tolerances costs."""
+    if stand.bad:
+        return -np.inf
+    bent = float(np.sum(departures(rig, stand, free) ** 2)) / max(stand.residual.size, 1)
+    return evidence(rig, stand.scene, stand.misfit * float(np.sqrt(1.0 + bent)), odds)
 
 
 def allowed(rig: Rig, stand: Stand) -> float:
@@ -235,6 +243,8 @@ __all__ = [
     "Weighed",
     "allowed",
     "best_of",
+    "bound",
+    "departures",
     "evidence",
     "is_near",
     "reach",

@@ -198,12 +198,12 @@ def _scaled_constants(places: Sequence[int], factor: float, scene: Scene) -> Sce
 
 
 def _redrawn(places: Sequence[int], factor: float, whole: bool, scene: Scene) -> Scene:
-    """Lengths of the mechanism times ``factor``; those of its tolerances too where the ``whole`` file was in another unit, and
-    where the machine would be smaller: no drawing that is a thousand times smaller has the same tolerances."""
+    """Lengths of the mechanism times ``factor``; those of its tolerances and sigmas too where the ``whole`` file was in
+    another unit; of tolerances where the machine would be smaller: no drawing a thousand times smaller has the same ones."""
     out = _scaled_constants(places, factor, scene)
-    return replace(
-        out, drawn=factor * scene.drawn, stated=(factor if whole else min(factor, 1.0)) * scene.stated
-    )
+    stated = (factor if whole else min(factor, 1.0)) * scene.stated
+    coarse = (factor if whole else 1.0) * scene.coarse
+    return replace(out, drawn=factor * scene.drawn, stated=stated, coarse=coarse)
 
 
 def _file_in(written: UnitSystem, unit: str, rig: Rig, pair: Pair) -> Pair:
