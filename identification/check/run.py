@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -59,8 +59,18 @@ def check_files(
         return without_sensor(Pair.read(machine, recordings)), loaded, None
     if tried is not None:
         loaded = try_columns(loaded, recordings, tried)
-    rows = load_recording(unbounded(loaded), recordings, irradiance=irradiance, shuffled=shuffled)
+    rows = _within_or_beyond(
+        loaded, lambda machine: load_recording(machine, recordings, irradiance=irradiance, shuffled=shuffled)
+    )
     return check(loaded, rows), loaded, rows
+
+
+def _within_or_beyond(machine: Machine, load: Callable[[Machine], Recording]) -> Recording:
+    """Return the rows within the joints' ranges, where readings that wrap are unfolded; if they are beyond, as they are."""
+    try:
+        return load(machine)
+    except InputError:
+        return load(unbounded(machine))
 
 
 def check(machine: MachineLike, source: Recording | Sources) -> Check:
@@ -71,7 +81,7 @@ def check(machine: MachineLike, source: Recording | Sources) -> Check:
     machine = as_machine(machine)
     if not machine.sensors:
         raise InputError(f"{machine.name}: found no sensor, expected one: nothing says what the readings are")
-    rows = as_recording(unbounded(machine), source)
+    rows = _within_or_beyond(machine, lambda machine: as_recording(machine, source))
     result = check_loaded(machine, rows)
     beyond = () if result.verdict == "wrong" else tuple(out_of_range(machine, rows))
     return replace(result, found=(*beyond, *result.found))

@@ -18,6 +18,7 @@ from truepose.identification.check.alignment import Frames
 from truepose.identification.check.drawing import Settled, expected, settle
 from truepose.identification.check.rig import ABSURD, Rig, Scene, Stand, motion
 from truepose.identification.check.slip import RARE, SELDOM, Slip
+from truepose.identification.recording.joint_column import SLACK
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine import FRAMES
 from truepose.models.machine_file import Frames as StatedFrames
@@ -75,7 +76,24 @@ def evidence(rig: Rig, scene: Scene, misfit: float, odds: float) -> float:
     seen = misfit * (scene.coarse / scene.size) ** float(np.mean(rig.long))
     size = reach(rig, scene.p)
     unlikely = 0.5 * (np.log10(size / USUAL_REACH) / DECADES) ** 2 if size > 0 else 0.0
-    return float(np.log(odds) - WORTH * np.log(max(seen, LEAST)) - unlikely)
+    beyond = len(joints_beyond(rig, scene)) * np.log(1.0 / SELDOM)
+    return float(np.log(odds) - WORTH * np.log(max(seen, LEAST)) - unlikely - beyond)
+
+
+def joints_beyond(rig: Rig, scene: Scene) -> list[str]:
+    """Return the joints that a hypothesis has out of their range, whole turns aside."""
+    out = []
+    for k, a in enumerate(rig.machine.mechanism.actuators):
+        q = scene.rows.q[:, k]
+        if a.range is None or not len(q):
+            continue
+        low, high = a.range
+        if a.reading_unit == "rad":
+            q = q - 2.0 * np.pi * np.round((q - (low + high) / 2.0) / (2.0 * np.pi))
+        slack = SLACK * (high - low)
+        if q.min() < low - slack or q.max() > high + slack:
+            out.append(a.reading)
+    return out
 
 
 def reach(rig: Rig, p: Array) -> float:
@@ -129,7 +147,9 @@ def is_near(rig: Rig, stand: Stand, settled: Settled, free: tuple[str, ...] = ()
     It is where the machine fits as it is drawn, however far constants would bend to take up physics, and where it fits with
     all constants inside ``FAR`` tolerances.
     """
-    most = allowed(rig, stand) if not stand.bad else 0.0
+    if stand.bad or joints_beyond(rig, stand.scene):
+        return False
+    most = allowed(rig, stand)
     drawn = stand.misfit <= most and departures(rig, stand, free).max(initial=0.0) <= FAR
     return drawn or (settled.misfit <= most and settled.farthest <= FAR)
 
@@ -247,6 +267,7 @@ __all__ = [
     "departures",
     "evidence",
     "is_near",
+    "joints_beyond",
     "reach",
     "shares",
     "undone",

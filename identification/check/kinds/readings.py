@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.check.kinds.narrowed import narrowed
-from truepose.identification.check.pair import Pair
+from truepose.identification.check.pair import Field, Pair
 from truepose.identification.check.rig import Rig, Scene
 from truepose.identification.check.slip import RARE, SELDOM, USUAL, Slip
 from truepose.models.mechanism import Actuator
@@ -57,7 +57,7 @@ def _uncoupled(k: int, j: int, ratio: float, scene: Scene) -> Scene:
 
 def _mend_coupled(rig: Rig, k: int, j: int, ratio: float, pair: Pair) -> Pair:
     mine, other = (rig.machine.mechanism.actuators[i].reading for i in (k, j))
-    return _with_joint_field(rig, pair, mine, "coupled", {other: ratio})
+    return pair.with_field(_joint_field(rig, pair, mine, "coupled"), {other: ratio})
 
 
 def counts(rig: Rig, scene: Scene) -> Iterator[Slip]:
@@ -142,18 +142,19 @@ def _rounded(number: float, misfit: Callable[[float], float]) -> float:
 
 def _mend_counts(rig: Rig, columns: Sequence[str], number: float, pair: Pair) -> Pair:
     for name in columns:
-        pair = _with_joint_field(rig, pair, name, "counts", number)
+        pair = pair.with_field(_joint_field(rig, pair, name, "counts"), number)
     return pair
 
 
-def _with_joint_field(rig: Rig, pair: Pair, reading: str, key: str, value: object) -> Pair:
-    """Return the pair with a field of the joint or leg that has a reading."""
+def _joint_field(rig: Rig, pair: Pair, reading: str, key: str) -> Field:
+    """Return where a machine file says of the joint or leg with a reading what its column holds."""
     names = {a.reading: {a.reading, a.drives} for a in rig.machine.mechanism.actuators}[reading]
-    for group in ("joints", "legs"):
-        for k, row in enumerate(pair.get(("mechanism", group)) or []):
+    for group in ("joints", "legs", "first", "second"):
+        rows = pair.get(("mechanism", group))
+        for k, row in enumerate(rows if isinstance(rows, list) else ()):
             if isinstance(row, Mapping) and {row.get("name"), row.get("joint")} & names:
-                return pair.with_field(("mechanism", group, k, key), value)
-    return pair
+                return ("mechanism", group, k, key)
+    return ("mechanism", "encoders", reading, key)
 
 
 __all__ = ["counts", "coupled"]
