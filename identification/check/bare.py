@@ -44,13 +44,12 @@ def _too_few(machine: Machine, recording: Recording) -> Iterator[Found]:
     used = int(np.sum(~recording.validation))
     readings = used * len(machine.channels)
     if readings < free:
-        few = 2 * readings < free
         yield Found(
             "too-few-rows",
             ("rows",),
             f"{used} rows are {readings} readings for {free} constants with a tolerance: a fit would look better than it is",
             f"measure at least {int(np.ceil(2 * free / max(len(machine.channels), 1)))} poses, or state fewer tolerances",
-            "wrong" if few else "suspect",
+            "suspect",
         )
 
 

@@ -19,9 +19,10 @@ from truepose.identification.check.kinds.joints import (
     signs,
     zeros,
 )
-from truepose.identification.check.kinds.order import clocks, matched, shifted
+from truepose.identification.check.kinds.order import matched, shifted
 from truepose.identification.check.kinds.poses import poses
 from truepose.identification.check.kinds.readings import counts, coupled
+from truepose.identification.check.kinds.runs import clocks, stands_still
 from truepose.identification.check.kinds.table import conventions, exchanged_rows
 from truepose.identification.check.kinds.units import units
 from truepose.identification.check.rig import Rig, Scene
@@ -40,7 +41,7 @@ from truepose.identification.check.weighing import (
 )
 from truepose.models.machine import FRAMES
 
-_DEEPEST, _WEIGHED, _MOST = 2, 6, 400
+_DEEPEST, _WEIGHED, _MOST = 2, 6, 300
 """Most slips at once, hypotheses weighed in full at each depth, and quick fits at each depth beyond the first."""
 Makers = tuple[Callable[[Rig, Scene], Iterable[Slip]], ...]
 QUICK: Makers = (
@@ -56,7 +57,17 @@ QUICK: Makers = (
     shifted,
     frames_swapped,
 )
-SLOW: Makers = (conventions, matched, clocks, mirrored_zeros, counts, zeros, end_zeros, exchanged_rows)
+SLOW: Makers = (
+    conventions,
+    matched,
+    clocks,
+    stands_still,
+    mirrored_zeros,
+    counts,
+    zeros,
+    end_zeros,
+    exchanged_rows,
+)
 
 
 @dataclass(frozen=True)
