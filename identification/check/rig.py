@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.check.alignment import Frames, frames_from_poses, starts
+from truepose.identification.check.alignment import Frames, frames_from_poses, starts, tools
 from truepose.identification.check.frame_fit import FEW, KEPT, STEPS, Ends, FrameFit, transform
 from truepose.identification.check.scene import Array, Mask, Scene, Stand, chosen, differs
 from truepose.identification.fit.sighted import ZEROS, unknown_zeros
@@ -138,11 +138,12 @@ class Rig:
         tolerance = self.tolerances(scene)
         loose = [f for f in FRAMES if f in free or not np.isfinite(tolerance[self.at[f]]).all()]
         wide = [f for f in loose if f not in held]
-        begins = (
-            starts(self.machine, here.recording, flange, stated, self._points(scene.p))
-            if "base" in wide
-            else [stated]
-        )
+        points, begins = self._points(scene.p), [stated]
+        if "base" in wide:
+            begins = list(starts(self.machine, here.recording, flange, stated, points))
+        elif "tool" in wide:
+            found = tools(self.machine, here.recording, stated[0] @ flange, points)
+            begins += [(stated[0], tool) for tool in found]
         starting = [
             (base if "base" in wide else stated[0], tool if "tool" in wide else stated[1])
             for base, tool in (*begins, *also)
