@@ -35,14 +35,15 @@ XYZ, TURNS = ("x", "y", "z"), ("rx", "ry", "rz")
 INF = float("inf")
 
 
-
 def law(count: int) -> settings:
     """Settings of a law; an example that fails is told as it is, since a smaller one takes minutes."""
     return settings(max_examples=examples(count), phases=(Phase.explicit, Phase.generate))
 
 
 frames = st.sampled_from(sorted(TOLERANCES))
-machines = st.builds(known_machine, st.sampled_from(FAMILIES), st.sampled_from(sorted(SENSORS)), frames, frames)
+machines = st.builds(
+    known_machine, st.sampled_from(FAMILIES), st.sampled_from(sorted(SENSORS)), frames, frames
+)
 seeds = st.integers(0, 2**31 - 1)
 shares = st.sampled_from([0.02, 0.2, 1.0])
 
@@ -86,9 +87,7 @@ def test_a_machine_as_it_is_drawn_is_right(machine: Machine, more: int, share: f
 
 @law(15)
 @given(st.sampled_from(["arm", "gantry", "hybrid"]), st.floats(-3.0, 3.0), seeds)
-def test_zeros_of_end_joints_are_turns_of_frames_that_are_free(
-    family: str, turn: float, seed: int
-) -> None:
+def test_zeros_of_end_joints_are_turns_of_frames_that_are_free(family: str, turn: float, seed: int) -> None:
     """The first joint's zero turns the base, the last one's the tool, where these are joints that turn."""
     machine = known_machine(family, "pose", "free", "free")
     rows = right_recording(machine, fewest_rows(machine) + 8, seed, off=0.3)
@@ -121,7 +120,9 @@ def spoilt(rows: Recording, kind: str) -> Recording:
     if kind == "sign":
         return replace(rows, q=rows.q * np.where(np.arange(rows.q.shape[1]) == 1, -1.0, 1.0))
     if kind == "metres":
-        return replace(rows, observations={n: v / 1e3 if n in XYZ else v for n, v in rows.observations.items()})
+        return replace(
+            rows, observations={n: v / 1e3 if n in XYZ else v for n, v in rows.observations.items()}
+        )
     return rows
 
 
@@ -132,7 +133,10 @@ def test_the_world_frame_and_the_order_of_rows_change_no_verdict(kind: str, seed
     machine = known_machine("arm", "pose", "free", "known")
     rows = spoilt(right_recording(machine, 30, seed), kind)
     rng = np.random.default_rng(other)
-    turn, shift = Rotation.random(random_state=other), rng.uniform(-1e3, 1e3, 3) * (1e-3 if kind == "metres" else 1)
+    turn, shift = (
+        Rotation.random(random_state=other),
+        rng.uniform(-1e3, 1e3, 3) * (1e-3 if kind == "metres" else 1),
+    )
     position, turns = seen(rows)
     moved = with_seen(rows, turn.apply(position) + shift, turn * turns)
     ways = [check_loaded(machine, one) for one in (rows, moved, rows.subset(rng.permutation(30)))]
