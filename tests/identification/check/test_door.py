@@ -13,20 +13,18 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-import truepose
 from support.checked_arm import JOINTS, columns, document, recorded, written
 from support.examples import examples
 from support.right_pairs import (
     FAMILIES,
     SENSORS,
     TOLERANCES,
-    drawn_document,
     fewest_rows,
     known_machine,
     right_recording,
 )
 from truepose.identification.check.result import Check
-from truepose.identification.check.run import check, check_files, check_loaded
+from truepose.identification.check.run import check_files, check_loaded
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
 

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from truepose.identification.check.judging import reach, shown
 
 import truepose
 from support.checked_arm import Document, checked, document, recorded, written
 from truepose.identification.check.bare import bare, no_tolerances, out_of_range, repeats
-from truepose.identification.check.judging import reach, shown
 from truepose.identification.check.pair import Pair, Sheet
 from truepose.identification.check.result import Check, Found
 from truepose.identification.check.rig import Rig

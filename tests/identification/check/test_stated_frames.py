@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from truepose.identification.check.stated import frames_off
 
 from support.checked_arm import EXACT, Document, document, recorded, rig_of, written
 from truepose.identification.check.pair import Pair
 from truepose.identification.check.result import Found
-from truepose.identification.check.stated import frames_off
 from truepose.identification.check.unread import unnamed_table
 
 TOLERANCE = {"base": 5.0, "tool": 2.0}

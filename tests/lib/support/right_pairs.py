@@ -1,4 +1,4 @@
-"""Right pairs of several kinds of machine: constants drawn from their own tolerances, noise, known and free frames, any poses."""
+"""Right pairs of several kinds of machine: constants drawn from their tolerances, noise, known and free frames, any poses."""
 
 from __future__ import annotations
 
