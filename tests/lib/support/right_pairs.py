@@ -101,7 +101,9 @@ def right_recording(
     p = here.model.p_home.copy()
     for parameter in machine.parameters:
         k = here.model.names.index(parameter.name)
-        size = _ANYWHERE.get(parameter.unit, 0.0) if np.isinf(parameter.tolerance) else off * parameter.tolerance
+        size = (
+            _ANYWHERE.get(parameter.unit, 0.0) if np.isinf(parameter.tolerance) else off * parameter.tolerance
+        )
         p[k] += size * float(np.clip(rng.standard_normal(), -2.0, 2.0))
     x, good = here.assemble(p)
     assert good.all()
