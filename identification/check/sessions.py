@@ -130,7 +130,7 @@ def _what_moved(rig: Rig, scene: Scene, cut: _Cut) -> str:
 
 
 def _shift(rig: Rig, frame: str, old: Array, new: Array) -> str:
-    """How a frame moved, in its own axes: ``z +12 mm``, and by which angle it turned."""
+    """How a frame moved, along the axes that the file states it in: ``z +12 mm``, and by which angle it turned."""
     k, units = FRAMES.index(frame), rig.machine.units
     here, there = rig.frames_of(old)[k], rig.frames_of(new)[k]
     away = there[:3, 3] - here[:3, 3]

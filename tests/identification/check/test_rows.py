@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from support.checked_arm import checked, document, recorded, written
+from support.checked_arm import ARM, checked, document, recorded, standing, written
 from support.examples import examples
 from support.right_pairs import known_machine, right_recording
 from truepose.identification.check.pair import Pair
@@ -99,7 +99,7 @@ def test_figures_are_of_all_rows(seed: int, places: list[int]) -> None:
 
 
 def set_up(machine: Machine, frame: str, axis: int, mm: float, cut: int, seed: int) -> Recording:
-    """A recording whose base or tool stands elsewhere from a row on."""
+    """A recording whose base or tool stands elsewhere from a row on, along axes of the frame that it is stated in."""
     rows = right_recording(machine, ROWS, seed)
     position, turns = (
         np.column_stack([rows.observations[n] for n in names]) for names in (XYZ, ("rx", "ry", "rz"))
@@ -107,7 +107,8 @@ def set_up(machine: Machine, frame: str, axis: int, mm: float, cut: int, seed: i
     way = np.zeros((ROWS, 3))
     way[cut:, axis] = mm
     if frame == "tool":
-        way = Rotation.from_rotvec(turns).apply(way)
+        tool = Rotation.from_matrix(standing(ARM["frames"]["tool"])[:3, :3])
+        way = (Rotation.from_rotvec(turns) * tool.inv()).apply(way)
     return replace(
         rows, observations={**rows.observations, **dict(zip(XYZ, (position + way).T, strict=True))}
     )

@@ -96,7 +96,7 @@ def right_recording(
     rng = np.random.default_rng(seed)
     poses = drawn_poses(machine, rows, seed)
     middle = np.array([sum(a.range or (0.0, 0.0)) / 2 for a in machine.mechanism.actuators])
-    poses = replace(poses, q=middle + share * (poses.q - middle))
+    poses = replace(poses, q=middle + share * (poses.q - middle), from_row=None)
     here = Predictor(machine, poses)
     p = here.model.p_home.copy()
     for parameter in machine.parameters:
