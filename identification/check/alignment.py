@@ -26,7 +26,7 @@ from truepose.models.view import TOOL_IN_WORLD
 Array = NDArray[np.float64]
 Frames = tuple[Array, Array]
 """Base and tool as transforms (4, 4), mm."""
-_SWEEPS, _TURNS = 12, 3
+_SWEEPS, _TURNS = 12, 40
 _FLAT = 1e-3
 """Spread of points across a line, in parts of that along it, below which they show no attitude."""
 
@@ -127,18 +127,21 @@ def _poses_of(clouds: Array, points: Array) -> Array:
 
 def _by_points(flange: Array, clouds: Array, points: Array, tool: Array) -> Frames:
     """The base that brings the points (m, 3) of a tool onto the measured ones (n, m, 3), and the tool's shift, in turns."""
-    tool = tool.copy()
-    for _ in range(_TURNS):
+    tool, n = tool.copy(), len(flange)
+    # in the base's axes the system is the same in every turn
+    eye = np.broadcast_to(np.eye(3), (n, 3, 3))
+    system = np.concatenate([flange[:, :3, :3], eye], axis=2).reshape(-1, 6)
+    inverse = np.linalg.pinv(system, rcond=1e-6)[:3]
+    enough = 0.1 * _FLAT * float(np.std(clouds))
+    for last in range(_TURNS, -1, -1):
         carried = flange @ tool
         predicted = np.einsum("nij,mj->nmi", carried[:, :3, :3], points) + carried[:, None, :3, 3]
         rotation, shift = rigid_motion(predicted.reshape(-1, 3), clouds.reshape(-1, 3))
-        left = np.mean(clouds - predicted @ rotation.T - shift, axis=1)
-        turn = rotation @ flange[:, :3, :3]
-        system = np.concatenate([turn, np.broadcast_to(np.eye(3), turn.shape)], axis=2).reshape(-1, 6)
-        tool[:3, 3] += np.linalg.lstsq(system, left.reshape(-1), rcond=1e-6)[0][:3]
-    carried = flange @ tool
-    predicted = np.einsum("nij,mj->nmi", carried[:, :3, :3], points) + carried[:, None, :3, 3]
-    rotation, shift = rigid_motion(predicted.reshape(-1, 3), clouds.reshape(-1, 3))
+        left = np.mean(clouds - predicted @ rotation.T - shift, axis=1) @ rotation
+        step = inverse @ left.reshape(-1)
+        if not last or np.linalg.norm(step) < enough:
+            break
+        tool[:3, 3] += step
     return _transforms(rotation[None], shift[None])[0], tool
 
 

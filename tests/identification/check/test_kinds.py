@@ -24,6 +24,7 @@ from truepose.identification.check.kinds.units import file_lengths, units
 from truepose.identification.check.pair import Pair
 from truepose.identification.check.rig import Rig
 from truepose.identification.check.run import unbounded
+from truepose.identification.check.slip import SELDOM
 from truepose.identification.identifiability.poses import drawn_poses
 
 Array = NDArray[np.float64]
@@ -238,7 +239,7 @@ def test_points_that_were_sorted_are_put_back(kind: str, right: pd.DataFrame, tm
     rows = pd.concat([q, read.iloc[order].reset_index(drop=True)], axis=1)
     rig = rig_on(tmp_path, rows, machine)
     (slip,) = matched(rig, rig.scene)
-    assert slip.says == f"rows sorted by {names[2]} in some of the columns only" and slip.searched
+    assert slip.says == f"rows sorted by {names[2]} in some of the columns only" and slip.odds == SELDOM
     assert slip.fix == "put readings and joints back into one order"
     there = slip.change(rig.scene)
     for name in names:
@@ -298,11 +299,13 @@ def test_units_are_told_in_words(tmp_path: Path) -> None:
     rig = rig_on(tmp_path, table([*names, "x", "y", "z"]), gantry(slides("ssstttt")))
     told = {s.says: (s.where, s.fix) for s in units(rig, rig.scene)}
     assert {text: told[text] for text in WORDS} == WORDS
-    # 6 other lengths for readings, slides (all and each) and the file's two; 2 other angles for joints (all and each); alpha
-    assert len(told) == 6 * (1 + 1 + 3 + 2) + 2 * (1 + 4) + 2
+    # 6 other lengths for readings, slides (all and each) and the file's two; 4 other angles for joints (all and each); alpha;
+    # and the whole recording in another length, or another length and angle
+    assert len(told) == 6 * (1 + 1 + 3 + 2) + 4 * (1 + 4) + 2 + 6 * (1 + 4)
+    assert "the recording in m and rad" in told
     assert "theta of the mechanism in rad" not in told
     kinds = Counter(s.kind for s in units(rig, rig.scene))
-    assert kinds == {"unit-length": 42, "unit-angle": 12}
+    assert kinds == {"unit-length": 42 + 30, "unit-angle": 22}
 
 
 def test_headers_that_say_a_unit_are_no_guess(tmp_path: Path) -> None:

@@ -12,11 +12,10 @@ import truepose
 from support.checked_arm import Document, document, recorded, written
 from truepose.identification.check.kinds.joints import end_zeros, offset, zeros
 from truepose.identification.check.kinds.order import matched
-from truepose.identification.check.kinds.table import conventions
 from truepose.identification.check.pair import Pair
 from truepose.identification.check.rig import Rig
 from truepose.identification.check.run import unbounded
-from truepose.identification.check.slip import Slip
+from truepose.identification.check.slip import RARE, Slip
 
 SEEN = ["x", "y", "z", "rx", "ry", "rz"]
 
@@ -42,7 +41,7 @@ def test_a_zero_is_found_wherever_it_is(right: pd.DataFrame, tmp_path: Path) -> 
     rig = rig_of(tmp_path, right[:12].assign(q4=right["q4"] + 37.0))
     found = list(zeros(rig, rig.scene))
     assert sizes(found)["q4"] == pytest.approx(-37.0, abs=0.5)
-    assert all(s.searched for s in found)
+    assert all(s.odds == RARE for s in found)
     before = rig.stand().misfit
     after = {s.where[0]: rig.stand(s.change(rig.scene)).misfit for s in found}
     assert min(after, key=lambda name: after[name]) == "q4" and after["q4"] < 0.1 * before
@@ -96,37 +95,3 @@ def test_readings_are_brought_back_into_an_uneven_range(
         assert mended.get(("mechanism", "joints", 3, "theta")) == pytest.approx(5.0)
         return
     np.testing.assert_allclose(mended.sheets[0].numbers("q4"), expected, atol=1e-9)
-
-
-def test_a_modified_table_typed_as_a_standard_one(right: pd.DataFrame, tmp_path: Path) -> None:
-    """a and alpha of each row belong to the joint before: the mended file is the same table, said to be modified."""
-    rig = rig_of(tmp_path, right[:8])
-    (slip,) = conventions(rig, rig.scene)
-    assert slip.fix == "state 'convention: modified'"
-    pair = slip.mend(Pair.read(tmp_path / "arm.yaml", [tmp_path / "r.csv"]))
-    written(tmp_path, dict(pair.document), right[:8])
-    value = {p.name: p.nominal for p in truepose.load_machine(tmp_path / "arm.yaml").parameters}
-    there = slip.change(rig.scene).p
-    for k, name in enumerate(rig.names):
-        if name.endswith((".alpha", ".d", ".theta", ".r")):
-            assert there[k] == pytest.approx(value[name]), name
-
-
-@pytest.mark.parametrize("which", [0, 1, 2])
-def test_a_table_typed_in_other_fields_is_the_table_that_its_words_say(
-    which: int, right: pd.DataFrame, tmp_path: Path
-) -> None:
-    machine = document()
-    for row in machine["mechanism"]["joints"]:
-        row["r"] = row.pop("a")
-    del machine["mechanism"]["convention"]
-    rig = rig_of(tmp_path, right[:8], machine)
-    slip = list(conventions(rig, rig.scene))[which]
-    pair = slip.mend(Pair.read(tmp_path / "arm.yaml", [tmp_path / "r.csv"]))
-    assert slip.fix.startswith(f"state 'convention: {pair.get(('mechanism', 'convention'))}'")
-    written(tmp_path, dict(pair.document), right[:8])
-    value = {p.name: p.nominal for p in truepose.load_machine(tmp_path / "arm.yaml").parameters}
-    there = slip.change(rig.scene).p
-    for k, name in enumerate(rig.names):
-        if name.startswith("q") and name.endswith((".alpha", ".d", ".theta", ".r")):
-            assert there[k] == pytest.approx(value[name], abs=1e-9), (slip.says, name)
