@@ -85,7 +85,7 @@ def _read(machine: Machine, rows: Recording) -> Iterator[tuple[Sensor, Array, ND
         if len(columns) != len(sensor.columns) or not columns:
             continue
         read = np.column_stack(columns)
-        whole = np.isfinite(read).all(axis=1)
+        whole = np.asarray(np.isfinite(read).all(axis=1))
         if whole.sum() >= 3:
             yield sensor, read[whole], whole
 
