@@ -18,22 +18,12 @@ from support.checked_arm import (
     checked,
     document,
     metres,
-    recorded,
     written,
 )
 from truepose.cli import app
 from truepose.identification.check.run import check_files
 
 MACHINES = Path(truepose.__path__[0]) / "models/machines"
-
-
-@pytest.fixture(scope="module")
-def right() -> pd.DataFrame:
-    return recorded()
-
-
-def test_a_right_pair_is_left_in_peace(right: pd.DataFrame, tmp_path: Path) -> None:
-    assert checked(tmp_path, document(), right).document()["found"] == []
 
 
 @pytest.mark.parametrize("name", ["telescope", "nanopositioner", "polisher"])

@@ -343,3 +343,31 @@ def test_two_scales_of_a_drawing_multiply(right: pd.DataFrame, tmp_path: Path) -
     assert again.p[k] == pytest.approx(25.4**2 * 10.0 * rig.scene.p[k])
     x = rig.at["base"][0]
     assert again.p[x] == pytest.approx(25.4**2 * rig.scene.p[x])
+
+
+def test_rows_in_no_order_are_not_looked_at(right: pd.DataFrame, tmp_path: Path) -> None:
+    rig = rig_on(tmp_path, right[:20])
+    assert not list(matched(rig, rig.scene))
+    few = rig_on(tmp_path, right[:7].sort_values("x"))
+    assert not list(matched(few, few.scene))
+    falling = rig_on(tmp_path, right[:20].assign(q2=np.linspace(50, -70, 20)))
+    assert [s.where for s in matched(falling, falling.scene)] in ([], [("q2",)])
+
+
+@pytest.mark.parametrize("out", [-165.0, 175.0])
+def test_readings_are_brought_back_into_an_uneven_range(
+    out: float, right: pd.DataFrame, tmp_path: Path
+) -> None:
+    """A range of 30 to 350 deg: what stands below or above it is a turn away."""
+    machine = document()
+    machine["mechanism"]["joints"][3]["range"] = [30.0, 350.0]
+    read = np.linspace(40, 340, 12)
+    read[3] = out
+    rig = rig_on(tmp_path, right[:12].assign(q4=read), machine)
+    mended = offset(rig, 3, np.radians(5.0)).mend(Pair.read(tmp_path / "arm.yaml", [tmp_path / "r.csv"]))
+    expected = read + 5.0
+    expected[3] += 360.0 if out < 0 else 0.0
+    if out > 0:  # inside as it is: nothing is out, the zero goes into the table
+        assert mended.get(("mechanism", "joints", 3, "theta")) == pytest.approx(5.0)
+        return
+    np.testing.assert_allclose(mended.sheets[0].numbers("q4"), expected, atol=1e-9)
