@@ -42,7 +42,9 @@ def starts(
     for sensor, read, whole in _read(machine, rows):
         seen = flange[whole]
         if isinstance(sensor, Pose):
-            yield from frames_from_poses(seen, _transforms(lie.exp_so3(read[:, 3:]), read[:, :3]), stated[1])
+            poses = _transforms(lie.exp_so3(read[:, 3:]), read[:, :3])
+            yield from frames_from_poses(seen, poses, stated[1])
+            yield _base_at(seen @ stated[1], poses), stated[1]
         elif isinstance(sensor, Position):
             # the tool as it is stated, none, and where the base is said to be: a wrong one leads into a false minimum
             for tool in (stated[1], np.eye(4), stated[0], *_far_tools(seen @ stated[1], read)):
@@ -88,6 +90,13 @@ def _read(machine: Machine, rows: Recording) -> Iterator[tuple[Sensor, Array, ND
         whole = np.asarray(np.isfinite(read).all(axis=1))
         if whole.sum() >= 3:
             yield sensor, read[whole], whole
+
+
+def _base_at(drawn: Array, measured: Array) -> Array:
+    """The base (4, 4) that brings drawn poses (n, 4, 4) next to measured ones."""
+    turn = lie.nearest_rotation(np.einsum("nij,nkj->ik", measured[:, :3, :3], drawn[:, :3, :3]))
+    shift = np.mean(measured[:, :3, 3] - drawn[:, :3, 3] @ turn.T, axis=0)
+    return np.asarray(_transforms(turn[None], shift[None])[0])
 
 
 def _far_tools(drawn: Array, read: Array) -> Iterator[Array]:
