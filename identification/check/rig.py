@@ -148,12 +148,19 @@ class Rig:
             (base if "base" in wide else stated[0], tool if "tool" in wide else stated[1])
             for base, tool in (*begins, *also)
         ]
+        if "base" in wide and "tool" not in (*wide, *held):
+            starting += [one for one in begins if self._is_inside(one[1], stated[1], tolerance)]
         costs = [fit.cost(base, tool, scene.p) for base, tool in starting]
         if not np.isfinite(min(costs)):
             return nothing
         p = self.with_frames(scene.p, starting[int(np.argmin(costs))])
         steps = (0 if self.closed_form and len(wide) == len(FRAMES) else FEW) if quick else STEPS
         return fit.descended(p, free, rows, steps, held)
+
+    def _is_inside(self, tool: Array, stated: Array, tolerance: Array) -> bool:
+        """Whether a tool (4, 4) is where tolerances (np,) let it be."""
+        off = [*(tool[:3, 3] - stated[:3, 3]), *lie.log_so3(stated[:3, :3].T @ tool[:3, :3])]
+        return bool((np.abs(off) <= 3.0 * tolerance[self.at["tool"]]).all())
 
     def frames_for(self, rows: NDArray[np.intp], poses: Array) -> Iterator[Frames]:
         """Yield base and tool with which the machine as it stands has tool poses (n, 4, 4) at some rows (n,)."""

@@ -84,11 +84,11 @@ def test_a_machine_as_it_is_drawn_is_right(machine: Machine, more: int, share: f
 
 
 @law(15)
-@given(st.sampled_from(["arm", "gantry", "hybrid"]), st.floats(-3.0, 3.0), seeds)
+@given(st.sampled_from(["arm", "gantry", "hybrid"]), st.floats(-0.8, 0.8), seeds)
 def test_zeros_of_end_joints_are_turns_of_frames_that_are_free(family: str, turn: float, seed: int) -> None:
-    """The first joint's zero turns the base, the last one's the tool, where these are joints that turn."""
+    """The first joint's zero turns the base, the last one's the tool, if they turn and stay in their ranges."""
     machine = known_machine(family, "pose", "free", "free")
-    rows = right_recording(machine, fewest_rows(machine) + 8, seed, off=0.3)
+    rows = right_recording(machine, fewest_rows(machine) + 8, seed, off=0.3, share=0.5)
     units = [a.reading_unit for a in machine.mechanism.actuators]
     ends = {0: family == "arm", len(units) - 1: True}
     for k in (k for k, turning in ends.items() if turning):

@@ -18,12 +18,18 @@ from support.checked_arm import (
     checked,
     document,
     metres,
+    recorded,
     written,
 )
 from truepose.cli import app
 from truepose.identification.check.run import check_files
 
 MACHINES = Path(truepose.__path__[0]) / "models/machines"
+
+
+@pytest.fixture(scope="module")
+def right() -> pd.DataFrame:
+    return recorded()
 
 
 @pytest.mark.parametrize("name", ["telescope", "nanopositioner", "polisher"])

@@ -201,3 +201,11 @@ def test_directions_tell_how_a_base_is_turned_and_bearings_where_it_stands(of: s
     place = base[:3, 3] if of == "origin" else stated[0][:3, 3]
     np.testing.assert_allclose(second[0][:3, 3], place, atol=1e-3)
     assert len(list(starts(machine, recording.subset(slice(0, 2)), flange[:2], stated, None))) == 1
+
+
+def test_a_base_is_found_by_a_tool_within_its_tolerance() -> None:
+    """Where the tool as it is stated does not move at all, so that it shows no attitude."""
+    machine = known_machine("wrist", "position", "free", "known")
+    for seed in range(8):
+        rig = Rig(machine, right_recording(machine, 17, seed))
+        assert settle(rig, rig.stand(free=())).misfit < 1.5, seed
