@@ -17,9 +17,10 @@ from support.checked_arm import JOINTS, Document, document, recorded, written
 from truepose.identification.check.kinds.axes import mirrored, targets, turned
 from truepose.identification.check.kinds.frames import frame_unknown, frames_swapped
 from truepose.identification.check.kinds.joints import exchanged, mirrored_zeros, offset, quarter_turns, signs
-from truepose.identification.check.kinds.order import clocks, shifted
+from truepose.identification.check.kinds.order import shifted
 from truepose.identification.check.kinds.poses import poses
 from truepose.identification.check.kinds.readings import counts, coupled
+from truepose.identification.check.kinds.runs import clocks
 from truepose.identification.check.kinds.table import conventions, exchanged_rows
 from truepose.identification.check.kinds.units import units
 from truepose.identification.check.pair import Pair
