@@ -92,7 +92,7 @@ def _what_is_wrong(rig: Rig, left: Left) -> str:
     # a column that is wrong pulls the others' residuals a little, through the fit
     own = [k for k, size in enumerate(off) if size > max(left.limit, 0.2 * off.max())]
     every = [_factor(rig, left, k) for k in own]
-    factors = {round(f, 3) for f in every if f is not None}
+    factors = {f for f in every if f is not None}
     names = ", ".join(channels[k].name for k in own)
     if None not in every and len(factors) == 1:
         return f"{names} {_times(factors.pop())}"
@@ -110,7 +110,7 @@ def _what_is_wrong(rig: Rig, left: Left) -> str:
 
 
 def _factor(rig: Rig, left: Left, k: int) -> float | None:
-    """By which factor a column's readings are too large in all rows that stand out; None where there is none."""
+    """By which factor, of a unit or the other sign, a column's readings are too large in all rows that stand out."""
     channel = rig.machine.channels[k]
     read = rig.recording.observations.get(channel.name)
     if read is None or channel.unit != "mm":
@@ -121,18 +121,16 @@ def _factor(rig: Rig, left: Left, k: int) -> float | None:
     middle = float(np.nanmedian(ratio))
     if not np.isfinite(middle) or middle == 0.0 or np.nanmax(np.abs(ratio / middle - 1.0)) > _SAME:
         return None
-    known = [s for f in _UNITS for s in (f, 1.0 / f, -1.0) if abs(middle / s - 1.0) < _SAME]
-    return known[0] if known else (middle if not 0.9 < middle < 1.1 else None)
+    known = (s for f in _UNITS for s in (f, 1.0 / f, -1.0) if abs(middle / s - 1.0) < _SAME)
+    return next(known, None)
 
 
 def _times(factor: float) -> str:
     if factor == -1.0:
         return "with the other sign"
-    times = factor if abs(factor) > 1.0 else 1.0 / factor
-    unit = next((u for f, u in _UNITS.items() if abs(times / f - 1.0) < _SAME), None)
-    return f"{times:.4g} times too {'large' if abs(factor) > 1.0 else 'small'}" + (
-        f" (in {unit}?)" if unit else ""
-    )
+    times, way = (factor, "large") if factor > 1.0 else (1.0 / factor, "small")
+    unit = min(_UNITS, key=lambda f: abs(times / f - 1.0))
+    return f"{unit:g} times too {way} (in {_UNITS[unit]}?)"
 
 
 def _offset(left: Left, channel: Channel, k: int) -> float | None:
