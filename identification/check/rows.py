@@ -17,8 +17,8 @@ from truepose.models.units import convert
 from truepose.wording import shortened
 
 Array = NDArray[np.float64]
-_OUT, _MOST = 8.0, 0.4
-"""How many times the middle row's misfit stands out, and the share of rows from which on they are no exception."""
+_GAP, _MOST = 3.0, 0.4
+"""How many times the largest misfit of other rows stands out, and the share of rows from which on it is no exception."""
 _SAME = 0.05
 """Share by which factors of several rows may differ and be one."""
 _UNITS = {25.4: "inch", 1000.0: "m", 10.0: "cm", 304.8: "ft"}
@@ -29,7 +29,7 @@ _ROWS_TOLD = 6
 class Left:
     """What a fit leaves of all rows that it may use: whitened residuals (n, m), their rms (n,) by row, and their places (n,).
 
-    limit: sigmas; what is off by more stands out of the rest, and of what the drawing's tolerances make.
+    limit: sigmas that the drawing's tolerances make at most.
     """
 
     residual: Array
@@ -39,8 +39,12 @@ class Left:
 
     @property
     def far(self) -> NDArray[np.bool_]:
-        """(n,) rows that stand out."""
-        return np.asarray(self.sizes > self.limit)
+        """(n,) rows that stand out: beyond the limit, and apart from all others, which a long tail of physics is not."""
+        order = np.sort(self.sizes)
+        apart = np.flatnonzero((order[1:] > self.limit) & (order[1:] > _GAP * order[:-1]))
+        return (
+            np.asarray(self.sizes >= order[apart[0] + 1]) if len(apart) else np.zeros(len(order), dtype=bool)
+        )
 
 
 def left_of(rig: Rig, weighed: Weighed) -> Left:
@@ -53,8 +57,7 @@ def left_of(rig: Rig, weighed: Weighed) -> Left:
     fine = good & np.isfinite(residual).all(axis=1)
     residual = residual[fine]
     sizes = np.sqrt(np.mean(residual**2, axis=1))
-    middle = _OUT * float(np.median(sizes)) if len(sizes) else 0.0
-    return Left(residual, sizes, places[fine], max(middle, allowed(rig, weighed.stand)))
+    return Left(residual, sizes, places[fine], allowed(rig, weighed.stand))
 
 
 def length_of(rig: Rig, left: Left) -> float | None:
