@@ -12,7 +12,6 @@ from truepose.identification.check.kinds.frames import frame_unknown
 from truepose.identification.check.result import Found, Verdict
 from truepose.identification.check.rig import Rig, Stand, motion
 from truepose.identification.check.search import Search
-from truepose.identification.check.sessions import moved
 from truepose.identification.check.weighing import CERTAIN, Weighed, allowed, joints_beyond
 from truepose.wording import joined
 
@@ -34,9 +33,8 @@ def findings(rig: Rig, search: Search) -> list[Found]:
         return []
     if search.advised is not None:
         return list(_advice(rig, search, search.advised))
-    mixed = list(moved(rig, as_it_stands))
-    if mixed:
-        return mixed
+    if search.mixed:
+        return list(search.mixed)
     leads = [members[0] for members, share in search.leads if share >= _WORTH_A_WORD]
     gained = leads[0].score - as_it_stands.score if leads else 0.0
     if gained > np.log(CERTAIN / (1.0 - CERTAIN)):

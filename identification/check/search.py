@@ -25,7 +25,9 @@ from truepose.identification.check.kinds.readings import counts, coupled
 from truepose.identification.check.kinds.runs import clocks, stands_still
 from truepose.identification.check.kinds.table import conventions, exchanged_rows
 from truepose.identification.check.kinds.units import units
+from truepose.identification.check.result import Found
 from truepose.identification.check.rig import Rig, Scene
+from truepose.identification.check.sessions import moved
 from truepose.identification.check.slip import Slip
 from truepose.identification.check.weighing import (
     CERTAIN,
@@ -76,6 +78,8 @@ class Search:
 
     as_it_stands: Weighed
     leads: tuple[tuple[tuple[Weighed, ...], float], ...] = ()
+    mixed: tuple[Found, ...] = ()
+    """Two set-ups in one recording, where no slip is certain."""
 
     @property
     def best(self) -> Weighed:
@@ -104,6 +108,9 @@ def search(rig: Rig, as_it_stands: Weighed) -> Search:
             every += [weigh(rig, hypothesis) for hypothesis in ranked[:_WEIGHED]]
             if _enough(rig, every):
                 break
+        mixed = tuple(moved(rig, as_it_stands)) if depth == 0 and not _enough(rig, every) else ()
+        if mixed:
+            return Search(as_it_stands, mixed=mixed)
         if any(w.near for w in every):
             break
         order = sorted(every, key=lambda w: -w.score)
