@@ -44,12 +44,14 @@ class FrameFit:
     Its unknowns (nt,) are those of ``Ends``.
     """
 
-    def __init__(self, ends: Ends, here: Predictor, flange: Array, good: Mask, scene: Scene) -> None:
+    def __init__(
+        self, ends: Ends, here: Predictor, flange: Array, good: Mask, scene: Scene, scale: Array
+    ) -> None:
         self.ends, self.flange, self.good, self.scene = ends, flange, good, scene
         self.rows, self.comparisons = here.recording, here.comparisons()
         self.lost = [lost_of(sensor, here.recording) for sensor in ends.machine.sensors]
         n, k = len(flange), sum(len(s.columns) for s in ends.machine.sensors)
-        self.scale = np.where(ends.long, 1.0 / scene.coarse, 1.0)
+        self.scale = scale
         self.shift, self.shift_by = np.zeros((n, k)), np.zeros((n, k, len(ends.names)))
 
     def cost(self, base: Array, tool: Array, p: Array) -> float:

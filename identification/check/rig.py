@@ -50,6 +50,8 @@ class Rig:
         self.long = np.array([c.unit == "mm" for c in machine.channels])
         units = [machine.geometry[n].unit if n in machine.geometry else "" for n in self.names]
         self.lengths = np.array([unit.partition("/")[0] == "mm" for unit in units])
+        self.angles = np.array([unit == "rad" for unit in units])
+        self.wide = np.array([c.unit == "rad" for c in machine.channels])
         seen = [*FRAME_OF, *(p.name for s in machine.sensors for p in s.parameters)]
         places = np.array([self.names.index(name) for name in seen])
         self.ends = Ends(machine, seen, places, self.tolerance[places], sights(machine, seen, 1), self.long)
@@ -88,15 +90,16 @@ class Rig:
 
     def tolerances(self, scene: Scene) -> Array:
         """(np,) tolerances as a hypothesis has them, mm or rad."""
-        tolerance: Array = np.where(self.lengths, scene.stated, 1.0) * self.tolerance
+        grown = np.where(self.lengths, scene.stated, np.where(self.angles, scene.turned, 1.0))
+        tolerance: Array = grown * self.tolerance
         if scene.exchanged:
             base, tool = (self.at[frame] for frame in FRAMES)
             tolerance[base], tolerance[tool] = tolerance[tool], tolerance[base].copy()
         return tolerance
 
     def scale(self, scene: Scene) -> Array:
-        """(m,) by what a hypothesis multiplies whitened residuals: lengths of another sigma."""
-        return np.where(self.long, 1.0 / scene.coarse, 1.0)
+        """(m,) by what a hypothesis multiplies whitened residuals: those of another sigma."""
+        return np.where(self.long, 1.0 / scene.coarse, np.where(self.wide, 1.0 / scene.turned, 1.0))
 
     def frames_of(self, p: Array) -> Frames:
         """Base and tool (4, 4) that constants have."""
@@ -133,7 +136,7 @@ class Rig:
         if len(rows) == 0 or good.mean() < 0.5:
             return nothing
         ends = replace(self.ends, tolerance=self.tolerances(scene)[self.ends.places])
-        fit = FrameFit(ends, here, flange, good, scene)
+        fit = FrameFit(ends, here, flange, good, scene, self.scale(scene))
         stated = self.frames_of(scene.p)
         tolerance = self.tolerances(scene)
         loose = [f for f in FRAMES if f in free or not np.isfinite(tolerance[self.at[f]]).all()]

@@ -23,7 +23,8 @@ class Scene:
     measured lengths, and the rows (n,) that it leaves without a reading.
 
     drawn, stated: the factors by which it changed the lengths of the mechanism and those of tolerances. exchanged: whether base
-    and tool have each other's tolerances. coarse: the factor by which the sigmas of lengths grow.
+    and tool have each other's tolerances. coarse, turned: the factors by which the sigmas
+    of lengths grow, and the sigmas and tolerances of angles.
     """
 
     rows: Recording
@@ -34,6 +35,7 @@ class Scene:
     stated: float = 1.0
     exchanged: bool = False
     coarse: float = 1.0
+    turned: float = 1.0
 
     def with_joints(self, q: Array) -> Scene:
         """The same with other readings of the joints (n, nq)."""

@@ -254,7 +254,33 @@ def _scaled_fields(pair: Pair, fields: Sequence[Field], factor: float) -> Pair:
     return pair
 
 
+def _all_angles(rig: Rig) -> Iterator[Slip]:
+    """Yield the whole file, and the columns that name no unit, with their angles in another unit than ``units`` says."""
+    written, said = rig.machine.units.angle, rig.recording.said
+    columns = {a.reading for a in rig.machine.mechanism.actuators if a.reading_unit == "rad"}
+    columns |= {n for s in rig.machine.sensors for n, unit in s.columns.items() if unit == "rad"}
+    alike = [name for name in columns if said.get(name, written) == written]
+    if not alike:
+        return
+    for unit, factor in _others(("rad", "deg"), written):
+        yield Slip(
+            "unit-angle",
+            ("units.angle",),
+            f"all angles in {unit}, where the machine file says {written}",
+            f"state 'units: {{angle: {unit}}}' in the machine file",
+            partial(_turned, rig, dict.fromkeys(alike, factor), factor),
+            lambda pair, unit=unit: pair.with_field(("units", "angle"), unit),
+        )
+
+
+def _turned(rig: Rig, factors: Mapping[str, float], factor: float, scene: Scene) -> Scene:
+    p = scene.p.copy()
+    p[rig.angles] *= factor
+    return replace(_scaled_both(factors, 1.0, replace(scene, p=p)), turned=factor * scene.turned)
+
+
 def _file_angles(rig: Rig) -> Iterator[Slip]:
+    yield from _all_angles(rig)
     written = rig.machine.units.angle
     own = {p.name: p for p in rig.machine.mechanism.parameters if p.unit == "rad"}
     for ends in _GROUPS:

@@ -37,7 +37,7 @@ def fit_of(rig: Rig) -> tuple[FrameFit, NDArray[np.intp]]:
     bare = rig.scene.p.copy()
     bare[np.concatenate([rig.at["base"], rig.at["tool"]])] = 0.0
     x, good = rig.assembled(here, bare, rig.scene)
-    return FrameFit(rig.ends, here, here.poses(bare, x)[0], good, rig.scene), rows
+    return FrameFit(rig.ends, here, here.poses(bare, x)[0], good, rig.scene, rig.scale(rig.scene)), rows
 
 
 def off(rig: Rig, seed: int, mm: float, rad: float) -> Array:
@@ -103,11 +103,11 @@ def test_a_frame_that_is_not_free_is_pulled_by_its_tolerance(tmp_path: Path) -> 
     tight = replace(
         rig.ends, tolerance=np.where(np.arange(len(rig.ends.names)) == 0, 0.03, rig.ends.tolerance)
     )
-    here = FrameFit(tight, rig.predictor.over(rig.recording), fit.flange, fit.good, rig.scene)
+    here = FrameFit(tight, rig.predictor.over(rig.recording), fit.flange, fit.good, rig.scene, rig.scale(rig.scene))
     held = here.descended(rig.scene.p, ("tool",), rows, 12)
     loose = fit.descended(rig.scene.p, ("tool",), rows, 12)
     assert 1e-6 < 50.0 - (loose.p[x] - rig.scene.p[x]) < 0.01
     assert held.p[x] - rig.scene.p[x] < 50.0 - 1.0
     exact = replace(rig.ends, tolerance=np.where(np.arange(len(rig.ends.names)) < 6, 0.0, rig.ends.tolerance))
-    still = FrameFit(exact, rig.predictor.over(rig.recording), fit.flange, fit.good, rig.scene)
+    still = FrameFit(exact, rig.predictor.over(rig.recording), fit.flange, fit.good, rig.scene, rig.scale(rig.scene))
     assert still.descended(rig.scene.p, ("tool",), rows, 12).p[x] == rig.scene.p[x]
