@@ -38,6 +38,11 @@ class Left:
     limit: float
 
     @property
+    def rms(self) -> float:
+        """Whitened rms over all rows, sigmas."""
+        return float(np.sqrt(np.mean(self.sizes**2))) if len(self.sizes) else 0.0
+
+    @property
     def far(self) -> NDArray[np.bool_]:
         """(n,) rows that stand out."""
         return np.asarray(self.sizes > self.limit)
