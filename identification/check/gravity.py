@@ -56,7 +56,7 @@ def reversed_gravity(rig: Rig, weighed: Weighed, misfit: float) -> Iterator[Foun
 
 
 def _words(vector: Sequence[float]) -> str:
-    return f"[{', '.join(f'{v:.6g}' for v in vector)}]"
+    return f"[{', '.join(f'{v + 0.0:.6g}' for v in vector)}]"
 
 
 def _is_pulled_by_gravity_alone(machine: Machine) -> bool:
