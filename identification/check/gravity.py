@@ -19,7 +19,8 @@ from truepose.identification.check.rig import Rig
 from truepose.identification.check.slip import USUAL
 from truepose.identification.check.weighing import CERTAIN, QUIET, Weighed, evidence
 from truepose.identification.prediction.predictor import Predictor
-from truepose.models.effects.base import Effect, PlacedEffect
+from truepose.identification.recording.recording import Recording
+from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.encoder_eccentricity import EncoderEccentricity
 from truepose.models.effects.joint_compliance import JointCompliance
 from truepose.models.machine import Machine
@@ -33,7 +34,7 @@ def reversed_gravity(rig: Rig, weighed: Weighed, misfit: float) -> Iterator[Foun
     Certain alone is worth a word, and only where the other sign leaves nothing that needs a further cause.
     """
     machine = rig.machine
-    joints = _placed(JointCompliance(), machine)
+    joints = _compliances(machine, rig.recording)
     if weighed.stand.bad or not joints or not _is_pulled_by_gravity_alone(machine):
         return
     if not _is_certain(rig, weighed, misfit, 1.0):  # no compliance could make it so
@@ -62,16 +63,26 @@ def _words(vector: Sequence[float]) -> str:
 def _is_pulled_by_gravity_alone(machine: Machine) -> bool:
     """Whether all loads turn with gravity, and no effect of the file has taken them into account."""
     others = machine.springs or machine.forces or any(e.needs_load for e in machine.effects)
-    return machine.loaded and machine.weighs and not others
+    return not others
 
 
-def _placed(effect: Effect, machine: Machine) -> list[PlacedEffect]:
-    """Return an effect at each of its places where the file has none yet."""
-    placed = [
-        PlacedEffect.at(effect, machine, at) for at in effect.places(machine) if effect.screened(machine, at)
+def _compliances(machine: Machine, recording: Recording) -> list[PlacedEffect]:
+    """Return compliances of each joint: one where masses are stated, else one for each body that may be heavy."""
+    effect = JointCompliance()
+    every = [
+        PlacedEffect.at(effect, machine, at, settings)
+        for at in effect.places(machine)
+        if effect.screened(machine, at)
+        for settings in effect.settings(machine, at, recording)
     ]
-    known = {e.label for e in machine.effects}
-    return [one for one in placed if one.label not in known]
+    return [one for one in every if one.needs_load and not one.bent]
+
+
+def _eccentric(machine: Machine) -> list[PlacedEffect]:
+    """Return encoders that may be eccentric, where the file has no such effect yet."""
+    effect, known = EncoderEccentricity(), {e.at_place for e in machine.effects}
+    every = [PlacedEffect.at(effect, machine, at) for at in effect.places(machine)]
+    return [one for one in every if one.at_place not in known]
 
 
 def _is_certain(rig: Rig, weighed: Weighed, stated: float, other: float) -> bool:
@@ -104,7 +115,7 @@ class _Sagging:
     def of(cls, rig: Rig, weighed: Weighed, joints: Sequence[PlacedEffect]) -> _Sagging:
         """Return the derivatives of the rows that a hypothesis was judged by."""
         machine, stand = rig.machine, weighed.stand
-        eccentric = _placed(EncoderEccentricity(), machine)
+        eccentric = _eccentric(machine)
         rows = stand.scene.rows.subset(stand.rows)
         here = Predictor(machine, rows, (*machine.effects, *eccentric, *joints))
         p = np.concatenate([weighed.settled.p, np.zeros(len(here.model.names) - len(rig.names))])

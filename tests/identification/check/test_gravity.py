@@ -60,14 +60,15 @@ def compliant(size: float) -> list[dict[str, Any]]:
 
 
 @pytest.mark.parametrize(("down", "up"), [(DOWN, UP), (UP, DOWN), ([9.8, 0.0, 0.0], [-9.8, 0.0, 0.0])])
+@pytest.mark.parametrize("masses", [MASSES, None])
 def test_gravity_with_the_other_sign_is_told_and_mended(
-    down: list[float], up: list[float], tmp_path: Path
+    down: list[float], up: list[float], masses: dict[str, Any] | None, tmp_path: Path
 ) -> None:
-    (found,) = found_by(tmp_path, up, *compliant(SEEN), pulls=down)
+    (found,) = found_by(tmp_path, up, *compliant(SEEN), pulls=down, masses=masses)
     assert found.verdict == "suspect" and found.where == ("gravity",) and found.mend is not None
     mended = found.mend(Pair.read(tmp_path / "arm.yaml", [tmp_path / "r.csv"]))
     assert mended.get(("gravity",)) == down
-    assert found_by(tmp_path, down, *compliant(SEEN), pulls=down) == []
+    assert found_by(tmp_path, down, *compliant(SEEN), pulls=down, masses=masses) == []
 
 
 @settings(max_examples=8, deadline=None)
@@ -86,7 +87,7 @@ def test_no_encoder_makes_gravity_look_reversed(
 
 @pytest.mark.parametrize(
     ("size", "rows", "more"),
-    [(UNSEEN, 45, {}), (SEEN, 5, {}), (SEEN, 45, {"masses": None}), (SEEN, 45, {"effects": compliant(SEEN)})],
+    [(UNSEEN, 45, {}), (SEEN, 5, {}), (SEEN, 45, {"effects": compliant(SEEN)})],
 )
 def test_nothing_is_told_where_nothing_gives_way_that_can_be_seen(
     size: float, rows: int, more: dict[str, Any], tmp_path: Path
