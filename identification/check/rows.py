@@ -105,7 +105,7 @@ def column_words(machine: Machine, left: Left) -> str:
     for k in np.argsort(-off)[:_COLUMNS_TOLD]:
         channel, unit = machine.channels[k], machine.units.written(machine.channels[k].unit)
         size = convert(float(off[k]) * channel.sigma, channel.unit, unit)
-        told.append(f"{channel.name} is off by {size:.3g} {unit} rms ({off[k]:.2g} sigma)")
+        told.append(f"{channel.name} is off by {size:.3g} {unit} rms ({off[k]:.4g} sigma)")
     return ", ".join(told)
 
 
