@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 _FEWEST = 6
 STEEL, SMALLEST_PART = 7850.0, 300.0
 """Density of steel, kg/m^3, and the longest part (mm) that a small machine is taken to have at least."""
+NEARER, FILLED = float(np.sqrt(1000.0)), 0.1
+"""Geometric mean of a kilogram and a gram; share of the steel cube around a part that no single part fills."""
 MOST, SMALL = 0.5, 1e-4
 """Share of the misfit from which on a joint's errors make most of it; a small error, mm or rad."""
 COARSE = (10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1)
@@ -155,20 +157,30 @@ def _no_gravity(machine: Machine) -> Iterator[Found]:
 
 
 def _too_heavy(machine: Machine) -> Iterator[Found]:
-    """Yield a finding where the machine weighs more than a solid cube of steel as long as its longest part."""
+    """Yield a finding where one mass is out of proportion to all others, or the machine weighs more than a cube of steel.
+
+    A mass is nearer to the others in grams than in kilograms if it is so many times (``NEARER``) the next one.
+    """
     lengths = [abs(p.nominal) for p in machine.parameters if p.unit == "mm"]
     travels = [np.ptp(a.range) for a in machine.mechanism.actuators if a.range and a.reading_unit == "mm"]
     longest = max([SMALLEST_PART, *lengths, *travels, *(abs(x) for m in machine.masses for x in m.com)])
-    total, most = sum(mass.kg for mass in machine.masses), STEEL * (longest / 1000.0) ** 3
-    if total > most:
-        yield Found(
-            "mass-unit",
-            ("masses",),
-            f"the masses add up to {total:.6g} kg; a solid steel cube as long as the longest part ({longest:.4g} mm) weighs "
-            f"{most:.3g} kg",
-            f"state `kg` in kilograms: masses in grams would be {total / 1000.0:.6g} kg",
-            "suspect",
+    cube = STEEL * (longest / 1000.0) ** 3
+    where: tuple[str, ...]
+    heavy = sorted((mass for mass in machine.masses if mass.kg > 0.0), key=lambda mass: -mass.kg)
+    total = sum(mass.kg for mass in heavy)
+    if len(heavy) > 2 and heavy[0].kg > max(NEARER * heavy[1].kg, FILLED * cube):
+        where, kg = ("masses", heavy[0].name), heavy[0].kg
+        says = f"{heavy[0].name} weighs {kg:.6g} kg, {kg / heavy[1].kg:.3g} times as much as any other mass"
+    elif total > cube:
+        where, kg = ("masses",), total
+        says = (
+            f"the masses add up to {kg:.6g} kg; a solid steel cube as long as the longest part ({longest:.4g} mm) weighs "
+            f"{cube:.3g} kg"
         )
+    else:
+        return
+    fix = f"state `kg` in kilograms: {'this mass' if len(where) > 1 else 'masses'} in grams would be {kg / 1000.0:.6g} kg"
+    yield Found("mass-unit", where, says, fix, "suspect")
 
 
 def coarse_joints(rig: Rig, stand: Stand) -> Iterator[Found]:

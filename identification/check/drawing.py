@@ -42,15 +42,14 @@ class Settled:
 def expected(rig: Rig, stand: Stand) -> float:
     """Return the misfit (whitened rms) that the tolerances alone would leave once base and tool are fitted; at least 1."""
     here, p = _over(rig, stand), stand.p
-    jacobian, _ = _rows(rig, here, p, stand)
+    jacobian, _ = linearised(rig, here, p, stand)
     tolerance = rig.tolerances(stand.scene)
     known = np.flatnonzero(np.isfinite(tolerance) & (tolerance > 0) & ~_loose(rig))
     if not len(known) or not len(jacobian):
         return 1.0
     carried = jacobian[:, :, known] * tolerance[known]
     flat = carried.reshape(-1, len(known))
-    basis = _basis(jacobian[:, :, _loose(rig)].reshape(len(flat), -1))
-    left = flat - basis @ (basis.T @ flat)
+    left = without(jacobian[:, :, _loose(rig)].reshape(len(flat), -1), flat)
     return float(np.sqrt(1.0 + np.sum(left**2) / max(len(flat), 1)))
 
 
@@ -63,12 +62,12 @@ def settle(rig: Rig, stand: Stand, free: tuple[str, ...] = (), noise: float | No
     if stand.bad:
         return Settled(stand.p, float("inf"), float("inf"), {})
     if noise is not None:
-        return _Problem(rig, stand, noise, free).settled()
-    first = _Problem(rig, stand, 1.0, free).settled()
-    return _Problem(rig, stand, max(first.misfit, 1.0), free).settled()
+        return Problem(rig, stand, noise, free).settled()
+    first = Problem(rig, stand, 1.0, free).settled()
+    return Problem(rig, stand, max(first.misfit, 1.0), free).settled()
 
 
-class _Problem:
+class Problem:
     """Readings and tolerances in one sum of squares, for one hypothesis."""
 
     def __init__(self, rig: Rig, stand: Stand, noise: float, free: tuple[str, ...]) -> None:
@@ -88,12 +87,12 @@ class _Problem:
         p = self.stand.p.copy()
         best, misfit = self._price(p)
         for _ in range(_STEPS if len(self.moving) else 0):
-            jacobian, residual = _rows(self.rig, self.here, p, self.stand)
+            jacobian, residual = linearised(self.rig, self.here, p, self.stand)
             if not len(residual):
                 break
             keep = _kept(residual)
             j = jacobian[keep][:, :, self.moving].reshape(-1, len(self.moving)) * self.scale / self.noise
-            off = self._off(p) * self.held
+            off = self.off(p) * self.held
             right = -np.concatenate([residual[keep].reshape(-1) / self.noise, np.where(self.known, off, 0.0)])
             step = np.linalg.lstsq(np.vstack([j, np.diag(self.held)]), right, rcond=None)[0]
             for part in _PARTS:
@@ -108,10 +107,11 @@ class _Problem:
             if gained < _ENOUGH:
                 break
         names = [self.rig.names[k] for k in self.moving[self.known]]
-        away = dict(zip(names, np.abs(self._off(p)[self.known]).tolist(), strict=True))
+        away = dict(zip(names, np.abs(self.off(p)[self.known]).tolist(), strict=True))
         return Settled(p, best, misfit, away)
 
-    def _off(self, p: Array) -> Array:
+    def off(self, p: Array) -> Array:
+        """Return how far constants (np,) are from where the file has them, in tolerances or natural sizes."""
         out: Array = (p - self.stand.scene.p)[self.moving] / self.scale
         return out
 
@@ -124,12 +124,13 @@ class _Problem:
         if len(residual) < 0.5 * len(good):
             return float("inf"), float("inf")
         kept = residual[_kept(residual)]
-        off = self._off(p)[self.known]
+        off = self.off(p)[self.known]
         read, count = np.sum(kept**2), max(kept.size, 1)
         return float(np.sqrt((read + self.noise**2 * np.sum(off**2)) / count)), float(np.sqrt(read / count))
 
 
-def _rows(rig: Rig, here: Predictor, p: Array, stand: Stand) -> tuple[Array, Array]:
+def linearised(rig: Rig, here: Predictor, p: Array, stand: Stand) -> tuple[Array, Array]:
+    """Return whitened Jacobians (n, m, np) and residuals (n, m) of the rows that have them, at constants (np,)."""
     x, good = rig.assembled(here, p, stand.scene)
     blocks = list(here.blocks(p, x))
     scale = rig.scale(stand.scene)
@@ -157,14 +158,15 @@ def _kept(residual: Array) -> NDArray[np.bool_]:
     return np.asarray(each <= np.quantile(each, KEPT))
 
 
-def _basis(columns: Array) -> Array:
-    """Orthonormal basis of what columns span."""
+def without(columns: Array, values: Array) -> Array:
+    """Return what the span of some columns (n, k) leaves of others (n, m)."""
     size = np.linalg.norm(columns, axis=0)
     columns = columns[:, size > 0] / size[size > 0]
     if not columns.size:
-        return np.zeros((len(columns), 0))
+        return values
     u, s, _ = np.linalg.svd(columns, full_matrices=False)
-    return np.asarray(u[:, s > 1e-9 * s[0]])
+    basis = u[:, s > 1e-9 * s[0]]
+    return np.asarray(values - basis @ (basis.T @ values))
 
 
-__all__ = ["Settled", "expected", "settle"]
+__all__ = ["Problem", "Settled", "expected", "linearised", "settle", "without"]

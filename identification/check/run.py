@@ -11,6 +11,7 @@ from truepose.errors import InputError
 from truepose.identification.check.bare import bare, coarse_joints, no_tolerances, out_of_range
 from truepose.identification.check.encoders import encoders
 from truepose.identification.check.findings import findings
+from truepose.identification.check.gravity import reversed_gravity
 from truepose.identification.check.pair import Pair
 from truepose.identification.check.result import Check, Found
 from truepose.identification.check.rig import Rig
@@ -120,6 +121,7 @@ def check_loaded(machine: Machine, recording: Recording) -> Check:
     found += [*said, *no_tolerances(rig, best.stand), *coarse_joints(rig, best.stand)]
     if not any(f.verdict == "wrong" for f in found):
         found += sigmas(rig, best.stand, best.settled.price)
+        found += reversed_gravity(rig, best, remaining.rms)
     if not any(f.kind == "sessions-mixed" for f in said):
         found += standing_out(rig, remaining)
     length = length_of(rig, remaining)

@@ -72,7 +72,7 @@ def caution_lines(check: Check) -> list[str]:
     """The same for a terminal: the first three, two lines each."""
     shown = [line for text in caution(check)[:_CAUTIONS] for line in wrapped(text, indent=0)]
     left = len(check.found) - _CAUTIONS
-    return [*shown, f"and {left} more: see truepose check"] if left > 0 else shown
+    return [*shown, f"and {left} more: see report.html"] if left > 0 else shown
 
 
 def checked(check: Check) -> dict[str, object]:

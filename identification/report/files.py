@@ -112,7 +112,9 @@ def write_diagnosis(
     """
     with atomic_directory(output) as partial:
         _diagnosis_files(result, partial, check)
-        atomic_write_text(partial / REPORT, pages.report_html(result, truth, caution(check) if check else ()))
+        atomic_write_text(
+            partial / REPORT, pages.report_html(result, truth, caution(check) if check else None)
+        )
         return sorted(file.name for file in partial.iterdir())
 
 

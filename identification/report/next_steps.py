@@ -7,6 +7,7 @@ from pathlib import Path
 from truepose.identification.diagnosis.naming import CERTAIN
 from truepose.identification.diagnosis.result import Diagnosis, Finding
 from truepose.identification.report.diagnosis_words import separating_experiment
+from truepose.identification.report.left_words import left_words
 from truepose.identification.report.lines import COLUMNS, wrapped
 from truepose.models.effects.of_rows import OF_ROWS
 from truepose.models.machine import Machine
@@ -14,11 +15,16 @@ from truepose.models.machine import Machine
 NEXT = "next: "
 
 
-def after_diagnosis(diagnosis: Diagnosis, output: Path, *, calibrated: bool) -> list[str]:
-    """At most three lines: what decides between explanations, what uses the result, or what to look at first."""
+def after_diagnosis(
+    diagnosis: Diagnosis, output: Path, *, calibrated: bool, checked: bool = False
+) -> list[str]:
+    """At most three lines: what decides between explanations, what uses the result, or what to look at first.
+
+    ``checked``: whether ``check`` has looked at the files, so that nobody is sent back to it.
+    """
     machine = diagnosis.nominal
     if not calibrated:
-        return [_check(machine)]
+        return _look(diagnosis, checked)
     out: list[str] = []
     undecided = [f for f in diagnosis.findings if _open(f)]
     if undecided:
@@ -28,7 +34,7 @@ def after_diagnosis(diagnosis: Diagnosis, output: Path, *, calibrated: bool) -> 
         experiment = separating_experiment(undecided[0])
         out += wrapped(f"or: {experiment}", most=1) if experiment else []
     elif diagnosis.verdict == "unknown":
-        out.append(_check(machine))
+        out += _look(diagnosis, checked)
     applied = diagnosis.applied
     if diagnosis.verdict == "adequate" or (applied is not None and applied.model != "plain"):
         out.append(_use(output / "improved.yaml", "then: " if out else NEXT))
@@ -60,6 +66,12 @@ def _open(finding: Finding) -> bool:
     """Whether a name has rivals with a name, and is not certain against them."""
     named = not finding.nameless and finding.effect not in OF_ROWS
     return named and _rivals(finding) and finding.probability < CERTAIN
+
+
+def _look(diagnosis: Diagnosis, checked: bool) -> list[str]:
+    if not checked:
+        return [_check(diagnosis.nominal)]
+    return wrapped(f"{NEXT}compare with the source: {left_words(diagnosis)}", indent=0)
 
 
 def _check(machine: Machine) -> str:

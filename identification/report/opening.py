@@ -17,6 +17,7 @@ from truepose.identification.report.calibration_words import figures, nothing_ag
 from truepose.identification.report.document import Command, Gain, Items, Opening, Text
 from truepose.identification.report.fits import stated_noise
 from truepose.identification.report.judgement_words import diagnosis_judgement
+from truepose.identification.report.left_words import left_words
 from truepose.identification.report.level_words import NAMES, SAID, known_words, level_of, spanned
 from truepose.identification.report.misfit_words import misfit_clause
 from truepose.identification.report.numbers import percent, significant, unit_symbol
@@ -33,8 +34,8 @@ MOST, DOUBTS = 3, 2
 GUILTY = 8
 
 
-def diagnosis_opening(diagnosis: Diagnosis) -> Opening:
-    """Of a diagnosis."""
+def diagnosis_opening(diagnosis: Diagnosis, *, checked: bool = False) -> Opening:
+    """Of a diagnosis; ``checked``: whether ``check`` has looked at the files."""
     before, after = better_baseline(diagnosis), diagnosis.fits["after"]
     two = bool(diagnosis.terms)
     ratio = diagnosis.proof.ratio if diagnosis.proof is not None else math.nan
@@ -61,7 +62,7 @@ def diagnosis_opening(diagnosis: Diagnosis) -> Opening:
         lists.append(
             Items(_few(untested, "What the data cannot tell"), title="What could not be tested", tone="warn")
         )
-    return Opening(gains, lists, _steps(diagnosis), scene)
+    return Opening(gains, lists, _steps(diagnosis, checked), scene)
 
 
 def gains_of(
@@ -185,14 +186,11 @@ def _few(texts: Sequence[str], where: str, most: int = MOST) -> list[str]:
     return [*texts[:most], *([f"{left} more below, in {where}."] if left > 0 else [])]
 
 
-def _steps(diagnosis: Diagnosis) -> list[Command | Text]:
+def _steps(diagnosis: Diagnosis, checked: bool) -> list[Command | Text]:
     """What decides between explanations, what uses the result, or what to look at first."""
     machine = file_name(diagnosis.nominal)
-    files = recording_names(diagnosis.recording.files)
     if not diagnosis_judgement(diagnosis).calibrated:
-        return [
-            Command(f"truepose check {machine} {files}", "Look for wrong units, signs, orders and frames:")
-        ]
+        return [_look(diagnosis, checked)]
     out: list[Command | Text] = []
     undecided = [f for f in diagnosis.findings if f.equivalents and not f.nameless and f.probability < SAID]
     if undecided:
@@ -200,9 +198,7 @@ def _steps(diagnosis: Diagnosis) -> list[Command | Text]:
         out.append(Command(plan, "Measure what tells the explanations apart:"))
         out.append(Text("What to do on the machine itself stands with each finding, in part 1."))
     elif diagnosis.verdict == "unknown":
-        out.append(
-            Command(f"truepose check {machine} {files}", "Look for wrong units, signs, orders and frames:")
-        )
+        out.append(_look(diagnosis, checked))
     applied = diagnosis.applied
     if diagnosis.verdict == "adequate" or (applied is not None and applied.model != "plain"):
         out.append(Command("truepose codegen improved.yaml -o controller", "Apply improved.yaml, as C:"))
@@ -210,6 +206,17 @@ def _steps(diagnosis: Diagnosis) -> list[Command | Text]:
             Command("truepose compensate improved.yaml PATH -o commands.csv", "or as corrected commands:")
         )
     return out
+
+
+def _look(diagnosis: Diagnosis, checked: bool) -> Command | Text:
+    if checked:
+        return Text(f"Compare with the source: {left_words(diagnosis)}.")
+    return _check(diagnosis.nominal, diagnosis.recording.files)
+
+
+def _check(machine: Machine, files: Sequence[str]) -> Command:
+    line = f"truepose check {file_name(machine)} {recording_names(files)}"
+    return Command(line, "Look for wrong units, signs, orders and frames:")
 
 
 def file_name(machine: Machine) -> str:
@@ -228,7 +235,7 @@ def calibration_opening(
     """Of a calibration; the scene is added by the page."""
     fit = calibration.fit
     machine, files = file_name(fit.nominal), recording_names(calibration.recording.files)
-    check = Command(f"truepose check {machine} {files}", "Look for wrong units, signs, orders and frames:")
+    check = _check(fit.nominal, calibration.recording.files)
     apply = Command("truepose codegen calibrated.yaml -o controller", "Apply calibrated.yaml, as C:")
     find = Command(f"truepose diagnose {machine} {files} -o diagnosis", "Find what the model leaves out:")
     good = nothing_against(summary)

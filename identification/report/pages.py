@@ -50,13 +50,14 @@ _VERDICTS = {"missing-physics": "physics is missing", "unknown": "something is m
 
 
 def report_html(
-    diagnosis: Diagnosis, truth: Mapping[str, Any] | None = None, cautions: Sequence[str] = ()
+    diagnosis: Diagnosis, truth: Mapping[str, Any] | None = None, cautions: Sequence[str] | None = None
 ) -> str:
     """The report of a diagnosis as one HTML file that loads nothing.
 
-    ``truth`` (bundled demonstrations only) adds a last page; ``cautions`` stand above all.
+    ``truth`` (bundled demonstrations only) adds a last page; ``cautions`` of a check stand above all.
     """
-    return render.html(replace(_diagnosis_document(diagnosis, truth), cautions=tuple(cautions)))
+    document = _diagnosis_document(diagnosis, truth, checked=cautions is not None)
+    return render.html(replace(document, cautions=tuple(cautions or ())))
 
 
 def calibration_html(
@@ -72,7 +73,9 @@ def calibration_html(
     return render.html(replace(_calibration_document(calibration, warnings, pose), cautions=tuple(cautions)))
 
 
-def _diagnosis_document(diagnosis: Diagnosis, truth: Mapping[str, Any] | None) -> Document:
+def _diagnosis_document(
+    diagnosis: Diagnosis, truth: Mapping[str, Any] | None, *, checked: bool = False
+) -> Document:
     machine, recording = diagnosis.nominal, diagnosis.recording
     rows = picked(len(recording), series_of(machine, recording, len(diagnosis_fits(diagnosis))))
     parts = [
@@ -96,7 +99,8 @@ def _diagnosis_document(diagnosis: Diagnosis, truth: Mapping[str, Any] | None) -
         *_facts(machine.name, recording, diagnosis.before),
     ]
     title = f"truepose: diagnosis of {machine.name}"
-    return Document(title, said, tone, facts, parts, (), diagnosis_opening(diagnosis), rows.tolist())
+    opening = diagnosis_opening(diagnosis, checked=checked)
+    return Document(title, said, tone, facts, parts, (), opening, rows.tolist())
 
 
 def _facts(machine: str, recording: Recording, fit: Estimate) -> list[tuple[str, str]]:

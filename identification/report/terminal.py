@@ -73,11 +73,16 @@ def diagnosis_summary(result: Diagnosis, command: str, files: list[str]) -> dict
     return {"command": command, **kept, "files": files}
 
 
-def diagnosis_lines(result: Diagnosis, output: Path, most: int = LINES) -> list[str]:
-    """Verdict, before and after, findings, what speaks against them, what could not be tested, what to do next."""
+def diagnosis_lines(
+    result: Diagnosis, output: Path, most: int = LINES, *, checked: bool = False
+) -> list[str]:
+    """Verdict, before and after, findings, what speaks against them, what could not be tested, what to do next.
+
+    ``checked``: whether ``check`` has looked at the files.
+    """
     judgement = diagnosis_judgement(result)
     head = [*_verdict(result, judgement.refusal), *_worth(result)]
-    steps = after_diagnosis(result, output, calibrated=judgement.calibrated)
+    steps = after_diagnosis(result, output, calibrated=judgement.calibrated, checked=checked)
     end = [*steps, f"report: {output / 'report.html'}"]
     for room in ROOM:
         foot = [*_beside(result, *room), *end]

@@ -269,8 +269,12 @@ def _all_angles(rig: Rig) -> Iterator[Slip]:
             f"all angles in {unit}, where the machine file says {written}",
             f"state 'units: {{angle: {unit}}}' in the machine file",
             partial(_turned, rig, dict.fromkeys(alike, factor), factor),
-            lambda pair, unit=unit: pair.with_field(("units", "angle"), unit),
+            partial(_said_to_be, unit),
         )
+
+
+def _said_to_be(unit: str, pair: Pair) -> Pair:
+    return pair.with_field(("units", "angle"), unit)
 
 
 def _turned(rig: Rig, factors: Mapping[str, float], factor: float, scene: Scene) -> Scene:

@@ -228,7 +228,7 @@ def _diagnosis_written(result: Diagnosis, check: Check, output: Path) -> tuple[d
 
     files = written(output, write_diagnosis(result, output, check=check))
     warned = caution_lines(check)
-    lines = [*warned, *diagnosis_lines(result, output, LINES - len(warned))]
+    lines = [*warned, *diagnosis_lines(result, output, LINES - len(warned), checked=True)]
     return {**diagnosis_summary(result, "diagnose", files), **checked(check)}, lines
 
 

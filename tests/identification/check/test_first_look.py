@@ -72,6 +72,27 @@ def test_masses_in_grams_are_heavier_than_a_cube_of_steel(
     assert found is None or ("50 kg" in found.fix and found.verdict == "suspect")
 
 
+@pytest.mark.parametrize(
+    ("link", "others", "heavy"),
+    [
+        (3000.0, (12.0, 5.0), True),
+        (3000.0, (1200.0, 5.0), False),
+        (30.0, (0.5, 0.2), False),
+        (3000.0, (12.0,), False),
+    ],
+)
+def test_one_mass_out_of_proportion_to_all_others_is_told_by_name(
+    link: float, others: tuple[float, ...], heavy: bool, right: pd.DataFrame, tmp_path: Path
+) -> None:
+    machine = document()
+    machine["mechanism"]["joints"][1]["a"] = 1100.0
+    weights = {"link3": link, **{f"other{k}": kg for k, kg in enumerate(others)}}
+    machine["masses"] = {name: {"kg": kg, "com": [0, 0, 0], "in": "link3"} for name, kg in weights.items()}
+    found = kinds(tmp_path, machine, right).get("mass-unit")
+    assert (found is not None) is heavy
+    assert found is None or (found.where == ("masses", "link3") and "3 kg" in found.fix)
+
+
 @pytest.mark.parametrize(("digits", "coarse"), [(0, True), (4, False)])
 def test_a_joint_logged_in_whole_degrees_is_reported_where_the_readings_miss(
     digits: int, coarse: bool, right: pd.DataFrame, tmp_path: Path

@@ -103,11 +103,15 @@ def test_a_frame_that_is_not_free_is_pulled_by_its_tolerance(tmp_path: Path) -> 
     tight = replace(
         rig.ends, tolerance=np.where(np.arange(len(rig.ends.names)) == 0, 0.03, rig.ends.tolerance)
     )
-    here = FrameFit(tight, rig.predictor.over(rig.recording), fit.flange, fit.good, rig.scene, rig.scale(rig.scene))
+    here = FrameFit(
+        tight, rig.predictor.over(rig.recording), fit.flange, fit.good, rig.scene, rig.scale(rig.scene)
+    )
     held = here.descended(rig.scene.p, ("tool",), rows, 12)
     loose = fit.descended(rig.scene.p, ("tool",), rows, 12)
     assert 1e-6 < 50.0 - (loose.p[x] - rig.scene.p[x]) < 0.01
     assert held.p[x] - rig.scene.p[x] < 50.0 - 1.0
     exact = replace(rig.ends, tolerance=np.where(np.arange(len(rig.ends.names)) < 6, 0.0, rig.ends.tolerance))
-    still = FrameFit(exact, rig.predictor.over(rig.recording), fit.flange, fit.good, rig.scene, rig.scale(rig.scene))
+    still = FrameFit(
+        exact, rig.predictor.over(rig.recording), fit.flange, fit.good, rig.scene, rig.scale(rig.scene)
+    )
     assert still.descended(rig.scene.p, ("tool",), rows, 12).p[x] == rig.scene.p[x]
