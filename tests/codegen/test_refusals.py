@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -86,26 +85,6 @@ def test_loops_that_cannot_close_are_reported(root_directory: Path) -> None:
 
 
 # -- by the generator ----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("name", "rule"),
-    [
-        ("", "empty"),
-        ("_arm", "underscore"),
-        ("6axis", "begins with '6'"),
-        ("my-arm", "contains '-'"),
-        ("arm 2", "contains ' '"),
-        ("bräs", "contains 'ä'"),
-        ("double", "keyword"),
-        ("a" * 64, "64 characters"),
-    ],
-)
-def test_a_name_that_is_no_identifier_is_refused(tmp_path: Path, name: str, rule: str) -> None:
-    machine = replace(machine_of(tmp_path, "nano"), name=name)
-    with pytest.raises(InputError, match=rule):
-        generate(machine, tmp_path / "out")
-    assert not (tmp_path / "out").exists()
 
 
 def test_an_unknown_nominal_parameter_is_refused(tmp_path: Path) -> None:

@@ -25,6 +25,8 @@ _TURNS = 4.2 * np.pi
 _STEP = 0.3
 """rad, of the widest motion: a fit finds its way from there."""
 _LENGTHS = 48
+_COARSEST = 8.0
+"""Counts for what was taken for one unit, at least: a scale that is a little off is physics."""
 _ROUND = 0.02
 """Share by which a count for a turn may miss a round number that fits as well."""
 
@@ -90,7 +92,7 @@ def _as_counts(rig: Rig, scene: Scene, places: Sequence[int]) -> Iterator[Slip]:
     unit = actuators[places[0]].reading_unit
     written = rig.machine.column_unit(actuators[places[0]].reading)
     span = max(float(np.ptp(scene.rows.q[:, k])) for k in places)
-    low, high = _SPANS[unit] / span
+    low, high = np.minimum(_SPANS[unit] / span, 1.0 / _COARSEST)
     if unit == "rad":
         grid = np.linspace(low, high, int((high - low) * span / _STEP) + 1)
     else:
