@@ -161,7 +161,7 @@ def _too_heavy(machine: Machine) -> Iterator[Found]:
 
     A mass is nearer to the others in grams than in kilograms if it is so many times (``NEARER``) the next one.
     """
-    lengths = [abs(p.nominal) for p in machine.parameters if p.unit == "mm"]
+    lengths = [abs(p.nominal) for p in machine.mechanism.parameters if p.unit == "mm"]
     travels = [np.ptp(a.range) for a in machine.mechanism.actuators if a.range and a.reading_unit == "mm"]
     longest = max([SMALLEST_PART, *lengths, *travels, *(abs(x) for m in machine.masses for x in m.com)])
     cube = STEEL * (longest / 1000.0) ** 3
