@@ -111,7 +111,7 @@ def search(rig: Rig, as_it_stands: Weighed) -> Search:
         mixed = tuple(moved(rig, as_it_stands)) if depth == 0 and not _enough(rig, every) else ()
         if mixed:
             return Search(as_it_stands, mixed=mixed)
-        if any(w.near for w in every):
+        if any(w.near and w.plain for w in every):
             break
         order = sorted(every, key=lambda w: -w.score)
         beam = [w.hypothesis for w in order if len(w.hypothesis.slips) == depth + 1]
@@ -159,7 +159,7 @@ def _ranked(rig: Rig, tried: Sequence[Hypothesis]) -> list[Hypothesis]:
 def _enough(rig: Rig, every: Sequence[Weighed]) -> bool:
     """Whether one class of hypotheses is certain, and leaves nothing to explain."""
     top = best_of(every)
-    if not top.near:
+    if not (top.near and top.plain):
         return False
     members, share = shares(rig, every)[0]
     return share >= CERTAIN and members[0].near

@@ -68,6 +68,11 @@ class Weighed:
     score: float
     near: bool
 
+    @property
+    def plain(self) -> bool:
+        """Whether it needs either slips or frames elsewhere: where it needs both, two slips may say it better."""
+        return not (self.free and self.hypothesis.slips)
+
 
 def evidence(rig: Rig, scene: Scene, misfit: float, odds: float) -> float:
     """Return the logarithm of a hypothesis' evidence, given its misfit in sigmas."""
