@@ -92,7 +92,7 @@ def joints_beyond(rig: Rig, scene: Scene) -> list[str]:
         q = scene.rows.q[:, k]
         if a.range is None or not len(q):
             continue
-        low, high = a.range
+        low, high = np.multiply(a.range, scene.drawn if a.reading_unit == "mm" else 1.0)
         if a.reading_unit == "rad":
             q = q - 2.0 * np.pi * np.round((q - (low + high) / 2.0) / (2.0 * np.pi))
         slack = SLACK * (high - low)

@@ -340,11 +340,11 @@ def test_few_rows_may_stand_still(right: pd.DataFrame, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("stated", "misfit", "length", "verdict", "example"),
     [
-        (None, 2.4, 0.234, "suspect", "{length: 0.2, angle: 0.03}"),
-        (None, 3.1, 0.234, "wrong", "{length: 0.2, angle: 0.03}"),
-        ({"length": 0, "angle": 0}, 3.1, 1.96, "suspect", "{length: 2, angle: 0.3}"),
-        (None, 3.1, 0.004, "wrong", "{length: 0.01, angle: 0.001}"),
-        (None, 3.1, None, "wrong", "{length: 0.01, angle: 0.001}"),
+        (None, 3.9, 0.234, "suspect", "{length: 0.2, angle: 0.03}"),
+        (None, 4.1, 0.234, "wrong", "{length: 0.2, angle: 0.03}"),
+        ({"length": 0, "angle": 0}, 4.1, 1.96, "suspect", "{length: 2, angle: 0.3}"),
+        (None, 4.1, 0.004, "wrong", "{length: 0.01, angle: 0.001}"),
+        (None, 4.1, None, "wrong", "{length: 0.01, angle: 0.001}"),
     ],
 )
 def test_tolerances_are_proposed_that_explain_what_is_left(
@@ -356,7 +356,7 @@ def test_tolerances_are_proposed_that_explain_what_is_left(
     rig = Rig(machine, rows)
     (found,) = no_tolerances(rig, replace(rig.stand(), misfit=misfit, length=length))
     assert (found.kind, found.where, found.verdict) == ("no-tolerances", ("tolerances",), verdict)
-    sure = ", to 3.1 sigma, and physics blamed for what the workshop made" if verdict == "wrong" else ""
+    sure = ", to 4.1 sigma, and physics blamed for what the workshop made" if verdict == "wrong" else ""
     assert found.says == f"no tolerance of the mechanism is stated: only base and tool would be fitted{sure}"
     assert found.fix == (
         f"state what the drawing allows, for example 'tolerances: {example}'; 0 where it is exact"

@@ -300,8 +300,8 @@ def test_units_are_told_in_words(tmp_path: Path) -> None:
     told = {s.says: (s.where, s.fix) for s in units(rig, rig.scene)}
     assert {text: told[text] for text in WORDS} == WORDS
     # 6 other lengths for readings, slides (all and each) and the file's two; 4 other angles for joints (all and each); alpha;
-    # and the whole recording in another length, or another length and angle
-    assert len(told) == 6 * (1 + 1 + 3 + 2) + 4 * (1 + 4) + 2 + 6 * (1 + 4)
+    # the whole recording in another length, or another length and angle; and all angles, those of the file among them
+    assert len(told) == 6 * (1 + 1 + 3 + 2) + 4 * (1 + 4) + 2 + 6 * (1 + 4) + 1
     assert "the recording in m and rad" in told
     assert "theta of the mechanism in rad" not in told
     kinds = Counter(s.kind for s in units(rig, rig.scene))
