@@ -26,17 +26,9 @@ from truepose.errors import InputError
 FloatArray = npt.NDArray[np.float64]
 
 INTERNAL: Final[Mapping[str, str]] = {
-    "length": "mm",
-    "angle": "rad",
-    "time": "s",
-    "temperature": "degC",
-    "mass": "kg",
-    "force": "N",
-    "torque": "N*m",
-    "stiffness": "N/mm",
-    "pressure": "hPa",
-    "number": "1",
-}
+    "length": "mm", "angle": "rad", "time": "s", "temperature": "degC", "mass": "kg", "force": "N",
+    "torque": "N*m", "stiffness": "N/mm", "pressure": "hPa", "number": "1",
+}  # fmt: skip
 """Internal unit of each named dimension."""
 
 _ARTICLE = {"angle": "an angle", "number": "a plain number"}

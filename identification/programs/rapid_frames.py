@@ -63,9 +63,6 @@ class Moves:
     moves: list[Move]
     others: list[Move]
 
-    def of_name(self, name: str) -> list[Move]:
-        return self.names.get(name, [])
-
     def of_place(self, start: int) -> list[Move]:
         k = bisect.bisect_right(self.starts, start) - 1
         return [self.moves[k]] if k >= 0 and start < self.ends[k] else []
