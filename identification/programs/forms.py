@@ -99,6 +99,11 @@ class RotationVector:
         )
 
 
+def numbers_of(form: Form, pose: Array) -> tuple[float, ...]:
+    """Return the numbers of one pose (4, 4), mm."""
+    return tuple(form.numbers(pose[None], np.zeros((1, len(form.decimals))))[0].tolist())
+
+
 def _poses(rotations: Array, positions: Array) -> Array:
     out = np.tile(np.eye(4), (len(positions), 1, 1))
     out[:, :3, :3], out[:, :3, 3] = rotations, positions
@@ -153,4 +158,4 @@ def written(value: float, before: str, decimals: int) -> str:
     return f"+{out}" if before.startswith("+") and not out.startswith("-") else out
 
 
-__all__ = ["Euler", "Form", "Quaternion", "RotationVector", "written"]
+__all__ = ["Euler", "Form", "Quaternion", "RotationVector", "numbers_of", "written"]
