@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from truepose.arrays import Array
+
 _THRESHOLD = 0.05
 """A pivot is at least this share of the largest entry that its column has left, in every sample."""
 

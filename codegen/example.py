@@ -6,14 +6,13 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.codegen.layout import Layout
 from truepose.codegen.reference import Reference
 from truepose.models.kinematics import SymbolicModel
 from truepose.models.velocities import twists
 
-Array = NDArray[np.float64]
 _EXAMPLES = 8
 
 

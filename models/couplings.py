@@ -11,15 +11,14 @@ from dataclasses import replace
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models.machine_file import MachineFile
 from truepose.models.mechanism import Mechanism
 from truepose.models.units import convert
 from truepose.wording import close_matches
 
-Array = NDArray[np.float64]
 _SINGULAR = 1e-9
 """Determinant below which readings do not tell the joints' own motions."""
 

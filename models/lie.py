@@ -12,10 +12,9 @@ from functools import cache
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from truepose.arrays import Array
 
 
 @cache

@@ -10,9 +10,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from truepose.arrays import Array
 
 
 def scaled(values: Array, low: float, high: float) -> Array:

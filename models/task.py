@@ -13,13 +13,12 @@ from typing import Final
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models import lie
 from truepose.models.mechanism import AXES
 from truepose.wording import joined
 
-Array = NDArray[np.float64]
 AXIS: Final = {"axis": 2, "axis.x": 0, "axis.y": 1}
 """Which of the tool's axes each direction is of."""
 COMPONENTS: Final = (*AXES, *AXIS)

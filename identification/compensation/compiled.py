@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.arrays import Array, Mask
 from truepose.codegen.c import render
 from truepose.codegen.evaluation.compiled import NotCompiledError, load
 from truepose.errors import InputError
@@ -22,8 +23,6 @@ from truepose.models.machine import Machine
 from truepose.models.task import Task
 from truepose.threads import all_done
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 _NAME = "path"
 """In the C, whatever the machine is called: its own name need not be one of C's."""
 _POINTERS = {"fk_n": 3, "ik_n": 4, "compensate_near_n": 4}

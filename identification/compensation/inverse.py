@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats.qmc import Halton
 
+from truepose.arrays import Array, Index, Mask
 from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.errors import InputError
 from truepose.identification.compensation.compiled import base_frame
@@ -34,9 +34,7 @@ from truepose.shown.result import Shown, frame_of
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-System = Callable[[Array, NDArray[np.intp]], tuple[Array, Array]]
+System = Callable[[Array, Index], tuple[Array, Array]]
 """Unknowns (k, nu) of the rows named (k,) to residuals (k, m) and their derivative (k, m, nu), all scaled."""
 MET = 1e-9
 """Gap at which a pose counts as met: parts of the machine's size, and rad."""
@@ -71,7 +69,7 @@ class Inverse(Shown):
     x: Array
     position: Array
     rotation: Array
-    status: NDArray[np.intp]
+    status: Index
     beyond: Mask
 
     @property
@@ -154,7 +152,7 @@ class PoseSolver:
         flat = poses.transpose(0, 2, 1).reshape(len(poses), 16)
         nq, unit = start.shape[1], self._unit
 
-        def system(u: Array, rows: NDArray[np.intp]) -> tuple[Array, Array]:
+        def system(u: Array, rows: Index) -> tuple[Array, Array]:
             at = u * unit
             gap, slope = self._to_pose(at[:, :nq], at[:, nq:], self.z, self.p, flat[rows])
             return gap[..., 0], slope * unit
@@ -226,7 +224,7 @@ def pose_gap(model: SymbolicModel, task: Task, size: float, share: Array) -> Bat
     return BatchFunction("gap", inputs, [gap, ca.jacobian(gap, unknown)])
 
 
-def _better(best: Inverse, again: Inverse, rows: NDArray[np.intp], size: float) -> Inverse:
+def _better(best: Inverse, again: Inverse, rows: Index, size: float) -> Inverse:
     """``best`` with those of ``rows`` replaced that came out better: met, then in range, then nearer."""
 
     def rank(found: Inverse) -> Array:

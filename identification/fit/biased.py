@@ -16,12 +16,11 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.fit.decomposition import ROUNDING
 
-Array = NDArray[np.float64]
 Rule = Literal["plug-in", "unbiased"]
 
 

@@ -10,15 +10,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose.arrays import Array
 from truepose.models import lie
 from truepose.models.machine import Machine
 from truepose.models.sensors.direction import ORIGIN, Direction
 from truepose.models.view import TOOL_IN_WORLD
 
-Array = NDArray[np.float64]
 _FEWEST = {True: 3, False: 2}
 """Fewest directions that tell a base, by whether they are bearings."""
 _SWEEPS, _LAST = 15, 300

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.stats import chi2 as chi2_distribution
 
+from truepose.arrays import Array
 from truepose.errors import ConvergenceError, InputError
 from truepose.models import lie
 
-Array = NDArray[np.float64]
 FEWEST = 3
 LOOSE = 0.3
 """rad; a rotation whose 1-sigma is larger is not determined, and its linear covariance would mean nothing."""

@@ -7,15 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.photogrammetry.pose_table import COORDINATE
 from truepose.identification.recording.table import Table, read_table
 from truepose.models.units import convert
 from truepose.wording import close_matches
 
-Array = NDArray[np.float64]
 POINT, AXES = "point", ("x", "y", "z")
 
 

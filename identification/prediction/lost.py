@@ -10,14 +10,11 @@ from collections.abc import Sequence
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Mask
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
 from truepose.models.sensors.base import Sensor
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 def all_lost(machine: Machine, parts: Sequence[Mask | None], rows: int) -> Mask | None:

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.prediction.predict import predicted, predictor_for
 from truepose.identification.recording.load import Sources, as_recording
@@ -18,8 +18,6 @@ from truepose.models.effects.base import PlacedEffect
 from truepose.models.given import MachineLike, as_machine
 from truepose.models.machine import Machine
 from truepose.models.units import convert
-
-Array = NDArray[np.float64]
 
 
 def simulate(

@@ -10,13 +10,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose.arrays import Array
 from truepose.models import lie
 from truepose.models.units import convert
 
-Array = NDArray[np.float64]
 _LOCKED = 1e-9
 """Cosine of the middle angle below which the other two only count together."""
 

@@ -6,12 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.programs.program import BASE_ITSELF, LARGEST, Program, Target
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,15 +7,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.programs.flow import Assignment, Flow
 from truepose.identification.programs.forms import Euler, numbers_of
 from truepose.identification.programs.krl_frames import WORDS, Motion, Stand, motions, stated
 from truepose.identification.programs.program import Left, Lines, Span, Target, numbers_in, shown
 from truepose.identification.programs.roles import Going, worked_out
 
-Array = NDArray[np.float64]
 FIXED = "#TCP"
 """Name of the tool of motions whose tool stands in the cell."""
 _ASSIGNED = re.compile(

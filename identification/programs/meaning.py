@@ -6,16 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.programs.branches import Branches
 from truepose.identification.programs.configurations import Configuration
 from truepose.identification.programs.frames import Told
 from truepose.identification.programs.program import Left, Program, Target
 from truepose.identification.programs.robot import Robot
 from truepose.models.units import convert
-
-Array = NDArray[np.float64]
 
 _OTHER = 1e-3
 """rad, mm: joints that differ by more are another solution."""

@@ -8,12 +8,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose.arrays import Array
 from truepose.identification.programs.program import LARGEST, NUMBER, Span, parts
 
-Array = NDArray[np.float64]
 _TEXT = r'(?:"(?:[^"]|"")*"|\w+)'
 _POSE = (
     r"\[\s*\[\s*"

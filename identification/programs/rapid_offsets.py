@@ -7,13 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose.arrays import Array
 from truepose.identification.programs.forms import Quaternion
 from truepose.identification.programs.program import NUMBER, Number, Span, replaced
 
-Array = NDArray[np.float64]
 _CALL = re.compile(
     r"(?i)(?P<how>Offs|RelTool)\s*\(\s*(?P<name>\w+)"
     + "".join(rf"\s*,\s*(?P<{axis}>{NUMBER})" for axis in "xyz")

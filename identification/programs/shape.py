@@ -9,13 +9,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Mask
 from truepose.models.export.tree import Tree, TreeJoint, tree_of, turn
 from truepose.models.machine import Machine
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 class ArmShape:

@@ -6,8 +6,8 @@ import re
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.programs.flow import Flow
 from truepose.identification.programs.forms import RotationVector, numbers_of
 from truepose.identification.programs.program import (
@@ -23,7 +23,6 @@ from truepose.identification.programs.program import (
 )
 from truepose.identification.programs.roles import SEVERAL, Going, worked_out
 
-Array = NDArray[np.float64]
 _SIX = r"\[\s*" + r"\s*,\s*".join([NUMBER] * 6) + r"\s*\]"
 LITERAL = re.compile(rf"(?:(?P<pose>(?<!\w)p[ \t]*)|(?<![\w\]])){_SIX}")
 _CALL = re.compile(r"\b(?P<what>movej|movel|movep|movec|servoj|servoc|get_inverse_kin)\s*\(")

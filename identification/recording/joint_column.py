@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from truepose.arrays import Array, Mask
 from truepose.errors import InputError
 from truepose.identification.recording.angle_range import fold
 from truepose.identification.recording.table import Table
 from truepose.models.limits import LARGEST
-from truepose.models.units import COUNT_WORDS, FloatArray, UnitSystem, convert
+from truepose.models.units import COUNT_WORDS, UnitSystem, convert
 
 SLACK: Final = 0.05
 """Share of a range's width that readings may be beyond it: commands overshoot a little."""
@@ -41,7 +41,7 @@ class JointColumn:
         return self.written or units.of_joint(self.unit)
 
 
-def joint_readings(table: Table, joint: JointColumn, unit: str) -> FloatArray:
+def joint_readings(table: Table, joint: JointColumn, unit: str) -> Array:
     """Return the readings (n,) of a joint in its unit, in its range. Raises InputError for those that are not."""
     recorded = table.numbers(joint.name)
     readings = sized(table, joint.name, recorded, convert(recorded, unit, joint.unit))
@@ -60,7 +60,7 @@ def joint_readings(table: Table, joint: JointColumn, unit: str) -> FloatArray:
     return readings
 
 
-def _folded(readings: FloatArray, joint: JointColumn, low: float, high: float) -> FloatArray:
+def _folded(readings: Array, joint: JointColumn, low: float, high: float) -> Array:
     """Readings (n,) brought into a range of a turn or less, where they are stated or seen to come modulo a turn."""
     period = joint.wrap or joint.turn
     if period is None or high - low > period * (1.0 + 1e-9):
@@ -72,7 +72,7 @@ def _folded(readings: FloatArray, joint: JointColumn, low: float, high: float) -
 
 
 def turned_notes(
-    table: Table, joints: Sequence[JointColumn], q: Mapping[str, FloatArray], said: Mapping[str, str]
+    table: Table, joints: Sequence[JointColumn], q: Mapping[str, Array], said: Mapping[str, str]
 ) -> list[str]:
     """A note on joints whose readings were brought into their ranges."""
     recorded = {j.name: convert(table.numbers(j.name), said[j.name], j.unit) for j in joints}
@@ -81,7 +81,7 @@ def turned_notes(
     return [f"{table.file}: {', '.join(moved)}: readings {what}"] if moved else []
 
 
-def _beyond(readings: FloatArray, low: float, high: float) -> npt.NDArray[np.bool_]:
+def _beyond(readings: Array, low: float, high: float) -> Mask:
     slack = SLACK * (high - low)
     return np.asarray((readings < low - slack) | (readings > high + slack))
 
@@ -99,9 +99,7 @@ def column_unit(table: Table, joint: JointColumn, units: UnitSystem) -> str:
     return table.unit(joint.name, joint.written_in(units), joint.unit)
 
 
-def sized(
-    table: Table, name: str, recorded: FloatArray, values: FloatArray, largest: float = LARGEST
-) -> FloatArray:
+def sized(table: Table, name: str, recorded: Array, values: Array, largest: float = LARGEST) -> Array:
     """The values of a column, none of them so large that no instrument reads it; as ``recorded`` in messages."""
     bad = np.flatnonzero(np.abs(values) > largest)
     if bad.size:

@@ -8,14 +8,12 @@ from fnmatch import fnmatchcase
 from pathlib import PurePath
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Mask
 from truepose.errors import InputError
 from truepose.identification.recording.recording import Recording, frozen
 from truepose.models.machine import Equipment, Machine
 from truepose.wording import joined
-
-Mask = NDArray[np.bool_]
 
 
 def with_own_equipment(machine: Machine, recording: Recording) -> Recording:

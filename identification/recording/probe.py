@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
+from truepose.arrays import Array, Index, Mask
 from truepose.errors import InputError
 from truepose.identification.recording.arrow_columns import ArrowCells
 from truepose.identification.recording.clock_offset import MOVING, Clock, Motion
@@ -23,7 +23,6 @@ from truepose.models.limits import LARGEST
 from truepose.models.units import compatible, convert
 from truepose.wording import joined, shortened
 
-Array = NDArray[np.float64]
 _TIMES: Final = ("time", "timestamp", "t", "stamp")
 _GAP: Final = 5.0
 """A pause in the log of more than so many usual steps is a gap, in which nobody knows the joints."""
@@ -43,7 +42,7 @@ class Log:
     names: tuple[str, ...]
     joints: Array
     velocities: Array
-    order: NDArray[np.intp]
+    order: Index
 
     @property
     def step(self) -> float:
@@ -55,7 +54,7 @@ class Log:
         way = CubicHermiteSpline(self.time, self.joints, self.velocities)
         return np.asarray(way(time)), np.asarray(way.derivative()(time))
 
-    def knows(self, time: Array) -> NDArray[np.bool_]:
+    def knows(self, time: Array) -> Mask:
         """(n,) times inside the log that are not in one of its gaps."""
         inside = (time >= self.time[0]) & (time <= self.time[-1])
         after = np.clip(np.searchsorted(self.time, time), 1, len(self.time) - 1)
@@ -212,7 +211,7 @@ def _checked(log: Table, name: str, logged: Array, slope: Array) -> Array:
     )
 
 
-def _internal(log: Log) -> tuple[Array, NDArray[np.bool_]]:
+def _internal(log: Log) -> tuple[Array, Mask]:
     """(nj,) factors to rad, and which joints slide; columns without a unit are in deg if one goes beyond a turn in rad."""
     units = {column.name: column.unit for column in log.table.columns}
     bare = [k for k, name in enumerate(log.names) if units[name] is None]
@@ -223,7 +222,7 @@ def _internal(log: Log) -> tuple[Array, NDArray[np.bool_]]:
     return np.array(factors), slides
 
 
-def _thinned(rows: NDArray[np.intp], at: Array, every: float) -> NDArray[np.intp]:
+def _thinned(rows: Index, at: Array, every: float) -> Index:
     """Rows in order of time, at least ``every`` s apart."""
     if every <= 0.0:
         return rows
@@ -235,7 +234,7 @@ def _thinned(rows: NDArray[np.intp], at: Array, every: float) -> NDArray[np.intp
     return np.array(kept, dtype=np.intp)
 
 
-def _rows(probe: Table, log: Log, kept: NDArray[np.intp], at: Array) -> Table:
+def _rows(probe: Table, log: Log, kept: Index, at: Array) -> Table:
     units = {column.name: column.unit for column in log.table.columns}
     q, v = log.at(at[kept])
     columns, cells = [Column("time", "s")], {"time": ArrowCells(at[kept])}

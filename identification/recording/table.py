@@ -20,13 +20,14 @@ import numpy.typing as npt
 import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.parquet as pq  # type: ignore[import-untyped]
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.recording.arrow_columns import ArrowCells, parquet_cells
 from truepose.identification.recording.memory_tables import columns_of
 from truepose.identification.recording.size import check_file, check_size
 from truepose.identification.recording.spreadsheet import MAGIC, read_spreadsheet
 from truepose.identification.recording.text import SI, TextTable, read_text
-from truepose.models.units import FloatArray, is_unit, parse_unit
+from truepose.models.units import is_unit, parse_unit
 
 _SI_UNITS: Final = {"mm": "m", "rad": "rad"}
 _PARQUET_MAGIC: Final = b"PAR1"
@@ -78,18 +79,18 @@ class Table:
             return _SI_UNITS.get(dimension, default)
         return default if unit is None else parse_unit(unit, dimension, self.where(name))
 
-    def numbers(self, name: str) -> FloatArray:
+    def numbers(self, name: str) -> Array:
         """(n,) finite numbers of a column. Raises InputError for text, an empty cell, NaN or infinity."""
         return self._numbers(name, lost=False)
 
-    def readings(self, name: str) -> FloatArray:
+    def readings(self, name: str) -> Array:
         """(n,) numbers of a column, NaN where its cell is empty: a reading that was lost.
 
         Outside of texts NaN is an empty cell. Raises InputError for text, infinity, and `nan` as a text.
         """
         return self._numbers(name, lost=True)
 
-    def _numbers(self, name: str, *, lost: bool) -> FloatArray:
+    def _numbers(self, name: str, *, lost: bool) -> Array:
         cells = self.cells[name]
         plain = cells.numbers() if isinstance(cells, ArrowCells) else None
         if plain is None and lost and isinstance(cells, ArrowCells):
@@ -120,7 +121,7 @@ class Table:
             raise InputError(f"{self.where(name, labels.index(''))}: found an empty cell, expected a label")
         return labels
 
-    def with_numbers(self, added: Mapping[str, FloatArray]) -> Table:
+    def with_numbers(self, added: Mapping[str, Array]) -> Table:
         """The table with further columns (n,) at its end."""
         columns = (*self.columns, *(Column(name) for name in added))
         cells = {name: ArrowCells(values) for name, values in added.items()}

@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.recording.arrow_columns import ArrowCells
 from truepose.identification.recording.names import in_known_case
@@ -17,7 +17,6 @@ from truepose.identification.recording.table import Column, Table
 from truepose.models.units import convert
 from truepose.wording import joined
 
-Array = NDArray[np.float64]
 FORMS: Final = ("auto", "vector", "quaternion", "rpy")
 _VECTOR: Final = ("rx", "ry", "rz")
 _QUATERNION: Final = ("qx", "qy", "qz", "qw")

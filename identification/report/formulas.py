@@ -7,14 +7,12 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.diagnosis.result import Diagnosis, Finding
 from truepose.models.effects.base import PlacedEffect, Site
 from truepose.models.machine import Machine
 from truepose.models.states import asked, state_names
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.programs.correct import NEARBY, Corrected, Correction
 from truepose.models.machine import Machine
 
-Array = NDArray[np.float64]
 _LISTED = 5
 """Lines that a note names; ``--json`` names all."""
 

@@ -12,13 +12,10 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.sensor_rows import Block
 from truepose.identification.signatures.point import Point
-
-Array = NDArray[np.float64]
 
 
 def blocks_of_every_set(predictor: Predictor, here: Point) -> Iterator[Block]:

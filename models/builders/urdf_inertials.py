@@ -11,14 +11,13 @@ from typing import NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models.builders.urdf_file import FARTHEST, MM_PER_M, Robot
 from truepose.models.lie import rpy_matrix
 from truepose.models.mechanism import Inertial
 from truepose.wording import shortened
 
-Array = NDArray[np.float64]
 STANDARD_GRAVITY = 9.80665
 _NAMED = 3
 

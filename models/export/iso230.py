@@ -10,12 +10,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models.export.numbers import clean
 from truepose.models.export.volumetric import CHECKED, Axis, Table
 
-Array = NDArray[np.float64]
 _DIRECTIONS = "XYZABC"
 _SLOPES = {
     "X": (("B0X", 2, -1.0), ("C0X", 1, 1.0)),

@@ -6,14 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models.export.numbers import MM_PER_M
 from truepose.models.export.tree import Tree, TreeJoint, frames_of
 from truepose.models.machine import Machine, Mass
 from truepose.models.mechanism import BASE
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

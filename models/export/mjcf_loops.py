@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models.export.links import Names, lump_of
 from truepose.models.export.mjcf import body_in, inertial, model_head, model_text
 from truepose.models.export.numbers import MM_PER_M, cleaned, text
@@ -21,8 +21,6 @@ from truepose.models.export.standing import Standing
 from truepose.models.lie import inverse_pose
 from truepose.models.machine import Machine
 from truepose.models.mechanism import BASE, Actuator, Joint, Rod
-
-Array = NDArray[np.float64]
 
 
 @dataclass

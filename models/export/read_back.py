@@ -13,8 +13,8 @@ from xml.etree.ElementTree import ParseError
 import casadi as ca
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError, ReadBackError
 from truepose.models.export.closing import closed_pose_function
 from truepose.models.export.held import held, sample_readings
@@ -31,7 +31,6 @@ from truepose.models.kinematics import symbolic_model
 from truepose.models.machine import Machine
 from truepose.models.mechanism import BASE
 
-Array = NDArray[np.float64]
 Frames = Mapping[str, Array]
 Ranges = Mapping[str, tuple[float, float] | None]
 ROWS = 10

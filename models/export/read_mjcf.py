@@ -11,8 +11,8 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models.builders.urdf_xml import parse_own_xml
 from truepose.models.export.numbers import MM_PER_M
 from truepose.models.lie import inverse_pose, unit_vector
@@ -25,7 +25,6 @@ from truepose.models.starting.mjcf_graph import MjcfGraph
 from truepose.models.starting.mjcf_model import placed_frame
 from truepose.models.starting.mjcf_parts import Coupling, PartBody, PartJoint, Parts, Tie
 
-Array = NDArray[np.float64]
 _KINDS: dict[str, JointKind] = {"hinge": "revolute", "slide": "prismatic", "ball": "spherical"}
 
 

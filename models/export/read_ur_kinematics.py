@@ -7,13 +7,12 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models.export.numbers import MM_PER_M
 from truepose.models.export.ur_kinematics import FIELDS, LINKS
 from truepose.models.lie import rpy_matrix
 
-Array = NDArray[np.float64]
 _NUMBERS = ", ".join(rf"{field} (\S+)" for field in FIELDS)
 _NOT_HELD = re.compile(rf"^# Not held: (.+?) to (.+?): {_NUMBERS}$", re.MULTILINE)
 

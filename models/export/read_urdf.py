@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models.builders.urdf import Urdf, expanded
 from truepose.models.builders.urdf_file import Robot
@@ -20,8 +20,6 @@ from truepose.models.machine import Machine
 from truepose.models.machine_file import SCHEMA, checked_machine
 from truepose.models.mechanism import BASE
 from truepose.models.units import UnitSystem
-
-Array = NDArray[np.float64]
 
 
 def read_urdf(text: str, tips: Sequence[str]) -> Machine:

@@ -14,14 +14,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models.export.numbers import xyz_rpy
 from truepose.models.export.tree import Tree, turn
 from truepose.models.lie import inverse_pose
 
-Array = NDArray[np.float64]
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 FIELDS = ("x", "y", "z", "roll", "pitch", "yaw")
 

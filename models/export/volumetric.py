@@ -17,9 +17,9 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models.export.tree import check_uncoupled
 from truepose.models.kinematics import SymbolicModel, symbolic_model
@@ -27,7 +27,6 @@ from truepose.models.lie import inverse_pose
 from truepose.models.machine import Machine
 from truepose.models.mechanism import Actuator
 
-Array = NDArray[np.float64]
 Poses = Callable[[Array, Array], Array]
 POINTS = 41
 """Positions of each axis in a table, evenly over its range: the 1 m of a machine tool every 25 mm, as it is measured."""

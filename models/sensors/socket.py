@@ -8,10 +8,10 @@ from typing import Any, ClassVar, Literal
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 from scipy.sparse import csr_matrix
 
+from truepose.arrays import Index, Mask
 from truepose.errors import InputError
 from truepose.models.context import BuildContext
 from truepose.models.fields import Length, LengthSigma, LengthToleranceVector, LengthVector, Section
@@ -181,10 +181,10 @@ class Seats(Comparison):
     the known distance ``spacing``, mm.
     """
 
-    group: NDArray[np.intp]
+    group: Index
     weight: Array
-    own: NDArray[np.bool_]
-    fitted: NDArray[np.bool_]
+    own: Mask
+    fitted: Mask
     pairs: tuple[tuple[int, int], ...]
     spacing: float
 

@@ -13,8 +13,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models.lie import exp_so3, inverse_pose
 from truepose.models.mechanism import BASE
@@ -22,7 +22,6 @@ from truepose.models.starting.mjcf_choice import Choice, Follow
 from truepose.models.starting.mjcf_parts import PartJoint, Tie
 from truepose.wording import cut
 
-Array = NDArray[np.float64]
 _SAME = 1e-9
 """mm; points that are no further apart are one."""
 _DEG = 180.0 / np.pi

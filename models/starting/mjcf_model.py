@@ -10,16 +10,16 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from truepose.arrays import Array
 from truepose.models.mechanism import JointKind
 from truepose.models.starting.mjcf_parts import Coupling, PartBody, PartJoint, Parts, Tie
 
 if TYPE_CHECKING:
     import mujoco
 
-Array = NDArray[np.float64]
 MM_PER_M = 1000.0
 _KINDS: tuple[JointKind, ...] = ("free", "spherical", "prismatic", "revolute")
 """In the order of MuJoCo's mjtJoint."""
