@@ -143,6 +143,17 @@ def _is(what: Callable[[Path], bool], path: Path) -> bool:
         return False
 
 
+def pairs(option: str, texts: Iterable[str], expected: str) -> dict[str, str]:
+    """Return what a repeatable option says, ``NAME=VALUE`` each. Raises InputError that shows ``expected`` for another text."""
+    out = {}
+    for text in texts:
+        name, _, value = (word.strip() for word in text.partition("="))
+        if not name or not value:
+            raise InputError(f"{option}: found {text!r}, expected {expected}")
+        out[name] = value
+    return out
+
+
 def written(directory: Path, names: Iterable[str]) -> list[str]:
     """Paths of the files written, as text."""
     return [str(directory / name) for name in names]
@@ -166,6 +177,7 @@ __all__ = [
     "fail",
     "finish",
     "note",
+    "pairs",
     "progress",
     "quiet",
     "reported",

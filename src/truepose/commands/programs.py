@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from truepose.commands.common import pairs
 from truepose.errors import InputError, ReadBackError
 from truepose.files import atomic_file
 
@@ -113,8 +114,8 @@ def correct_program(
             f"{output}: found the program itself, expected another file: twice corrected is wrong"
         )
     limit = Limit(options.limit, options.angle)
-    cell = Cell(options.base, options.tool, _named("--frame", options.frames))
-    drivers = {name: _value(name, text) for name, text in _named("--at", options.at).items()}
+    cell = Cell(options.base, options.tool, pairs("--frame", options.frames, "NAME=VALUE"))
+    drivers = {name: _value(name, text) for name, text in pairs("--at", options.at, "NAME=VALUE").items()}
     try:
         program = dialect.read(text_of(path), machine, beside(path))
         found = correct(machine, program, cell, drivers)
@@ -133,16 +134,6 @@ def correct_program(
     summary = {"dialect": dialect.name, **correction_json(found, limit), "expected_pose": pose_json(machine)}
     lines = correction_lines(found, dialect.title, path, output)
     return summary, [*lines, f"  {expected_words(machine)}"], correction_notes(found, machine, limit)
-
-
-def _named(option: str, texts: Sequence[str]) -> dict[str, str]:
-    out = {}
-    for text in texts:
-        name, mark, value = text.partition("=")
-        if not mark or not name.strip():
-            raise InputError(f"{option}: found {text!r}, expected NAME=VALUE")
-        out[name.strip()] = value
-    return out
 
 
 def _value(name: str, text: str) -> float:
