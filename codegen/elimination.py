@@ -144,6 +144,3 @@ def _best(left: Array, fill: Array, rows: Sequence[int], columns: Sequence[int])
     candidates = np.argwhere(cost == cost.min())
     i, j = max(candidates.tolist(), key=lambda at: float(share[at[0], at[1]]))
     return rows[i], columns[j]
-
-
-__all__ = ["Factors", "Pivots", "factors_of"]

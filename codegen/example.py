@@ -49,6 +49,3 @@ def regularity(model: SymbolicModel, layout: Layout) -> Array:
         matrix = np.array(at(q, model.z_home, model.p_home, model.home if x is None else x))
         out.append(np.linalg.svd(matrix, compute_uv=False)[-1])
     return np.round(out, 9)  # the last digits of another mathematical library choose no other poses
-
-
-__all__ = ["example_context", "regularity"]

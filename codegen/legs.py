@@ -170,6 +170,3 @@ def _roots(
     found = ca.vertcat(*readings)
     lack = (c + found * (2 * b + a * found)) / ca.DM([float(f"{size:.6g}") for size in typical[0, :, 2]])
     return Roots(found, under, lack)
-
-
-__all__ = ["Legs", "Roots", "legs_of"]

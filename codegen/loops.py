@@ -155,6 +155,3 @@ def _samples(model: SymbolicModel, derivative: ca.SX, layout: Layout) -> Array:
         if x is not None:
             out.append(np.array(at(q, x, model.p_home, model.z_home)))
     return np.array(out).reshape(-1, *derivative.shape)
-
-
-__all__ = ["Equations", "LoopExpressions"]

@@ -207,6 +207,3 @@ def _ranges(model: SymbolicModel) -> tuple[Array, Array]:
         out.append(actuator.range or (home - half, home + half))
     low, high = np.array(out, dtype=float).T
     return low, high
-
-
-__all__ = ["free_joints", "judged_axes", "machine_task", "stated_task", "task_of"]

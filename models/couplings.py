@@ -90,6 +90,3 @@ def turns_freely(mechanism: Mechanism, reading: str) -> bool:
 
 def _coupled(mechanism: Mechanism) -> list[str]:
     return [actuator.reading for actuator in mechanism.actuators if any(actuator.coupled.values())]
-
-
-__all__ = ["coupling_matrix", "own_motions", "recorded_reading", "resolve_couplings", "turns_freely"]

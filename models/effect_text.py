@@ -165,6 +165,3 @@ def _settings(
         names = {c.name for c in effect.coefficients(machine, place, settings)}
         forms.append((len(set(numbers) - names - set(settings)), settings))
     return dict(min(forms, key=lambda form: form[0])[1])
-
-
-__all__ = ["parse_effect"]

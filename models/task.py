@@ -155,6 +155,3 @@ def _half_tangents(sines: ca.SX, denominator: ca.SX) -> ca.SX:
     """Return twice the tangents of half the angles with these sines and one plus their cosine; 1 where this is nothing."""
     is_opposite = denominator <= _OPPOSITE
     return ca.if_else(is_opposite, 1.0, 2 * sines / ca.if_else(is_opposite, 1.0, denominator))
-
-
-__all__ = ["AXIS", "COMPONENTS", "WHOLE", "Task"]

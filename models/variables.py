@@ -98,6 +98,3 @@ class Variables:
         if weighed and mass in values:
             values[mass] = ca.SX(machine.geometry[mass].nominal)
         return with_own_tools(machine, values, self.z)
-
-
-__all__ = ["Variables"]

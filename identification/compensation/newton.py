@@ -74,6 +74,3 @@ def least_steps(slope: Array, gap: Array) -> Array:
             pass
     out: Array = (np.linalg.pinv(slope, rcond=_INDEPENDENT) @ gap[..., None])[..., 0]
     return out
-
-
-__all__ = ["Problem", "least_steps", "left_of", "solve_rows"]

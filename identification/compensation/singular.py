@@ -134,6 +134,3 @@ class Easing:
             if np.max(np.abs(step)) < _SETTLED:
                 break
         return u, left, rate
-
-
-__all__ = ["Eased", "Easing"]

@@ -107,6 +107,3 @@ def conflict_with_tolerances(lin: Linearisation, noise: float) -> Alarm:
     beyond = int(np.sum(null <= log_p[0]))
     p = (1 + beyond) / (1 + MACHINES) if beyond else min(2.0 * float(np.exp(log_p[0])), 1 / (1 + MACHINES))
     return Alarm(float(statistic[0]), p, "tolerances")
-
-
-__all__ = ["conflict_with_tolerances"]

@@ -55,6 +55,3 @@ def refitted(machine: Machine, recording: Recording, fits: Fits, far: Mask) -> F
     """With other rows left out."""
     before = estimate(machine, recording, machine.effects, start=fits.before.p, exclude=far)
     return Fits(free_fit(machine, recording, before, far, fits.free.p), before, far)
-
-
-__all__ = ["Fits", "free_fit", "null_fits", "refitted"]

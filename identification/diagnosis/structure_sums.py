@@ -99,6 +99,3 @@ def _lag(residual: Array, order: Index) -> float:
         here = residual[order[start : start + TOGETHER + 1]]
         total += float(np.sum(here[1:] * here[:-1]))
     return total / float(np.sqrt((len(order) - 1) * residual.shape[1]))
-
-
-__all__ = ["Functions", "StructureSums"]

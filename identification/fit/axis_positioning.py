@@ -101,6 +101,3 @@ def _along(fit: Estimate, recording: Recording, rows: Index) -> Array | None:
         return None
     way = np.linalg.svd(read - read.mean(axis=0), full_matrices=False)[2][0]
     return np.asarray(off[:, at] @ way)
-
-
-__all__ = ["AxisTest", "axis_tests"]

@@ -180,17 +180,3 @@ def _ratio(above: Array, below: Array) -> Array:
     """above / below; 0 where there is nothing to divide."""
     above, below = np.asarray(above, dtype=float), np.asarray(below, dtype=float)
     return np.divide(above, below, out=np.zeros_like(above), where=below > 0.0)
-
-
-__all__ = [
-    "LinearEstimate",
-    "Rule",
-    "Spectrum",
-    "column_scale",
-    "decompose",
-    "liu",
-    "liu_parameter",
-    "ols",
-    "pcr",
-    "ridge",
-]

@@ -67,6 +67,3 @@ def _by_row(fit: Estimate, predictor: Predictor) -> tuple[Array, Array]:
         np.sum(jacobian**2, axis=1), 1e-300
     )
     return weight, fit.p[-1] + told
-
-
-__all__ = ["clock_by_model"]

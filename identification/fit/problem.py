@@ -242,6 +242,3 @@ class Problem:
                 f"({self.n_observations} readings), expected at least as many readings as the {free - known} "
                 "parameters without a finite tolerance"
             )
-
-
-__all__ = ["Prior", "Problem", "prior_of"]

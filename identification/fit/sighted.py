@@ -101,6 +101,3 @@ def _iterated(
         left = fresh
         rotation = lie.nearest_rotation((onto - onto.mean(axis=0)).T @ (points - middle))
     return rotation, shift, fresh
-
-
-__all__ = ["ZEROS", "base_by_bearings", "base_of", "sensors_of_directions", "station_of", "unknown_zeros"]

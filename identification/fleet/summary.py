@@ -166,6 +166,3 @@ def _added(kind: str, said: Said, *parts: Whole) -> Iterator[tuple[str, Whole]]:
     if said.keys:
         sums = np.concatenate([np.add.reduceat(part, said.first, axis=0) for part in parts], axis=1)
         yield from zip((f"{kind}|{key}" for key in said.keys), sums, strict=True)
-
-
-__all__ = ["SCHEMA", "Summary", "total"]

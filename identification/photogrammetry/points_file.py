@@ -55,6 +55,3 @@ def _lengths(table: Table, name: str, *, gaps: bool = True) -> Array:
     filled = ["0" if gap else cell for cell, gap in zip(cells, empty, strict=True)]
     numbers = replace(table, cells={**table.cells, name: filled}).numbers(name)
     return np.where(empty, np.nan, convert(numbers, table.unit(name, "mm", "length"), "mm"))
-
-
-__all__ = ["read_body", "read_points"]

@@ -145,6 +145,3 @@ def _by_turn(vector: Array) -> Array:
     k = np.cross(vector, np.eye(3)).T  # k @ w = vector x w
     squared = 1.0 / 12.0 if angle < 1e-4 else 1.0 / angle**2 - 0.5 / (angle * np.tan(0.5 * angle))
     return np.asarray(np.eye(3) - 0.5 * k + squared * k @ k)
-
-
-__all__ = ["COLUMNS", "COORDINATE", "PAIRS", "pose_table"]

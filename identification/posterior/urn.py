@@ -98,6 +98,3 @@ def polya(counts: Index, base: Array, weight: float) -> float:
     some = np.flatnonzero(counts)
     drawn = float(np.sum(gammaln(base[some] + counts[some]) - gammaln(base[some])))
     return drawn - float(gammaln(weight + counts.sum()) - gammaln(weight))
-
-
-__all__ = ["Counts", "Urn", "polya"]

@@ -102,6 +102,3 @@ def joined(rows: slice, parts: Sequence[Block]) -> Block:
         return np.concatenate([part.changes(piece) for part, piece in pieces], axis=1)
 
     return Block(rows, residual, dense, compare, lost)
-
-
-__all__ = ["TOGETHER", "Block", "joined", "written_out"]

@@ -75,6 +75,3 @@ class Part:
         if self.ports is not None:
             there |= np.any(self.ports.slopes[:, list(channels)] != 0.0, axis=2)
         return int(np.sum(there))
-
-
-__all__ = ["ByPorts", "Part"]

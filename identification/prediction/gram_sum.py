@@ -68,6 +68,3 @@ def _factors(
     other, _, first = groups[g - 1]
     both = np.einsum("nm,nm->n", slopes[:, :, other], slopes[:, :, port])
     return first, both[:, None] * values
-
-
-__all__ = ["GramSum"]

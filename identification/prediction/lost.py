@@ -50,6 +50,3 @@ def _depends(sensor: Sensor) -> Mask:
     residual = sensor.residual(world, {name: ca.SX.sym(name) for name in names}, reading)
     pattern = ca.jacobian(residual, reading).sparsity()
     return np.asarray(ca.DM(pattern, 1.0).full() != 0, dtype=np.bool_)
-
-
-__all__ = ["all_lost", "lost_of", "told"]

@@ -163,15 +163,3 @@ def _complete(machine: Machine, recording: Recording, good: Mask) -> Mask:
     if recording.from_row is not None and any(sensor.differs_from_row for sensor in machine.sensors):
         return good & good[recording.from_row]
     return good
-
-
-__all__ = [
-    "POSE",
-    "Prediction",
-    "predict",
-    "predicted",
-    "predictor_for",
-    "unassembled",
-    "unheard",
-    "unknown_frames",
-]

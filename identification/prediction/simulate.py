@@ -73,6 +73,3 @@ def with_inputs(path: Path | str, simulated: pd.DataFrame) -> pd.DataFrame:
             header = column.name if column.unit is None else f"{column.name} [{column.unit}]"
             kept[header] = list(table.cells[column.name])
     return pd.concat([pd.DataFrame(kept), simulated], axis=1)
-
-
-__all__ = ["simulate", "with_inputs"]

@@ -87,6 +87,3 @@ class Quadrants:
             stays = low - 1e-12 <= q[k] <= low + _QUARTER + 1e-12
             now.append(quadrant if stays else float(math.floor(q[k] / _QUARTER)))
         return (*now, *numbers[3:])
-
-
-__all__ = ["SLACK", "Configuration", "Quadrants", "StatusTurn"]

@@ -77,6 +77,3 @@ def _bytes(path: Path) -> bytes:
         return read_at_most(path, PROGRAM_MOST)
     except OSError as exc:
         raise InputError(f"{path}: cannot read the file: {exc.strerror}") from exc
-
-
-__all__ = ["DIALECTS", "beside", "dialect_of", "text_of"]

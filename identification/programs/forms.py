@@ -155,6 +155,3 @@ def written(value: float, before: str, decimals: int) -> str:
     if float(out) == 0.0:
         out = out.lstrip("-")
     return f"+{out}" if before.startswith("+") and not out.startswith("-") else out
-
-
-__all__ = ["Euler", "Form", "Quaternion", "RotationVector", "numbers_of", "written"]

@@ -121,6 +121,3 @@ def _rigid(numbers: tuple[float, ...]) -> bool:
 def shown_name(name: str) -> str:
     """A frame's name as a person knows it: without the place in the text that tells several apart."""
     return name.partition("@")[0]
-
-
-__all__ = ["Cell", "Frames", "Told", "shown_name"]

@@ -203,6 +203,3 @@ def outside(text: str) -> str:
 def _constant(text: str) -> Array | None:
     numbers = stated(text)
     return None if numbers is None else np.asarray(Euler().poses(np.array([numbers]))[0])
-
-
-__all__ = ["FIXED", "Key", "Motions", "factors", "outside"]

@@ -263,6 +263,3 @@ def _fields(mask: str, start: int, end: int) -> dict[str, Number] | None:
             return None
         out[m.group(1).upper()] = Number(m.start(2), m.end(2), m.group(2))
     return out
-
-
-__all__ = ["Kuka"]

@@ -135,6 +135,3 @@ def joint_values(robot: Robot, program: Program, values: Sequence[float]) -> Arr
     """(nq,) joints, mm and rad, of a text's numbers."""
     units = joint_units(robot, program)
     return np.array([convert(v, unit, inside) for v, (inside, unit) in zip(values, units, strict=True)])
-
-
-__all__ = ["Meant", "by_tool", "joint_units", "joint_values", "meant_of"]

@@ -226,6 +226,3 @@ def _computed(mask: str, lines: Lines, statements: Iterable[Statement], followed
         if one.partly:
             why = "the program changes a target while it runs; what it writes is not corrected"
             yield Left(lines.of(one.start), shown(mask[one.start : one.end].rstrip("; ")), why, computed=True)
-
-
-__all__ = ["Rapid"]

@@ -152,6 +152,3 @@ def _product(first: Array, second: Array) -> tuple[float, ...]:
     place = first[:3] + a.apply(second[:3])
     x, y, z, w = (a * b).as_quat()
     return (*place.tolist(), w, x, y, z)
-
-
-__all__ = ["Cell", "Move", "Moves", "cell_of", "moves"]

@@ -55,6 +55,3 @@ def offset_of(mask: str, span: Span) -> Offset | None:
         "XYZ", [turns.get(axis, 0.0) for axis in "xyz"], degrees=True
     ).as_matrix()
     return Offset(m["name"].lower(), moved, of_tool)
-
-
-__all__ = ["Offset", "offset_of"]

@@ -93,6 +93,3 @@ class Robot:
         return np.array(
             [told.get(name, value) for name, value in zip(self.solver.model.names, p, strict=True)]
         )
-
-
-__all__ = ["Robot"]

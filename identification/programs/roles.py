@@ -86,6 +86,3 @@ def unsure(way: Way, name: str, lines: Lines) -> list[Left]:
     """Return the motions of a way that should get a copy and may not."""
     lost = [one for one in way.goings if one.span is None and not one.elsewhere]
     return [] if way.names is None else [Left(lines.of(one.place), name, SEVERAL) for one in lost]
-
-
-__all__ = ["SEVERAL", "Going", "Way", "targets_of", "unsure", "ways_to", "worked_out"]

@@ -172,6 +172,3 @@ def _commands(
         if target.kind == "joints":
             q[row] = joint_values(robot, program, values[row])
     return q
-
-
-__all__ = ["MISSED", "Solved", "edits_of", "read_again", "run"]

@@ -71,6 +71,3 @@ def _nearest(line: tuple[Array, Array], other: tuple[Array, Array]) -> Array:
         return a
     out: Array = a + u * float(np.linalg.det(np.array([b - a, v, across]))) / square
     return out
-
-
-__all__ = ["ArmShape"]

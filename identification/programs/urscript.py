@@ -116,6 +116,3 @@ def _changed(mask: str, names: set[str], lines: Lines) -> Iterator[Left]:
         if m["name"] in names:
             why = "the program changes a target while it runs; what it writes is not corrected"
             yield Left(lines.of(m.start("what")), shown(m["what"]), why, computed=True)
-
-
-__all__ = ["UrScript"]

@@ -210,6 +210,3 @@ class Motions:
         piece = self.mask[slice(*span)]
         start = span[0] + len(piece) - len(piece.lstrip())
         return start, max(start, span[1] - len(piece) + len(piece.rstrip()))
-
-
-__all__ = ["IN_FORCE", "LITERAL", "SET_TCP", "Motions"]

@@ -151,6 +151,3 @@ def _stacked(parts: Iterable[ArrowCells], rows: int, *, lost: bool) -> Array | N
         out[at : at + len(own)] = own
         at += len(own)
     return out
-
-
-__all__ = ["ArrowCells", "StackedCells", "TextCells", "parquet_cells"]

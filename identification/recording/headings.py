@@ -119,15 +119,3 @@ def chosen_columns(text: str | None) -> Mapping[str, str]:
             )
         chosen[new] = old
     return chosen
-
-
-__all__ = [
-    "XYZ",
-    "asked_columns",
-    "asked_numbers",
-    "chosen_columns",
-    "is_asked",
-    "length_or_angle",
-    "names_columns",
-    "read_column",
-]

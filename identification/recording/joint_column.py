@@ -108,6 +108,3 @@ def sized(table: Table, name: str, recorded: Array, values: Array, largest: floa
             f"{table.where(name, row)}: found {recorded[row]:g}, expected at most {largest:g} by size in the program's units"
         )
     return values
-
-
-__all__ = ["SLACK", "JointColumn", "column_unit", "joint_readings", "sized", "turned_notes"]

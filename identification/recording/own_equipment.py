@@ -91,6 +91,3 @@ def _refuse_two(kind: str, rows: Mapping[str, Mask], recording: Recording) -> No
         row = int(twice[0])
         names = [f"recordings.{name}" for name, own in rows.items() if own[row]]
         raise InputError(f"{recording.where(row)}: found its {kind} in {joined(names)}, expected one of them")
-
-
-__all__ = ["begun", "with_own_equipment"]

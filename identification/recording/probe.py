@@ -281,6 +281,3 @@ def clock_words(pairing: Pairing, clock: Clock, told_by: str) -> str:
         drift = 1e3 * clock.rate * float(np.ptp(pairing.time))
         words += f"; they drift apart by {1e6 * clock.rate:.3g} ppm, {drift:.3g} ms in all"
     return words
-
-
-__all__ = ["Log", "Pairing", "clock_words"]

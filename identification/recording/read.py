@@ -184,6 +184,3 @@ def _sessions(parts: Sequence[RecordingPart]) -> list[IntArray]:
         else:
             out.append(part.session)
     return out
-
-
-__all__ = ["read_recording"]

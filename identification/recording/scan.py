@@ -82,6 +82,3 @@ def _rows(
 
 def _held(state: Array, limit: float) -> Array:
     return np.minimum(np.maximum(state, -limit), limit)
-
-
-__all__ = ["affine", "clipped"]

@@ -119,6 +119,3 @@ def average(values: Array) -> Average:
     if count < 2:
         return Average(mean, np.full(values.shape[1], np.nan), count)
     return Average(mean, np.sqrt(np.sum(off**2, axis=0) / (count - 1) / count), count)
-
-
-__all__ = ["BAND", "SECONDS", "Average", "Stream", "average", "stretches"]

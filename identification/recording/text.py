@@ -130,6 +130,3 @@ def _count(line: str, separator: str) -> int:
         return len(next(csv.reader([line], delimiter=separator), []))
     except csv.Error:
         return 0
-
-
-__all__ = ["SI", "TextTable", "read_text"]

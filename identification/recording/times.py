@@ -184,6 +184,3 @@ def _clock_of(moment: _Moment) -> Clock:
 
 def _shown(cell: object) -> str:
     return "an empty cell" if cell is None or not str(cell).strip() else repr(cut(str(cell).strip()))
-
-
-__all__ = ["Clock", "Times", "read_times"]

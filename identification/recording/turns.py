@@ -81,6 +81,3 @@ def _replaced(table: Table, names: tuple[str, ...], vectors: Array) -> Table:
     cells = {name: ArrowCells(vectors[:, k]) for k, name in enumerate(_VECTOR)}
     columns = (*rest.columns, *(Column(name, "deg") for name in _VECTOR))
     return replace(rest, columns=columns, cells={**rest.cells, **cells})
-
-
-__all__ = ["FORMS", "with_rotation_vector"]

@@ -71,6 +71,3 @@ def coupling_matrix(diagnosis: Diagnosis, finding: Finding) -> tuple[list[str], 
         ca.Function("slope", [readings, found.coefficients], [slope])(middle, found.amplitudes).full()
     )
     return (list(found.shifts), value) if np.count_nonzero(np.any(value != 0.0, axis=0)) > 1 else None
-
-
-__all__ = ["Formula", "coupling_matrix", "formula", "terms_of"]

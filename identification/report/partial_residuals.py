@@ -159,6 +159,3 @@ def _covariance(fit: Estimate, own: Sequence[int]) -> Array:
     at = [place[own[k]] for k in known]
     out[np.ix_(known, known)] = fit.covariance_among(np.array(at))
     return out
-
-
-__all__ = ["PortShift", "all_port_shifts"]

@@ -160,6 +160,3 @@ def _json(norm: Array) -> dict[str, object]:
 def _listed(items: list[str]) -> str:
     more = [f"and {len(items) - _LISTED} more"] if len(items) > _LISTED else []
     return ", ".join([*items[:_LISTED], *more])
-
-
-__all__ = ["Limit", "correction_json", "correction_lines", "correction_notes"]

@@ -47,6 +47,3 @@ def turned(
         places.append((names, slice(at, at := at + own.shape[1])))
         out.append(own)
     return (np.concatenate(out, axis=1) if out else shifts), places
-
-
-__all__ = ["Layout", "Turns", "series_ports", "turned"]

@@ -70,6 +70,3 @@ def _chebyshev(values: Array, used: Mask) -> Array:
     """(n, PAIR) the first two polynomials over the range of the used rows."""
     t = scaled(values, float(values[used].min()), float(values[used].max()))
     return np.column_stack(chebyshev(np.clip(t, -1.0, 1.0), PAIR)[1:])
-
-
-__all__ = ["PAIR", "Forms", "Signal"]

@@ -78,6 +78,3 @@ class Linearisation:
     def indices(self, chosen: Sequence[int]) -> list[int]:
         """Columns of G of the chosen candidates."""
         return [k for i in chosen for k in range(self.columns[i].start, self.columns[i].stop)]
-
-
-__all__ = ["Linearisation"]

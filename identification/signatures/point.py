@@ -37,6 +37,3 @@ class Point:
     def among(self, names: Sequence[str]) -> Array:
         """(k,) p for names that go on with ports behind its own: these are at nothing."""
         return np.concatenate([self.p, np.zeros(len(names) - len(self.p))])
-
-
-__all__ = ["Point"]

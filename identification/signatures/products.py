@@ -79,6 +79,3 @@ class Columns:
                 moved = np.einsum("ncp,c->np", local, size)
                 out += np.einsum("nmp,np->nm", ports[:, :, [self.place[n] for n in names]], moved)
         return out
-
-
-__all__ = ["Columns"]

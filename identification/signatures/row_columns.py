@@ -161,6 +161,3 @@ class RowColumns:
 def parted(rows: int) -> list[slice]:
     """So many rows, a block at a time."""
     return [slice(start, min(start + BLOCK, rows)) for start in range(0, rows, BLOCK)]
-
-
-__all__ = ["RowColumns", "Sums", "parted"]

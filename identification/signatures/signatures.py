@@ -150,6 +150,3 @@ class Signatures(RowColumns):
     def rows(self, fit: Estimate) -> Iterator[tuple[slice, Block, Array]]:
         """Row ranges with their block and signatures (n, m, width)."""
         yield from self.blocks_of(self._point(fit), None)
-
-
-__all__ = ["Signatures"]

@@ -36,6 +36,3 @@ def blocks_of_every_set(predictor: Predictor, here: Point) -> Iterator[Block]:
         place = np.array(at) if block.at is None else np.searchsorted(block.at, at)  # no mass follows ports
         columns[:, :, place] = plain.dense[:, :, place]
         yield replace(block, dense=columns)
-
-
-__all__ = ["blocks_of_every_set"]

@@ -261,6 +261,3 @@ def _direction(axis: tuple[float, ...]) -> list[float]:
     """An axis as it stands; of one whose length's square no number holds, the same direction."""
     largest = max(map(abs, axis))
     return list(axis) if 1e-6 <= largest <= 1e6 else [v / largest for v in axis]
-
-
-__all__ = ["CHAIN_MOST", "FARTHEST", "KINDS", "MM_PER_M", "NAME_MOST", "Robot"]

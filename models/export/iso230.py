@@ -110,6 +110,3 @@ def squareness(table: Table) -> dict[str, float]:
 
 def _shown(axis: Axis, value: float) -> str:
     return f"{value:.15g} mm" if axis.unit == "mm" else f"{np.degrees(value):.15g} deg"
-
-
-__all__ = ["isg_text", "iso230_text", "squareness"]

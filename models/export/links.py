@@ -101,6 +101,3 @@ def lump_of(points: Sequence[tuple[float, Array]]) -> Lump:
         arm = (at - centre) / MM_PER_M
         spread += kg * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     return Lump(total, centre / MM_PER_M, spread)
-
-
-__all__ = ["Links", "Lump", "Names", "links_of", "lump_of"]

@@ -105,6 +105,3 @@ def _following(joint: TreeJoint, slides: Mapping[str, bool]) -> ElementTree.Elem
     factor = ratio / unit * (MM_PER_M if slides[other] else 1.0)
     told = {"joint1": joint.name, "joint2": other, "polycoef": text(0.0, factor, 0.0, 0.0, 0.0)}
     return ElementTree.Element("joint", told)
-
-
-__all__ = ["body_in", "inertial", "mjcf_text", "model_head", "model_text"]

@@ -154,6 +154,3 @@ def _along(direction: Array) -> Array:
     x = np.cross(other, direction)
     x /= np.linalg.norm(x)
     return np.column_stack([x, np.cross(direction, x), direction])
-
-
-__all__ = ["mjcf_loops_text"]

@@ -108,6 +108,3 @@ def _tie(element: Element, numbers: Mapping[str, int], poses: Array) -> Tie:
 
 def _numbers(element: Element, attribute: str, usual: str) -> list[float]:
     return [float(word) for word in element.get(attribute, usual).split()]
-
-
-__all__ = ["Mjcf", "read_mjcf"]

@@ -42,6 +42,3 @@ def _frame(numbers: Iterable[float]) -> Array:
     values, out = np.array(list(numbers)), np.eye(4)
     out[:3, :3], out[:3, 3] = rpy_matrix(values[3:]), MM_PER_M * values[:3]
     return out
-
-
-__all__ = ["read_ur_kinematics"]

@@ -47,6 +47,3 @@ def read_base(text: str) -> Array:
             xyz, rpy = ([float(v) for v in origin.get(name, "0 0 0").split()] for name in ("xyz", "rpy"))
             out[:3, :3], out[:3, 3] = rpy_matrix(np.array(rpy)), np.multiply(xyz, MM_PER_M)
     return out
-
-
-__all__ = ["read_base", "read_urdf"]

@@ -84,6 +84,3 @@ def _check(machine: Machine, values: Mapping[str, float], what: str) -> None:
             f"{machine.name}: joint {mechanism.followers[0].joint!r}: found a joint that follows others in a machine with "
             f"loops, expected none for {what}"
         )
-
-
-__all__ = ["Standing", "standing"]

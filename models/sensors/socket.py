@@ -236,6 +236,3 @@ class Seats(Comparison):
         flat = values.reshape(len(values), -1)
         flat = np.where((self.weight > 0)[:, None], flat, 0.0)
         return np.asarray(average @ flat).reshape(len(self.fitted), *values.shape[1:])
-
-
-__all__ = ["Seats", "Socket"]

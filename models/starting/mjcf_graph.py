@@ -228,6 +228,3 @@ def _rpy(rotation: Array) -> Array:
         return np.array([np.arctan2(-rotation[1, 2], rotation[1, 1]), pitch, 0.0])
     roll = np.arctan2(rotation[2, 1], rotation[2, 2])
     return np.array([roll, pitch, np.arctan2(rotation[1, 0], rotation[0, 0])])
-
-
-__all__ = ["MjcfGraph"]

@@ -135,6 +135,3 @@ def placed_frame(position: ArrayLike, quaternion: ArrayLike) -> Array:
     out[:3, :3] = Rotation.from_quat(np.roll(np.asarray(quaternion), -1)).as_matrix()
     out[:3, 3] = MM_PER_M * np.asarray(position)
     return out
-
-
-__all__ = ["MM_PER_M", "body_name", "parts_of", "placed_frame"]

@@ -119,6 +119,3 @@ class Parts:
             for c in self.couplings
         ]
         return replace(self, couplings=tuple(turned))
-
-
-__all__ = ["Coupling", "PartBody", "PartJoint", "Parts", "Tie"]

@@ -210,6 +210,3 @@ def _unit(name: str, unit: str, path: Path) -> str:
             f"{path}: column {name!r}: found the unit {unit!r}, expected one of {', '.join(known)}"
         )
     return unit.lower()
-
-
-__all__ = ["CONVENTIONS", "FIELDS", "Row", "start_of", "table_start"]

@@ -146,6 +146,3 @@ def _ways(robot: Robot, base: str) -> dict[str, _Way]:
 
 def _named(links: Sequence[str]) -> str:
     return shortened([cut(link, 60) for link in links], 10)
-
-
-__all__ = ["root_of", "urdf_start"]

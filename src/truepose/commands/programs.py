@@ -141,16 +141,3 @@ def _value(name: str, text: str) -> float:
         return float(text)
     except ValueError:
         raise InputError(f"--at {name}: found {text!r}, expected a number") from None
-
-
-__all__ = [
-    "AtOption",
-    "BaseOption",
-    "DialectOption",
-    "FrameOption",
-    "LimitOption",
-    "Options",
-    "ToolOption",
-    "TurnOption",
-    "correct_program",
-]

@@ -14,5 +14,3 @@ POINTS: dict[str, Callable[[float, float], str]] = {
     "diamond": lambda x, y: f"M{x:.1f} {y - 4.5:.1f}l4.5 4.5l-4.5 4.5l-4.5-4.5z",
 }
 """Path of a mark at a place, pixels."""
-
-__all__ = ["POINTS", "SIZE"]
