@@ -99,10 +99,8 @@ class CompiledKinematics:
 def base_frame(machine: Machine) -> Array:
     """(4, 4) nominal frame of the base in the sensor's frame, as calibrated: what the C's poses leave out."""
     value = {parameter.name: parameter.nominal for parameter in machine.frames}
-    out = np.eye(4)
-    out[:3, :3] = lie.rpy_matrix(np.array([value[f"base.r{axis}"] for axis in "xyz"]))
-    out[:3, 3] = [value[f"base.{axis}"] for axis in "xyz"]
-    return out
+    xyz, rpy = ([value[f"base.{of}{axis}"] for axis in "xyz"] for of in ("", "r"))
+    return lie.pose_of(lie.rpy_matrix(rpy), xyz)
 
 
 def shared_out(part: Callable[[slice], None], count: int, block: int) -> None:

@@ -113,9 +113,7 @@ def _with_joints(machine: Machine, table: Table, columns: Mapping[str, str]) -> 
     for name, internal in columns.items():
         unit = table.unit(name, units.written(internal), internal)
         parts.append(convert(table.numbers(name), unit, internal))
-    poses = np.broadcast_to(np.eye(4), (table.n_rows, 4, 4)).copy()
-    poses[:, :3, 3] = np.column_stack(parts[:3])
-    poses[:, :3, :3] = lie.exp_so3(np.column_stack(parts[3:]))
+    poses = lie.pose_of(lie.exp_so3(np.column_stack(parts[3:])), np.column_stack(parts[:3]))
     solver = PoseSolver(machine, ideal_constants(machine, symbolic_model(machine, machine.effects)))
     q = _nominal_joints(solver, table, poses)
     joints = {

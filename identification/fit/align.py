@@ -76,12 +76,14 @@ def _align_session(predictor: Predictor, p: Array, session: int, wanted: Mask, t
             return
         rotation, shift = rigid_motion(predicted, measured)
         at = base.value(p)
-        base.put(p, np.concatenate([rotation @ at[:3] + shift, _rpy(rotation @ lie.rpy_matrix(at[3:]))]))
+        base.put(
+            p, np.concatenate([rotation @ at[:3] + shift, lie.rpy_of(rotation @ lie.rpy_matrix(at[3:]))])
+        )
         turn = _turn(predictor, rows, rotation @ poses[rows, :3, :3]) if turning else None
         if turn is None:
             return
         at = tool.value(p)
-        tool.put(p, np.concatenate([at[:3], _rpy(lie.rpy_matrix(at[3:]) @ turn)]))
+        tool.put(p, np.concatenate([at[:3], lie.rpy_of(lie.rpy_matrix(at[3:]) @ turn)]))
 
 
 def _align_by_directions(predictor: Predictor, p: Array, base: _Frame, rows: Mask) -> None:
@@ -124,7 +126,7 @@ def _by_directions(
     if found is None:
         return None
     place = found[0][:3, 3] if sensor.of == ORIGIN else at[:3]
-    base.put(out, np.concatenate([place, _rpy(found[0][:3, :3])]))
+    base.put(out, np.concatenate([place, lie.rpy_of(found[0][:3, :3])]))
     return out, found[1]
 
 
@@ -174,10 +176,6 @@ class _Frame:
                 p[at] += change[k]
 
 
-def _rpy(rotation: Array) -> Array:
-    return np.asarray(lie.rpy_of(rotation), dtype=float)
-
-
 def _wide(machine: Machine, frame: str) -> bool:
     tolerance = [machine.geometry[f"{frame}.{a}"].tolerance for a in AXES]
     return max(tolerance[:3]) > WIDE_LENGTH or max(tolerance[3:]) > WIDE_ANGLE
@@ -205,9 +203,7 @@ def seen_points(
 
 def transform(t: Array) -> Array:
     """(4, 4) transform of x y z and roll pitch yaw (6,)."""
-    out = np.eye(4)
-    out[:3, 3], out[:3, :3] = t[:3], lie.rpy_matrix(t[3:])
-    return out
+    return lie.pose_of(lie.rpy_matrix(t[3:]), t[:3])
 
 
 def rigid_motion(source: Array, target: Array) -> tuple[Array, Array]:

@@ -47,7 +47,7 @@ class Euler:
 
     def poses(self, numbers: Array) -> Array:
         turn = Rotation.from_euler("ZYX", numbers[:, 3:], degrees=True).as_matrix()
-        return _poses(turn, numbers[:, :3])
+        return lie.pose_of(turn, numbers[:, :3])
 
     def numbers(self, poses: Array, near: Array) -> Array:
         angles = np.array([_euler(pose[:3, :3], old) for pose, old in zip(poses, near[:, 3:], strict=True)])
@@ -63,7 +63,7 @@ class Quaternion:
 
     def poses(self, numbers: Array) -> Array:
         turn = Rotation.from_quat(numbers[:, [4, 5, 6, 3]]).as_matrix()
-        return _poses(turn, numbers[:, :3])
+        return lie.pose_of(turn, numbers[:, :3])
 
     def numbers(self, poses: Array, near: Array) -> Array:
         quaternion = Rotation.from_matrix(poses[:, :3, :3]).as_quat()[:, [3, 0, 1, 2]]
@@ -84,7 +84,7 @@ class RotationVector:
     def poses(self, numbers: Array) -> Array:
         place = np.column_stack([convert(numbers[:, k], u, "mm") for k, u in enumerate(self.lengths)])
         turn = np.column_stack([convert(numbers[:, 3 + k], u, "rad") for k, u in enumerate(self.angles)])
-        return _poses(lie.exp_so3(turn), place)
+        return lie.pose_of(lie.exp_so3(turn), place)
 
     def numbers(self, poses: Array, near: Array) -> Array:
         turn = lie.log_so3(poses[:, :3, :3])
@@ -101,12 +101,6 @@ class RotationVector:
 def numbers_of(form: Form, pose: Array) -> tuple[float, ...]:
     """Return the numbers of one pose (4, 4), mm."""
     return tuple(form.numbers(pose[None], np.zeros((1, len(form.decimals))))[0].tolist())
-
-
-def _poses(rotations: Array, positions: Array) -> Array:
-    out = np.tile(np.eye(4), (len(positions), 1, 1))
-    out[:, :3, :3], out[:, :3, 3] = rotations, positions
-    return out
 
 
 def _euler(rotation: Array, old: Array) -> Array:

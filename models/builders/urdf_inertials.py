@@ -14,7 +14,7 @@ import numpy as np
 
 from truepose.arrays import Array
 from truepose.models.builders.urdf_file import FARTHEST, MM_PER_M, Robot
-from truepose.models.lie import rpy_matrix
+from truepose.models.lie import pose_of, rpy_matrix
 from truepose.models.mechanism import Inertial
 from truepose.wording import shortened
 
@@ -89,10 +89,8 @@ def _weight(robot: Robot, link: ElementTree.Element) -> tuple[float, Array]:
 
 def _origin(robot: Robot, joint: ElementTree.Element) -> Array:
     """(4, 4) child frame in the parent's at zero, mm."""
-    out = np.eye(4)
-    out[:3, :3] = rpy_matrix(np.array(robot.numbers(joint, "origin", "rpy")))
-    out[:3, 3] = MM_PER_M * np.array(robot.numbers(joint, "origin", "xyz"))
-    return out
+    xyz, rpy = (np.array(robot.numbers(joint, "origin", part)) for part in ("xyz", "rpy"))
+    return pose_of(rpy_matrix(rpy), MM_PER_M * xyz)
 
 
 __all__ = ["gravity_in", "inertials_of"]

@@ -15,7 +15,7 @@ import numpy as np
 from truepose.arrays import Array
 from truepose.models.builders.urdf_xml import parse_own_xml
 from truepose.models.export.numbers import MM_PER_M
-from truepose.models.lie import inverse_pose, unit_vector
+from truepose.models.lie import inverse_pose, pose_of, unit_vector
 from truepose.models.load import build_machine
 from truepose.models.machine import Machine
 from truepose.models.machine_file import SCHEMA, checked_machine
@@ -101,8 +101,7 @@ def _tie(element: Element, numbers: Mapping[str, int], poses: Array) -> Tie:
         frames = (placed_frame(place[:3], place[3:]), np.eye(4))
         return Tie(element.get("name", ""), "fixed", (one, other), frames)
     here = placed_frame(_numbers(element, "anchor", "0 0 0"), straight)
-    there = np.eye(4)
-    there[:3, 3] = (inverse_pose(poses[other]) @ poses[one] @ here)[:3, 3]
+    there = pose_of(np.eye(3), (inverse_pose(poses[other]) @ poses[one] @ here)[:3, 3])
     return Tie(element.get("name", ""), "spherical", (one, other), (here, there))
 
 

@@ -14,7 +14,7 @@ from truepose.models.builders.urdf_file import Robot
 from truepose.models.builders.urdf_inertials import inertials_of
 from truepose.models.builders.urdf_xml import parse_own_xml, parse_urdf
 from truepose.models.export.numbers import MM_PER_M
-from truepose.models.lie import rpy_matrix
+from truepose.models.lie import pose_of, rpy_matrix
 from truepose.models.load import build_machine
 from truepose.models.machine import Machine
 from truepose.models.machine_file import SCHEMA, checked_machine
@@ -45,5 +45,5 @@ def read_base(text: str) -> Array:
         child, origin = joint.find("child"), joint.find("origin")
         if child is not None and origin is not None and child.get("link") == BASE:
             xyz, rpy = ([float(v) for v in origin.get(name, "0 0 0").split()] for name in ("xyz", "rpy"))
-            out[:3, :3], out[:3, 3] = rpy_matrix(np.array(rpy)), np.multiply(xyz, MM_PER_M)
+            out = pose_of(rpy_matrix(rpy), np.multiply(xyz, MM_PER_M))
     return out

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from truepose.arrays import Array
+from truepose.models.lie import pose_of
 from truepose.models.mechanism import JointKind
 from truepose.models.starting.mjcf_parts import Coupling, PartBody, PartJoint, Parts, Tie
 
@@ -131,7 +132,5 @@ def _tie(model: mujoco.MjModel, k: int, name: str) -> Tie:
 
 def placed_frame(position: ArrayLike, quaternion: ArrayLike) -> Array:
     """Return the frame (4, 4) mm of a position (m) and a quaternion (w, x, y, z)."""
-    out = np.eye(4)
-    out[:3, :3] = Rotation.from_quat(np.roll(np.asarray(quaternion), -1)).as_matrix()
-    out[:3, 3] = MM_PER_M * np.asarray(position)
-    return out
+    turn = Rotation.from_quat(np.roll(np.asarray(quaternion), -1)).as_matrix()
+    return pose_of(turn, MM_PER_M * np.asarray(position))
