@@ -164,7 +164,7 @@ class PoseSolver:
         position, rotation, closure = np.split(np.abs(gap), [3, 6], axis=1)
         closed = np.max(closure, axis=1, initial=0.0) * self.size <= self._gap
         met = closed & (np.max(position, axis=1) <= MET) & (np.max(rotation, axis=1) <= MET)
-        beyond = self._beyond(q) & met[:, None]
+        beyond = ~in_ranges(self.machine, q) & met[:, None]
         status = np.where(settled, Reach.UNREACHABLE, Reach.ITERATION_LIMIT)
         status = np.where(met, np.where(beyond.any(axis=1), Reach.JOINT_RANGE, Reach.SOLVED), status)
         left = np.linalg.norm(position, axis=1) * self.size, np.linalg.norm(rotation, axis=1)
@@ -186,14 +186,12 @@ class PoseSolver:
                 out[:, k] -= 2 * np.pi * np.round((q[:, k] - np.mean(actuator.range)) / (2 * np.pi))
         return out
 
-    def _beyond(self, q: Array) -> Mask:
-        """(n, nq) readings out of range, beyond rounding."""
-        out = np.zeros(q.shape, dtype=bool)
-        for k, actuator in enumerate(self.machine.mechanism.actuators):
-            low, high = actuator.range or (-np.inf, np.inf)
-            slack = MET * (high - low) if np.isfinite(high - low) else 0.0
-            out[:, k] = (q[:, k] < low - slack) | (q[:, k] > high + slack)
-        return out
+
+def in_ranges(machine: Machine, q: Array) -> Mask:
+    """Return which readings (n, nq) are in their joints' ranges, but for rounding; of nan none is."""
+    low, high = np.array([a.range or (-np.inf, np.inf) for a in machine.mechanism.actuators]).T
+    slack = MET * np.where(np.isfinite(high - low), high - low, 0.0)
+    return np.asarray((q >= low - slack) & (q <= high + slack))
 
 
 def loop_scales(machine: Machine, model: SymbolicModel, size: float) -> tuple[Array, Array]:

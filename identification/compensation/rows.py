@@ -14,7 +14,7 @@ import numpy as np
 from truepose.arrays import Array, Index, Mask
 from truepose.errors import InputError
 from truepose.identification.compensation.compiled import base_frame
-from truepose.identification.compensation.inverse import MET, loop_scales, pose_gap
+from truepose.identification.compensation.inverse import MET, in_ranges, loop_scales, pose_gap
 from truepose.identification.compensation.newton import Problem, solve_rows
 from truepose.identification.compensation.singular import Easing
 from truepose.identification.prediction.predict import predictor_for
@@ -141,12 +141,7 @@ class Follower:
 
     def within(self, command: Array) -> Mask:
         """(n, nq) commands in their joints' ranges."""
-        out = np.ones(command.shape, dtype=bool)
-        for k, actuator in enumerate(self._machine.mechanism.actuators):
-            low, high = actuator.range or (-np.inf, np.inf)
-            slack = MET * (high - low) if np.isfinite(high - low) else 0.0
-            out[:, k] = (command[:, k] >= low - slack) & (command[:, k] <= high + slack)
-        return out
+        return in_ranges(self._machine, command)
 
     def _follow(self, rows: Index, method: Method) -> Compensation:
         """Index of the path, from their own readings: corrections are small."""

@@ -92,7 +92,7 @@ def read_part(
     said |= {name: table.unit(name, units.written(unit), unit) for name, unit in readings.items()}
     observations = {n: _reading(table, n, said[n], unit) for n, unit in readings.items()}
     times = read_times(table) if "time" in table else None
-    time = None if times is None else sized(table, "time", times.seconds, times.seconds, LATEST)
+    time = None if times is None else sized(table, "time", times.seconds, largest=LATEST)
     pose = table.integers("pose") if "pose" in table else None
     drivers = _drivers(table, joints, units, declared)
     q = {joint.name: joint_readings(table, joint, said[joint.name]) for joint in joints}
@@ -193,12 +193,12 @@ def _unread(file: str, observations: Mapping[str, Array]) -> list[str]:
 def _converted(table: Table, name: str, default: str, internal: str) -> Array:
     values = table.numbers(name)
     converted = convert(values, table.unit(name, default, internal), internal, table.where(name))
-    return sized(table, name, values, converted, LATEST)
+    return sized(table, name, converted, values, LATEST)
 
 
 def _reading(table: Table, name: str, unit: str, internal: str) -> Array:
     recorded = table.readings(name)
-    return sized(table, name, recorded, convert(recorded, unit, internal, table.where(name)))
+    return sized(table, name, convert(recorded, unit, internal, table.where(name)), recorded)
 
 
 def _drivers(
@@ -220,7 +220,7 @@ def _drivers(
 def _declared(table: Table, driver: DeclaredDriver) -> Array:
     """A declared column; one whose unit nobody stated stays as it was recorded."""
     if not driver.unit:
-        return sized(table, driver.name, numbers := table.numbers(driver.name), numbers, LATEST)
+        return sized(table, driver.name, table.numbers(driver.name), largest=LATEST)
     return _converted(table, driver.name, driver.written, driver.unit)
 
 

@@ -44,7 +44,7 @@ class JointColumn:
 def joint_readings(table: Table, joint: JointColumn, unit: str) -> Array:
     """Return the readings (n,) of a joint in its unit, in its range. Raises InputError for those that are not."""
     recorded = table.numbers(joint.name)
-    readings = sized(table, joint.name, recorded, convert(recorded, unit, joint.unit))
+    readings = sized(table, joint.name, convert(recorded, unit, joint.unit), recorded)
     if joint.range is None:
         return readings
     low, high = joint.range
@@ -99,12 +99,15 @@ def column_unit(table: Table, joint: JointColumn, units: UnitSystem) -> str:
     return table.unit(joint.name, joint.written_in(units), joint.unit)
 
 
-def sized(table: Table, name: str, recorded: Array, values: Array, largest: float = LARGEST) -> Array:
-    """The values of a column, none of them so large that no instrument reads it; as ``recorded`` in messages."""
+def sized(
+    table: Table, name: str, values: Array, recorded: Array | None = None, largest: float = LARGEST
+) -> Array:
+    """The values of a column, none of them so large that no instrument reads it; in messages as they are ``recorded``."""
     bad = np.flatnonzero(np.abs(values) > largest)
     if bad.size:
         row = int(bad[0])
+        shown = (values if recorded is None else recorded)[row]
         raise InputError(
-            f"{table.where(name, row)}: found {recorded[row]:g}, expected at most {largest:g} by size in the program's units"
+            f"{table.where(name, row)}: found {shown:g}, expected at most {largest:g} by size in the program's units"
         )
     return values

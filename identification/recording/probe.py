@@ -15,11 +15,11 @@ from truepose.errors import InputError
 from truepose.identification.recording.arrow_columns import ArrowCells
 from truepose.identification.recording.clock_offset import MOVING, Clock, Motion
 from truepose.identification.recording.columns import LOGGED, ORDER
+from truepose.identification.recording.joint_column import sized
 from truepose.identification.recording.names import in_known_case
 from truepose.identification.recording.table import Column, Table
 from truepose.identification.recording.times import read_times
 from truepose.models.driver import VELOCITY
-from truepose.models.limits import LARGEST
 from truepose.models.units import compatible, convert
 from truepose.wording import joined, shortened
 
@@ -90,7 +90,7 @@ class Pairing:
             raise InputError(
                 f"{probe.file}: found no point x y z to compare the clocks by, expected one, or --offset"
             )
-        place = np.column_stack([_sized(probe, name, probe.readings(name)) for name in axes])
+        place = np.column_stack([sized(probe, name, probe.readings(name)) for name in axes])
         order = np.unique(self.time, return_index=True)[1]
         order = order[np.isfinite(place[order]).all(axis=1)]
         radians, slides = _internal(log)
@@ -140,16 +140,7 @@ def _time(table: Table) -> Array:
     name = next((name for name in _TIMES if name in table), None)
     if name is None:
         raise InputError(f"{table.file}: found no column of time, expected one called {joined(_TIMES, 'or')}")
-    return _sized(table, name, read_times(table, name).seconds)
-
-
-def _sized(table: Table, name: str, values: Array) -> Array:
-    """The values (n,) of a column, none of them beyond ``LARGEST``: their squares are numbers, too."""
-    far = np.flatnonzero(np.abs(values) > LARGEST)  # a lost reading is not
-    if far.size:
-        row = int(far[0])
-        raise InputError(f"{table.where(name, row)}: found {values[row]:g}, expected at most {LARGEST:g}")
-    return values
+    return sized(table, name, read_times(table, name).seconds)
 
 
 def _logged(log: Table, joints: Sequence[str]) -> Log:
@@ -166,7 +157,7 @@ def _logged(log: Table, joints: Sequence[str]) -> Log:
     )  # of several at one time, to the nanosecond, the last one counts
     if len(order) < 4:
         raise InputError(f"{log.file}: found {len(order)} different times, expected a log of at least 4")
-    at, values = time[order], np.column_stack([_sized(log, name, log.numbers(name))[order] for name in names])
+    at, values = time[order], np.column_stack([sized(log, name, log.numbers(name))[order] for name in names])
     slopes = np.gradient(values, at, axis=0)
     for k, name in enumerate(names):
         if f"{VELOCITY}.{name}" in log:
