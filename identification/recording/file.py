@@ -213,7 +213,7 @@ def _drivers(
             out[name] = _converted(table, name, driver.unit(written), driver.unit(internal))
     for name, values in out.items():
         if Driver.of(name).kind == APPROACH:
-            _check_approach(table, name, values)
+            _refuse_sides(table, name, values)
     return out
 
 
@@ -228,11 +228,8 @@ def _of_joints(joints: Sequence[JointColumn]) -> list[str]:
     return [Driver(kind, joint.name).name for joint in joints for kind in OF_JOINTS]
 
 
-def _check_approach(table: Table, name: str, values: Array) -> None:
-    bad = np.flatnonzero(~np.isin(values, (-1.0, 0.0, 1.0)))
-    if bad.size:
-        row = int(bad[0])
-        raise InputError(f"{table.where(name, row)}: found {values[row]:g}, expected -1, 0 or 1")
+def _refuse_sides(table: Table, name: str, values: Array) -> None:
+    table.refuse(name, ~np.isin(values, (-1.0, 0.0, 1.0)), lambda row: f"{values[row]:g}", "-1, 0 or 1")
 
 
 def _validation(table: Table) -> Mask:
@@ -250,10 +247,5 @@ def _from_row(table: Table, pose: IntArray | None, time: Array | None) -> IntArr
         raise InputError(f"{table.file}: missing column 'pose', which the numbers in column 'from' mean")
     origin = table.integers("from")
     rows = latest_earlier_row(pose, origin, time)
-    bad = np.flatnonzero(rows < 0)
-    if bad.size:
-        row = int(bad[0])
-        raise InputError(
-            f"{table.where('from', row)}: found {origin[row]}, expected the pose of this or of an earlier row"
-        )
+    table.refuse("from", rows < 0, lambda row: f"{origin[row]}", "the pose of this or of an earlier row")
     return rows

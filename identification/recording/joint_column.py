@@ -49,14 +49,10 @@ def joint_readings(table: Table, joint: JointColumn, unit: str) -> Array:
         return readings
     low, high = joint.range
     readings = _folded(readings, joint, low, high)
-    bad = np.flatnonzero(_beyond(readings, low, high))
-    if bad.size:
-        row = int(bad[0])
-        low, high = convert(low, joint.unit, unit), convert(high, joint.unit, unit)
-        raise InputError(
-            f"{table.where(joint.name, row)}: found {recorded[row]:.6g} {unit}, "
-            f"expected a value in the joint's range [{low:.6g}, {high:.6g}] {unit}"
-        )
+    ends = (convert(end, joint.unit, unit) for end in (low, high))
+    expected = f"a value in the joint's range [{', '.join(f'{end:.6g}' for end in ends)}] {unit}"
+    beyond = _beyond(readings, low, high)
+    table.refuse(joint.name, beyond, lambda row: f"{recorded[row]:.6g} {unit}", expected)
     return readings
 
 
@@ -103,11 +99,7 @@ def sized(
     table: Table, name: str, values: Array, recorded: Array | None = None, largest: float = LARGEST
 ) -> Array:
     """The values of a column, none of them so large that no instrument reads it; in messages as they are ``recorded``."""
-    bad = np.flatnonzero(np.abs(values) > largest)
-    if bad.size:
-        row = int(bad[0])
-        shown = (values if recorded is None else recorded)[row]
-        raise InputError(
-            f"{table.where(name, row)}: found {shown:g}, expected at most {largest:g} by size in the program's units"
-        )
+    shown = values if recorded is None else recorded
+    expected = f"at most {largest:g} by size in the program's units"
+    table.refuse(name, np.abs(values) > largest, lambda row: f"{shown[row]:g}", expected)
     return values

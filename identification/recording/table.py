@@ -20,7 +20,7 @@ import numpy.typing as npt
 import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.parquet as pq  # type: ignore[import-untyped]
 
-from truepose.arrays import Array
+from truepose.arrays import Array, Mask
 from truepose.errors import InputError
 from truepose.identification.recording.arrow_columns import ArrowCells, parquet_cells
 from truepose.identification.recording.memory_tables import columns_of
@@ -72,6 +72,12 @@ class Table:
         line = "" if self.line is None else f" (line {self.line(row)})"
         return f"{self.file}: row {row + 1}{line}, column {name!r}"
 
+    def refuse(self, name: str, wrong: Mask, found: Callable[[int], str], expected: str) -> None:
+        """Raise InputError about the first row (0-based) of a column that is ``wrong`` (n,), if there is one."""
+        rows = np.flatnonzero(wrong).tolist()
+        if rows:
+            raise InputError(f"{self.where(name, rows[0])}: found {found(rows[0])}, expected {expected}")
+
     def unit(self, name: str, default: str, dimension: str) -> str:
         """The unit a column is in: its suffix, else `default`. Checked to be a `dimension`."""
         unit = next(column.unit for column in self.columns if column.name == name)
@@ -108,10 +114,8 @@ class Table:
     def integers(self, name: str) -> npt.NDArray[np.int64]:
         """(n,) whole numbers of a column."""
         values = self.numbers(name)
-        bad = np.flatnonzero((values != np.round(values)) | (np.abs(values) > _LARGEST_INTEGER))
-        if bad.size:
-            row = int(bad[0])
-            raise InputError(f"{self.where(name, row)}: found {values[row]:g}, expected a whole number")
+        wrong = (values != np.round(values)) | (np.abs(values) > _LARGEST_INTEGER)
+        self.refuse(name, wrong, lambda row: f"{values[row]:g}", "a whole number")
         return values.astype(np.int64)
 
     def texts(self, name: str) -> tuple[str, ...]:

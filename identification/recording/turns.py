@@ -54,12 +54,8 @@ def _of_quaternions(table: Table) -> Array:
     values = np.column_stack([table.readings(name) for name in _QUATERNION])
     with np.errstate(over="ignore"):  # it is then no unit quaternion
         length = np.linalg.norm(values, axis=1)
-    bad = np.flatnonzero(np.isfinite(values).all(axis=1) & ~(np.abs(length - 1.0) <= _UNIT_LENGTH))
-    if bad.size:
-        row = int(bad[0])
-        raise InputError(
-            f"{table.where('qx', row)}: found a quaternion of length {length[row]:.4g}, expected 1"
-        )
+    wrong = np.isfinite(values).all(axis=1) & ~(np.abs(length - 1.0) <= _UNIT_LENGTH)
+    table.refuse("qx", wrong, lambda row: f"a quaternion of length {length[row]:.4g}", "1")
     return _vectors(Rotation.from_quat, values)
 
 
