@@ -20,22 +20,19 @@ BAD_INPUT, NOT_CONVERGED = 2, 3
 
 MachineArg = Annotated[Path, typer.Argument(metavar="MACHINE", help="Machine file (YAML).")]
 RecordingArg = Annotated[
-    Path,
-    typer.Argument(metavar="RECORDING", help="Recording (text, Parquet, Excel or a ROS bag)."),
+    Path, typer.Argument(metavar="RECORDING", help="Recording (text, Parquet, Excel or a ROS bag).")
 ]
 RecordingsArg = Annotated[
     list[Path],
     typer.Argument(
-        metavar="RECORDING...",
-        help="One or several recordings (text, Parquet, Excel or ROS bags).",
+        metavar="RECORDING...", help="One or several recordings (text, Parquet, Excel or ROS bags)."
     ),
 ]
 DirectoryOption = Annotated[
     Path, typer.Option("-o", "--output", metavar="DIR", help="Directory for the results.")
 ]
 FileOption = Annotated[
-    Path,
-    typer.Option("-o", "--output", metavar="FILE", help="File to write (.csv or .parquet)."),
+    Path, typer.Option("-o", "--output", metavar="FILE", help="File to write (.csv or .parquet).")
 ]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print one JSON object on standard output and nothing else.")

@@ -18,10 +18,7 @@ if TYPE_CHECKING:
 
     from truepose.identification.recording.table import Table
 
-FileArg = Annotated[
-    Path,
-    typer.Argument(metavar="FILE", help="What was measured: text, workbook, bag."),
-]
+FileArg = Annotated[Path, typer.Argument(metavar="FILE", help="What was measured: text, workbook, bag.")]
 FormatOption = Annotated[
     str,
     typer.Option(
@@ -81,11 +78,7 @@ PrismaticOption = Annotated[
 ]
 MachineOption = Annotated[
     Path | None,
-    typer.Option(
-        "--machine",
-        metavar="FILE",
-        help="Also a machine file to start from, of TPOINT's mounts.",
-    ),
+    typer.Option("--machine", metavar="FILE", help="Also a machine file to start from, of TPOINT's mounts."),
 ]
 RenameOption = Annotated[
     list[str] | None,

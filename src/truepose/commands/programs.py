@@ -80,12 +80,7 @@ class Options:
 
     def unused(self) -> None:
         """Raises InputError where one of them is given for a table."""
-        told = {
-            "--base": self.base,
-            "--tool": self.tool,
-            "--frame": self.frames,
-            "--at": self.at,
-        }
+        told = {"--base": self.base, "--tool": self.tool, "--frame": self.frames, "--at": self.at}
         for name, value in told.items():
             if value:
                 raise InputError(
