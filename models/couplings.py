@@ -15,10 +15,11 @@ import numpy as np
 from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models.machine_file import MachineFile
-from truepose.models.mechanism import Mechanism
+from truepose.models.mechanism import Actuator, Mechanism
 from truepose.models.units import convert
 from truepose.wording import close_matches
 
+Range = tuple[float, float]
 _SINGULAR = 1e-9
 """Determinant below which readings do not tell the joints' own motions."""
 
@@ -39,6 +40,8 @@ def resolve_couplings(mechanism: Mechanism, file: MachineFile) -> Mechanism:
             scale = convert(1.0, own, actuator.reading_unit) / convert(1.0, theirs, known[other])
             factors[other] = factor * scale
         actuators.append(replace(actuator, coupled=factors))
+    stated = {actuator.reading: actuator.range for actuator in actuators}
+    actuators = [replace(actuator, range=_recorded_range(actuator, stated)) for actuator in actuators]
     found = replace(mechanism, actuators=tuple(actuators))
     matrix = coupling_matrix(found)
     if matrix is not None and abs(np.linalg.det(matrix)) < _SINGULAR:
@@ -47,6 +50,20 @@ def resolve_couplings(mechanism: Mechanism, file: MachineFile) -> Mechanism:
             "readings do not tell their own motions, expected couplings one way"
         )
     return found
+
+
+def _recorded_range(actuator: Actuator, stated: Mapping[str, Range | None]) -> Range | None:
+    """Return what a joint can read: its own range, as a data sheet states it, and what others add to it within theirs."""
+    if actuator.range is None or not any(actuator.coupled.values()):
+        return actuator.range
+    low, high = actuator.range
+    for other, factor in actuator.coupled.items():
+        theirs = stated[other]
+        if theirs is None:
+            return None
+        ends = sorted(factor * end for end in theirs)
+        low, high = low + ends[0], high + ends[1]
+    return low, high
 
 
 def coupling_matrix(mechanism: Mechanism) -> Array | None:

@@ -17,6 +17,7 @@ from truepose.identification.fit.sighted import base_of, station_of
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
 from truepose.models.machine import Machine
+from truepose.models.sensors.base import Sensor
 from truepose.models.sensors.direction import ORIGIN, Direction
 from truepose.models.sensors.pose import Pose, Position
 from truepose.models.sensors.targets import Targets
@@ -25,7 +26,7 @@ from truepose.models.view import TOOL_IN_WORLD
 Array = NDArray[np.float64]
 Frames = tuple[Array, Array]
 """Base and tool as transforms (4, 4), mm."""
-_SWEEPS, _TURNS = 12, 3
+_SWEEPS, _TURNS = 12, 40
 _FLAT = 1e-3
 """Spread of points across a line, in parts of that along it, below which they show no attitude."""
 
@@ -38,20 +39,15 @@ def starts(
     ``points`` (m, 3): the targets of the tool, mm, where the sensor reads such.
     """
     yield stated
-    for sensor in machine.sensors:
-        columns = [rows.observations[name] for name in sensor.columns if name in rows.observations]
-        if len(columns) != len(sensor.columns) or not columns:
-            continue
-        read = np.column_stack(columns)
-        whole = np.isfinite(read).all(axis=1)
-        if whole.sum() < 3:
-            continue
-        read, seen = read[whole], flange[whole]
+    for sensor, read, whole in _read(machine, rows):
+        seen = flange[whole]
         if isinstance(sensor, Pose):
-            yield from frames_from_poses(seen, _transforms(lie.exp_so3(read[:, 3:]), read[:, :3]), stated[1])
+            poses = _transforms(lie.exp_so3(read[:, 3:]), read[:, :3])
+            yield from frames_from_poses(seen, poses, stated[1])
+            yield _base_at(seen @ stated[1], poses), stated[1]
         elif isinstance(sensor, Position):
             # the tool as it is stated, none, and where the base is said to be: a wrong one leads into a false minimum
-            for tool in (stated[1], np.eye(4), stated[0]):
+            for tool in (stated[1], np.eye(4), stated[0], *_far_tools(seen @ stated[1], read)):
                 yield _by_points(seen, read[:, None], np.zeros((1, 3)), tool)
         elif isinstance(sensor, Direction) and sensor.view == TOOL_IN_WORLD:
             yield from _by_directions(sensor, seen @ stated[1], read, stated)
@@ -60,6 +56,54 @@ def starts(
             yield _by_points(seen, clouds, points, stated[1])
             if _spread_out(points):
                 yield from frames_from_poses(seen, _poses_of(clouds, points), stated[1])
+
+
+def tools(machine: Machine, rows: Recording, carried: Array, points: Array | None) -> Iterator[Array]:
+    """Yield tools (4, 4) with which flange poses (n, 4, 4) in the world, as the base is stated, have the poses measured.
+
+    Where points alone are read it is not turned.
+    """
+    for sensor, read, whole in _read(machine, rows):
+        flange, eye = carried[whole], np.tile(np.eye(3), (len(read), 1, 1))
+        turned = not isinstance(sensor, Position)
+        if isinstance(sensor, Pose):
+            poses = _transforms(lie.exp_so3(read[:, 3:]), read[:, :3])
+        elif not turned:
+            poses = _transforms(eye, read)
+        elif isinstance(sensor, Targets) and points is not None and _spread_out(points):
+            poses = _poses_of(read.reshape(len(read), -1, 3), points)
+        else:
+            continue
+        back = np.swapaxes(flange[:, :3, :3], 1, 2)
+        shift = np.einsum("nij,nj->i", back, poses[:, :3, 3] - flange[:, :3, 3]) / len(read)
+        turn = lie.nearest_rotation(np.sum(back @ poses[:, :3, :3], axis=0)) if turned else np.eye(3)
+        yield _transforms(turn[None], shift[None])[0]
+
+
+def _read(machine: Machine, rows: Recording) -> Iterator[tuple[Sensor, Array, NDArray[np.bool_]]]:
+    """Yield sensors that were read in three rows or more, with these readings (k, m) and a mask (n,) of the rows."""
+    for sensor in machine.sensors:
+        columns = [rows.observations[name] for name in sensor.columns if name in rows.observations]
+        if len(columns) != len(sensor.columns) or not columns:
+            continue
+        read = np.column_stack(columns)
+        whole = np.asarray(np.isfinite(read).all(axis=1))
+        if whole.sum() >= 3:
+            yield sensor, read[whole], whole
+
+
+def _base_at(drawn: Array, measured: Array) -> Array:
+    """The base (4, 4) that brings drawn poses (n, 4, 4) next to measured ones."""
+    turn = lie.nearest_rotation(np.einsum("nij,nkj->ik", measured[:, :3, :3], drawn[:, :3, :3]))
+    shift = np.mean(measured[:, :3, 3] - drawn[:, :3, 3] @ turn.T, axis=0)
+    return np.asarray(_transforms(turn[None], shift[None])[0])
+
+
+def _far_tools(drawn: Array, read: Array) -> Iterator[Array]:
+    """Yield tools (4, 4) on every side where points (n, 3) spread further than poses (n, 4, 4) of the stated tool."""
+    apart = float(np.linalg.norm(np.std(read, axis=0)))
+    if np.linalg.norm(np.std(drawn[:, :3, 3], axis=0)) < 0.5 * apart:
+        yield from _transforms(np.tile(np.eye(3), (6, 1, 1)), apart * np.vstack([np.eye(3), -np.eye(3)]))
 
 
 def _by_directions(sensor: Direction, tool: Array, read: Array, stated: Frames) -> Iterator[Frames]:
@@ -92,18 +136,21 @@ def _poses_of(clouds: Array, points: Array) -> Array:
 
 def _by_points(flange: Array, clouds: Array, points: Array, tool: Array) -> Frames:
     """The base that brings the points (m, 3) of a tool onto the measured ones (n, m, 3), and the tool's shift, in turns."""
-    tool = tool.copy()
-    for _ in range(_TURNS):
+    tool, n = tool.copy(), len(flange)
+    # in the base's axes the system is the same in every turn
+    eye = np.broadcast_to(np.eye(3), (n, 3, 3))
+    system = np.concatenate([flange[:, :3, :3], eye], axis=2).reshape(-1, 6)
+    inverse = np.linalg.pinv(system, rcond=1e-6)[:3]
+    enough = 0.1 * _FLAT * float(np.std(clouds))
+    for last in range(_TURNS, -1, -1):
         carried = flange @ tool
         predicted = np.einsum("nij,mj->nmi", carried[:, :3, :3], points) + carried[:, None, :3, 3]
         rotation, shift = rigid_motion(predicted.reshape(-1, 3), clouds.reshape(-1, 3))
-        left = np.mean(clouds - predicted @ rotation.T - shift, axis=1)
-        turn = rotation @ flange[:, :3, :3]
-        system = np.concatenate([turn, np.broadcast_to(np.eye(3), turn.shape)], axis=2).reshape(-1, 6)
-        tool[:3, 3] += np.linalg.lstsq(system, left.reshape(-1), rcond=1e-6)[0][:3]
-    carried = flange @ tool
-    predicted = np.einsum("nij,mj->nmi", carried[:, :3, :3], points) + carried[:, None, :3, 3]
-    rotation, shift = rigid_motion(predicted.reshape(-1, 3), clouds.reshape(-1, 3))
+        left = np.mean(clouds - predicted @ rotation.T - shift, axis=1) @ rotation
+        step = inverse @ left.reshape(-1)
+        if not last or np.linalg.norm(step) < enough:
+            break
+        tool[:3, 3] += step
     return _transforms(rotation[None], shift[None])[0], tool
 
 
@@ -122,8 +169,34 @@ def frames_from_poses(flange: Array, measured: Array, tool: Array) -> Iterator[F
         turned = fresh
         if done:
             break
+    axis = _common_axis(f)
     for one, other in zip(base, turned, strict=True):
         yield _with_shifts(flange, measured, one, other, tool[:3, 3])
+        if axis is not None:
+            both = _about_axis(axis, flange, measured, one, other)
+            yield _with_shifts(flange, measured, *both, tool[:3, 3])
+
+
+def _common_axis(flange: Array) -> Array | None:
+    """(3,) the one axis about which all rotations (n, 3, 3) differ; None where there are several."""
+    sizes, axes = np.linalg.svd(lie.log_so3(flange @ flange[0].T), full_matrices=False)[1:]
+    return np.asarray(axes[0]) if sizes[1] < _FLAT * sizes[0] else None
+
+
+def _about_axis(axis: Array, flange: Array, measured: Array, base: Array, tool: Array) -> tuple[Array, Array]:
+    """Rotations (3, 3) of base and tool, turned against each other about an axis as positions have it.
+
+    Turns about one axis leave this angle a open: B R(a) (p_k + F_k t) + b = y_k is linear in its cosine and sine, in R(a) t, b.
+    """
+    f, p = flange[:, :3, :3], flange[:, :3, 3]
+    along = np.outer(p @ axis, axis)
+    right = measured[:, :3, 3] - along @ base.T
+    turning = [(p - along) @ base.T, np.cross(axis, p) @ base.T]
+    eye = np.broadcast_to(np.eye(3), f.shape)
+    system = np.concatenate([np.stack(turning, axis=2), base @ f @ f[0].T, eye], axis=2).reshape(-1, 8)
+    cosine, sine = np.linalg.lstsq(system, right.reshape(-1), rcond=1e-6)[0][:2]
+    turn = lie.exp_so3(axis * np.arctan2(sine, cosine))
+    return base @ turn, f[0].T @ turn.T @ f[0] @ tool
 
 
 def _turn_of_null_vector(flange: Array, measured: Array) -> Array:
@@ -147,4 +220,4 @@ def _with_shifts(flange: Array, measured: Array, base: Array, tool: Array, near:
     return ends[0], ends[1]
 
 
-__all__ = ["Frames", "frames_from_poses", "starts"]
+__all__ = ["Frames", "frames_from_poses", "starts", "tools"]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from truepose.identification.check.result import Found
 from truepose.identification.check.rig import Rig, Stand
-from truepose.identification.check.weighing import QUIET, USUAL_REACH, reach
+from truepose.identification.check.weighing import FAR, USUAL_REACH, reach
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.joint_column import SLACK
 from truepose.identification.recording.recording import Recording
@@ -44,13 +44,12 @@ def _too_few(machine: Machine, recording: Recording) -> Iterator[Found]:
     used = int(np.sum(~recording.validation))
     readings = used * len(machine.channels)
     if readings < free:
-        few = 2 * readings < free
         yield Found(
             "too-few-rows",
             ("rows",),
             f"{used} rows are {readings} readings for {free} constants with a tolerance: a fit would look better than it is",
             f"measure at least {int(np.ceil(2 * free / max(len(machine.channels), 1)))} poses, or state fewer tolerances",
-            "wrong" if few else "suspect",
+            "suspect",
         )
 
 
@@ -177,7 +176,7 @@ def coarse_joints(rig: Rig, stand: Stand) -> Iterator[Found]:
 
     A joint that was commanded to whole degrees stands there, and the readings miss otherwise.
     """
-    if stand.misfit <= QUIET or stand.residual.shape[1] < 2:
+    if stand.misfit <= FAR or stand.residual.shape[1] < 2:
         return  # one reading a row lies along every joint's motion
     machine, recording = rig.machine, rig.recording
     actuators = machine.mechanism.actuators
@@ -233,7 +232,7 @@ def no_tolerances(rig: Rig, stand: Stand) -> Iterator[Found]:
     stated = {key: float(f"{value:.3g}") for key, value in stated.items()}
     example = f"{{length: {stated['length']:g}, angle: {stated['angle']:g}}}"
     meant = machine.file is None or "tolerances" in machine.file.raw
-    certain = not meant and stand.misfit > QUIET
+    certain = not meant and stand.misfit > FAR
     fitted = "only base and tool would be fitted"
     if certain:
         fitted += f", to {stand.misfit:.3g} sigma, and physics blamed for what the workshop made"

@@ -54,13 +54,16 @@ def expected(rig: Rig, stand: Stand) -> float:
     return float(np.sqrt(1.0 + np.sum(left**2) / max(len(flat), 1)))
 
 
-def settle(rig: Rig, stand: Stand, free: tuple[str, ...] = ()) -> Settled:
+def settle(rig: Rig, stand: Stand, free: tuple[str, ...] = (), noise: float | None = None) -> Settled:
     """Return where readings and tolerances agree, with the frames ``free`` wherever they fit best.
 
-    What is left then is taken as the readings' noise, so that no constant bends for what it cannot explain.
+    What is left then is taken as the readings' noise (sigmas, unless it is given), so that no constant bends for what it cannot
+    explain.
     """
     if stand.bad:
         return Settled(stand.p, float("inf"), float("inf"), {})
+    if noise is not None:
+        return _Problem(rig, stand, noise, free).settled()
     first = _Problem(rig, stand, 1.0, free).settled()
     return _Problem(rig, stand, max(first.misfit, 1.0), free).settled()
 

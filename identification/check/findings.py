@@ -7,16 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 
+from truepose.identification.check.drawing import settle
 from truepose.identification.check.kinds.frames import frame_unknown
 from truepose.identification.check.result import Found, Verdict
 from truepose.identification.check.rig import Rig, Stand, motion
 from truepose.identification.check.search import Search
-from truepose.identification.check.sessions import moved
-from truepose.identification.check.weighing import CERTAIN, Weighed, allowed
+from truepose.identification.check.weighing import CERTAIN, Weighed, allowed, joints_beyond
 from truepose.wording import joined
 
 PHYSICS = 0.2
 """Share of what the tool moves that nothing left out of a model makes: an open-loop piezo is off by 0.23 of its stroke."""
+PUSHED = 20.0
+"""Tolerances that physics which was left out pushes constants away by."""
 _LEADS, _WORTH_A_WORD = 4, 0.01
 _CAUSES = (
     "compare the table of constants, the order of joints and the rows with their source; where the machine moved while it was "
@@ -31,14 +33,22 @@ def findings(rig: Rig, search: Search) -> list[Found]:
         return []
     if search.advised is not None:
         return list(_advice(rig, search, search.advised))
-    mixed = list(moved(rig, as_it_stands))
-    if mixed:
-        return mixed
+    if search.mixed:
+        return list(search.mixed)
     leads = [members[0] for members, share in search.leads if share >= _WORTH_A_WORD]
     gained = leads[0].score - as_it_stands.score if leads else 0.0
     if gained > np.log(CERTAIN / (1.0 - CERTAIN)):
         return [_question(rig, as_it_stands, leads)]
-    return [unexplained(rig, as_it_stands.stand)]
+    return [] if _is_physics(rig, as_it_stands.stand) else [unexplained(rig, as_it_stands.stand)]
+
+
+def _is_physics(rig: Rig, stand: Stand) -> bool:
+    """Whether constants need not be further off than physics pushes them, where all is left that drawing and noise make."""
+    if stand.bad or joints_beyond(rig, stand.scene):
+        return False
+    most = allowed(rig, stand)
+    eased = settle(rig, stand, (), most)
+    return eased.misfit <= most and eased.farthest <= PUSHED
 
 
 def _advice(rig: Rig, search: Search, members: Sequence[Weighed]) -> Iterator[Found]:
@@ -112,14 +122,17 @@ def _misses(rig: Rig, stand: Stand) -> str:
     if stand.bad:
         return "the drawn machine cannot stand as its joints were read"
     size = f"{stand.length:.3g} mm" if stand.length is not None else f"{stand.misfit:.3g} sigma"
-    most = allowed(rig, stand) / stand.misfit
-    usual = (
-        f"{stand.length * most:.2g} mm" if stand.length is not None else f"{stand.misfit * most:.2g} sigma"
-    )
-    return (
-        f"with base and tool fitted, the drawn machine misses the readings by {size}, "
-        f"where drawing and noise make at most {usual}"
-    )
+    told = f"with base and tool fitted, the drawn machine misses the readings by {size}"
+    most = allowed(rig, stand)
+    if stand.misfit > most:
+        share = most / stand.misfit
+        usual = f"{stand.length * share:.2g} mm" if stand.length is not None else f"{most:.2g} sigma"
+        return f"{told}, where drawing and noise make at most {usual}"
+    if beyond := joints_beyond(rig, stand.scene):
+        return f"{told}, and {joined(beyond)} {'is' if len(beyond) == 1 else 'are'} out of range"
+    away = settle(rig, stand, (), most).away
+    name = max(away, key=lambda key: away[key])
+    return f"{told} only where {name} is {away[name]:.3g} tolerances from where the file has it"
 
 
 def shown(before: Stand, after: Stand) -> tuple[float | None, float | None, str]:

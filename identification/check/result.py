@@ -54,7 +54,11 @@ class Found:
 
 @dataclass(frozen=True, repr=False)
 class Check(Shown):
-    """Everything that a check found, worst first; ``left``: rms misfit (``unit``) with all of it mended."""
+    """Everything that a check found, worst first.
+
+    left: rms misfit (``unit``) of ``left_rows`` rows, none left out but those that a hypothesis says were not logged, with
+    all of it mended and constants within their tolerances.
+    """
 
     shown_by: ClassVar[str] = "truepose.identification.report.check_words"
     found: tuple[Found, ...]
@@ -63,6 +67,8 @@ class Check(Shown):
     unit: str = "mm"
     missing: tuple[Missing, ...] = ()
     """What this machine likely has and the recording cannot show."""
+    left_rows: int = 0
+    left_mended: bool = False
 
     @property
     def verdict(self) -> Verdict:
@@ -88,7 +94,9 @@ class Check(Shown):
             "verdict": self.verdict,
             "found": [f.document() for f in self.found],
             "rows": self.rows,
-            "misfit": None if self.left is None else {"value": self.left, "unit": self.unit},
+            "misfit": None
+            if self.left is None
+            else {"value": self.left, "unit": self.unit, "rows": self.left_rows},
             "untestable": [{"effects": list(m.effects), "why": m.why, "add": m.add} for m in self.missing],
         }
 

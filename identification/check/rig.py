@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.check.alignment import Frames, frames_from_poses, starts
+from truepose.identification.check.alignment import Frames, frames_from_poses, starts, tools
 from truepose.identification.check.frame_fit import FEW, KEPT, STEPS, Ends, FrameFit, transform
 from truepose.identification.check.scene import Array, Mask, Scene, Stand, chosen, differs
 from truepose.identification.fit.sighted import ZEROS, unknown_zeros
@@ -138,21 +138,29 @@ class Rig:
         tolerance = self.tolerances(scene)
         loose = [f for f in FRAMES if f in free or not np.isfinite(tolerance[self.at[f]]).all()]
         wide = [f for f in loose if f not in held]
-        begins = (
-            starts(self.machine, here.recording, flange, stated, self._points(scene.p))
-            if "base" in wide
-            else [stated]
-        )
+        points, begins = self._points(scene.p), [stated]
+        if "base" in wide:
+            begins = list(starts(self.machine, here.recording, flange, stated, points))
+        elif "tool" in wide:
+            found = tools(self.machine, here.recording, stated[0] @ flange, points)
+            begins += [(stated[0], tool) for tool in found]
         starting = [
             (base if "base" in wide else stated[0], tool if "tool" in wide else stated[1])
             for base, tool in (*begins, *also)
         ]
+        if "base" in wide and "tool" not in (*wide, *held):
+            starting += [one for one in begins if self._is_inside(one[1], stated[1], tolerance)]
         costs = [fit.cost(base, tool, scene.p) for base, tool in starting]
         if not np.isfinite(min(costs)):
             return nothing
         p = self.with_frames(scene.p, starting[int(np.argmin(costs))])
         steps = (0 if self.closed_form and len(wide) == len(FRAMES) else FEW) if quick else STEPS
         return fit.descended(p, free, rows, steps, held)
+
+    def _is_inside(self, tool: Array, stated: Array, tolerance: Array) -> bool:
+        """Whether a tool (4, 4) is where tolerances (np,) let it be."""
+        off = [*(tool[:3, 3] - stated[:3, 3]), *lie.log_so3(stated[:3, :3].T @ tool[:3, :3])]
+        return bool((np.abs(off) <= 3.0 * tolerance[self.at["tool"]]).all())
 
     def frames_for(self, rows: NDArray[np.intp], poses: Array) -> Iterator[Frames]:
         """Yield base and tool with which the machine as it stands has tool poses (n, 4, 4) at some rows (n,)."""

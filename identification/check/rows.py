@@ -17,8 +17,8 @@ from truepose.models.units import convert
 from truepose.wording import shortened
 
 Array = NDArray[np.float64]
-_OUT, _MOST = 8.0, 0.4
-"""How many times the middle row's misfit stands out, and the share of rows from which on they are no exception."""
+_GAP, _MOST = 3.0, 0.4
+"""How many times the largest misfit of other rows stands out, and the share of rows from which on it is no exception."""
 _SAME = 0.05
 """Share by which factors of several rows may differ and be one."""
 _UNITS = {25.4: "inch", 1000.0: "m", 10.0: "cm", 304.8: "ft"}
@@ -29,7 +29,7 @@ _ROWS_TOLD = 6
 class Left:
     """What a fit leaves of all rows that it may use: whitened residuals (n, m), their rms (n,) by row, and their places (n,).
 
-    limit: sigmas; what is off by more stands out of the rest, and of what the drawing's tolerances make.
+    limit: sigmas that the drawing's tolerances make at most.
     """
 
     residual: Array
@@ -39,8 +39,12 @@ class Left:
 
     @property
     def far(self) -> NDArray[np.bool_]:
-        """(n,) rows that stand out."""
-        return np.asarray(self.sizes > self.limit)
+        """(n,) rows that stand out: beyond the limit, and apart from all others, which a long tail of physics is not."""
+        order = np.sort(self.sizes)
+        apart = np.flatnonzero((order[1:] > self.limit) & (order[1:] > _GAP * order[:-1]))
+        return (
+            np.asarray(self.sizes >= order[apart[0] + 1]) if len(apart) else np.zeros(len(order), dtype=bool)
+        )
 
 
 def left_of(rig: Rig, weighed: Weighed) -> Left:
@@ -53,8 +57,7 @@ def left_of(rig: Rig, weighed: Weighed) -> Left:
     fine = good & np.isfinite(residual).all(axis=1)
     residual = residual[fine]
     sizes = np.sqrt(np.mean(residual**2, axis=1))
-    middle = _OUT * float(np.median(sizes)) if len(sizes) else 0.0
-    return Left(residual, sizes, places[fine], max(middle, allowed(rig, weighed.stand)))
+    return Left(residual, sizes, places[fine], allowed(rig, weighed.stand))
 
 
 def length_of(rig: Rig, left: Left) -> float | None:
@@ -92,7 +95,7 @@ def _what_is_wrong(rig: Rig, left: Left) -> str:
     # a column that is wrong pulls the others' residuals a little, through the fit
     own = [k for k, size in enumerate(off) if size > max(left.limit, 0.2 * off.max())]
     every = [_factor(rig, left, k) for k in own]
-    factors = {round(f, 3) for f in every if f is not None}
+    factors = {f for f in every if f is not None}
     names = ", ".join(channels[k].name for k in own)
     if None not in every and len(factors) == 1:
         return f"{names} {_times(factors.pop())}"
@@ -110,7 +113,7 @@ def _what_is_wrong(rig: Rig, left: Left) -> str:
 
 
 def _factor(rig: Rig, left: Left, k: int) -> float | None:
-    """By which factor a column's readings are too large in all rows that stand out; None where there is none."""
+    """By which factor, of a unit or the other sign, a column's readings are too large in all rows that stand out."""
     channel = rig.machine.channels[k]
     read = rig.recording.observations.get(channel.name)
     if read is None or channel.unit != "mm":
@@ -121,18 +124,16 @@ def _factor(rig: Rig, left: Left, k: int) -> float | None:
     middle = float(np.nanmedian(ratio))
     if not np.isfinite(middle) or middle == 0.0 or np.nanmax(np.abs(ratio / middle - 1.0)) > _SAME:
         return None
-    known = [s for f in _UNITS for s in (f, 1.0 / f, -1.0) if abs(middle / s - 1.0) < _SAME]
-    return known[0] if known else (middle if not 0.9 < middle < 1.1 else None)
+    known = (s for f in _UNITS for s in (f, 1.0 / f, -1.0) if abs(middle / s - 1.0) < _SAME)
+    return next(known, None)
 
 
 def _times(factor: float) -> str:
     if factor == -1.0:
         return "with the other sign"
-    times = factor if abs(factor) > 1.0 else 1.0 / factor
-    unit = next((u for f, u in _UNITS.items() if abs(times / f - 1.0) < _SAME), None)
-    return f"{times:.4g} times too {'large' if abs(factor) > 1.0 else 'small'}" + (
-        f" (in {unit}?)" if unit else ""
-    )
+    times, way = (factor, "large") if factor > 1.0 else (1.0 / factor, "small")
+    unit = min(_UNITS, key=lambda f: abs(times / f - 1.0))
+    return f"{unit:g} times too {way} (in {_UNITS[unit]}?)"
 
 
 def _offset(left: Left, channel: Channel, k: int) -> float | None:

@@ -126,7 +126,9 @@ def check_loaded(machine: Machine, recording: Recording) -> Check:
     left, unit = (best.stand.misfit, "sigma") if length is None else (length, "mm")
     ordered = sorted(found, key=lambda f: _ORDER[f.verdict])
     missing = missing_inputs(machine, recording)
-    return Check(tuple(ordered), len(recording), left, unit, missing)
+    return Check(
+        tuple(ordered), len(recording), left, unit, missing, len(remaining.sizes), result.advised is not None
+    )
 
 
 def _searched(machine: Machine, recording: Recording) -> tuple[Rig, Search, list[Found]]:

@@ -19,12 +19,15 @@ from truepose.identification.check.kinds.joints import (
     signs,
     zeros,
 )
-from truepose.identification.check.kinds.order import clocks, matched, shifted
+from truepose.identification.check.kinds.order import matched, shifted
 from truepose.identification.check.kinds.poses import poses
 from truepose.identification.check.kinds.readings import counts, coupled
+from truepose.identification.check.kinds.runs import clocks, stands_still
 from truepose.identification.check.kinds.table import conventions, exchanged_rows
 from truepose.identification.check.kinds.units import units
+from truepose.identification.check.result import Found
 from truepose.identification.check.rig import Rig, Scene
+from truepose.identification.check.sessions import moved
 from truepose.identification.check.slip import Slip
 from truepose.identification.check.weighing import (
     CERTAIN,
@@ -40,7 +43,7 @@ from truepose.identification.check.weighing import (
 )
 from truepose.models.machine import FRAMES
 
-_DEEPEST, _WEIGHED, _MOST = 2, 6, 400
+_DEEPEST, _WEIGHED, _MOST = 2, 6, 300
 """Most slips at once, hypotheses weighed in full at each depth, and quick fits at each depth beyond the first."""
 Makers = tuple[Callable[[Rig, Scene], Iterable[Slip]], ...]
 QUICK: Makers = (
@@ -56,7 +59,17 @@ QUICK: Makers = (
     shifted,
     frames_swapped,
 )
-SLOW: Makers = (conventions, matched, clocks, mirrored_zeros, counts, zeros, end_zeros, exchanged_rows)
+SLOW: Makers = (
+    conventions,
+    matched,
+    clocks,
+    stands_still,
+    mirrored_zeros,
+    counts,
+    zeros,
+    end_zeros,
+    exchanged_rows,
+)
 
 
 @dataclass(frozen=True)
@@ -65,6 +78,8 @@ class Search:
 
     as_it_stands: Weighed
     leads: tuple[tuple[tuple[Weighed, ...], float], ...] = ()
+    mixed: tuple[Found, ...] = ()
+    """Two set-ups in one recording, where no slip is certain."""
 
     @property
     def best(self) -> Weighed:
@@ -93,6 +108,9 @@ def search(rig: Rig, as_it_stands: Weighed) -> Search:
             every += [weigh(rig, hypothesis) for hypothesis in ranked[:_WEIGHED]]
             if _enough(rig, every):
                 break
+        mixed = tuple(moved(rig, as_it_stands)) if depth == 0 and not _enough(rig, every) else ()
+        if mixed:
+            return Search(as_it_stands, mixed=mixed)
         if any(w.near for w in every):
             break
         order = sorted(every, key=lambda w: -w.score)

@@ -14,6 +14,7 @@ from truepose.identification.check.result import Found, Verdict
 from truepose.identification.check.rig import ABSURD, Rig, Scene, Stand, motion
 from truepose.identification.check.slip import SELDOM
 from truepose.identification.check.weighing import CERTAIN, Weighed, evidence
+from truepose.identification.prediction.predictor import Predictor
 from truepose.models import lie
 from truepose.models.machine import FRAMES
 from truepose.models.mechanism import AXES
@@ -23,7 +24,7 @@ Array = NDArray[np.float64]
 _PARTS = 8
 _TELL = "give each set-up its own number in a column 'session', or calibrate them one by one"
 _STATE = "if base or tool were set up anew, say so in the machine file: 'per: session' in frames.base, or in frames.tool"
-_FEWEST = 8
+_FEWEST, _ROUNDS = 8, 4
 _APART = 0.5
 """How much better one frame alone must explain the second set-up than the other one to be named."""
 
@@ -62,20 +63,34 @@ def moved(rig: Rig, weighed: Weighed) -> Iterator[Found]:
 
 
 def _best_cut(rig: Rig, scene: Scene) -> _Cut | None:
-    """Return where two parts fit best: coarsely, then towards the very row."""
+    """Return where two parts fit best: coarsely, then at the very row."""
     cuts = _cuts(scene)
     if not cuts:
         return None
     tried = {row: _apart(rig, scene, row) for row in cuts}
-    best = min(tried, key=lambda row: tried[row].misfit)
-    step = max(len(scene.rows) // (2 * _PARTS), 1)
-    while True:
-        near = [row for row in (best - step, best + step) if _FEWEST <= row <= len(scene.rows) - _FEWEST]
-        tried |= {row: _apart(rig, scene, row) for row in near if row not in tried}
-        best = min(tried, key=lambda row: tried[row].misfit)
-        if step == 1:
-            return tried[best]
-        step = (step + 1) // 2
+    cut = min(tried.values(), key=lambda cut: cut.misfit)
+    for _ in range(_ROUNDS):
+        row = _between(rig, scene, cut)
+        if row == cut.row:
+            break
+        cut = _apart(rig, scene, row)
+    return cut
+
+
+def _between(rig: Rig, scene: Scene, cut: _Cut) -> int:
+    """Return the row at which the rows before fit the one part, and the rows from there on the other, best of all."""
+    here = rig.predictor.over(scene.rows)
+    before, after = (_sizes(rig, here, part.p, scene) for part in (cut.before, cut.after))
+    gained = np.concatenate([[0.0], np.cumsum(np.where(scene.rows.validation, 0.0, before - after))])
+    allowed = slice(_FEWEST, len(scene.rows) - _FEWEST + 1)
+    return _FEWEST + int(np.argmin(gained[allowed]))
+
+
+def _sizes(rig: Rig, here: Predictor, p: Array, scene: Scene) -> Array:
+    """(n,) squared misfits of rows with constants p (np,); 0 where nothing is read."""
+    x, good = rig.assembled(here, p, scene)
+    residual = np.concatenate([block.residual for block in here.blocks(p, x)])
+    return np.asarray(np.nan_to_num(np.sum(residual**2, axis=1)) * good)
 
 
 def _two_setups(rig: Rig, scene: Scene, cut: _Cut, verdict: Verdict, before: float | None) -> Found:
@@ -115,7 +130,7 @@ def _what_moved(rig: Rig, scene: Scene, cut: _Cut) -> str:
 
 
 def _shift(rig: Rig, frame: str, old: Array, new: Array) -> str:
-    """How a frame moved, in its own axes: ``z +12 mm``, and by which angle it turned."""
+    """How a frame moved, along the axes that the file states it in: ``z +12 mm``, and by which angle it turned."""
     k, units = FRAMES.index(frame), rig.machine.units
     here, there = rig.frames_of(old)[k], rig.frames_of(new)[k]
     away = there[:3, 3] - here[:3, 3]

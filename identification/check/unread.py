@@ -44,7 +44,7 @@ def unnamed_table(pair: Pair, recordings: Sequence[Path]) -> Check | None:
         unit,
         lambda pair: pair.with_field(("mechanism", "convention"), best),
     )
-    return Check((found,), rows, length, unit)
+    return Check((found,), rows, length, unit, left_rows=rows, left_mended=True)
 
 
 def _left(pair: Pair, recordings: Sequence[Path], convention: str) -> tuple[float, float | None, str, int]:

@@ -30,8 +30,8 @@ WORTH = 8.0
 LEAST = 0.1
 """Sigmas below which no misfit counts as smaller."""
 CERTAIN = 0.99
-QUIET, FAR = 2.5, 4.0
-"""Misfit, in sigmas, and departures, in tolerances, that any fit may leave."""
+FAR = 4.0
+"""Sigmas of misfit, and tolerances of departures, that any fit may leave."""
 USUAL_REACH, DECADES = 500.0, 0.5
 """mm: the longest dimension of a robot, roughly; and by how many decades (1-sigma) robots are larger or smaller."""
 NOWHERE_ELSE: Mapping[tuple[str, ...], float] = {(): 1.0}
@@ -150,8 +150,13 @@ def is_near(rig: Rig, stand: Stand, settled: Settled, free: tuple[str, ...] = ()
     if stand.bad or joints_beyond(rig, stand.scene):
         return False
     most = allowed(rig, stand)
-    drawn = stand.misfit <= most and departures(rig, stand, free).max(initial=0.0) <= FAR
-    return drawn or (settled.misfit <= most and settled.farthest <= FAR)
+    if stand.misfit <= most and departures(rig, stand, free).max(initial=0.0) <= FAR:
+        return True
+    if not settled.misfit <= most:
+        return False
+    # constants that bend for physics need not where all of it may be left
+    eased = settle(rig, stand, free, most) if settled.farthest > FAR else settled
+    return eased.misfit <= most and eased.farthest <= FAR
 
 
 def departures(rig: Rig, stand: Stand, free: tuple[str, ...]) -> Array:
@@ -175,7 +180,7 @@ def allowed(rig: Rig, stand: Stand) -> float:
     """Return the largest misfit, in sigmas, of a machine as it is drawn; where nobody says how well it is, of any machine."""
     known = any(p.free for p in rig.machine.mechanism.parameters)
     most = 2.0 * expected(rig, stand) if known else ABSURD * motion(rig, stand)
-    return max(QUIET, most)
+    return max(FAR, most)
 
 
 def shares(rig: Rig, every: Sequence[Weighed]) -> list[tuple[list[Weighed], float]]:
@@ -258,7 +263,6 @@ __all__ = [
     "CERTAIN",
     "FAR",
     "NOWHERE_ELSE",
-    "QUIET",
     "Hypothesis",
     "Weighed",
     "allowed",

@@ -34,6 +34,9 @@ def in_known_case(table: Table, known: Iterable[str]) -> Table:
     return renamed.with_note(f"{table.file}: read without case: {told}")
 
 
+_VECTOR, _QUATERNION = ("rx", "ry", "rz"), ("qx", "qy", "qz", "qw")
+
+
 def missing_column(table: Table, name: str, known: Collection[str]) -> InputError:
     """The error of a column that is not there, with what was written in its place."""
     spare = [written for written in table.names if written not in known]
@@ -44,6 +47,8 @@ def missing_column(table: Table, name: str, known: Collection[str]) -> InputErro
     elif glued is not None:
         unit = glued[len(name) + 1 :]
         hint = f"found {glued!r}: write it '{name} [{unit}]'"
+    elif name.casefold() in _VECTOR and set(_QUATERNION) <= {written.casefold() for written in spare}:
+        hint = "found a quaternion (qx, qy, qz, qw), which `truepose import` writes as rx, ry, rz"
     elif meant(name, spare):
         hint = meant(name, spare)
     else:

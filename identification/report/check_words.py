@@ -28,9 +28,10 @@ def check_lines(check: Check, written: Sequence[str] = ()) -> list[str]:
         if found.instead:
             lines.append(f"    fits as well: {'; '.join(found.instead[:3])}")
     if check.left is not None:
-        mended = "with this mended, " if any(f.after is not None for f in check.found) else ""
+        mended = "mended and " if check.left_mended else ""
         lines.append(
-            f"{mended}base and tool alone leave {check.left:.3g} {check.unit} rms over {check.rows} rows"
+            f"{mended}within its tolerances, the machine is off by {check.left:.3g} {check.unit} rms over "
+            f"{check.left_rows} of {check.rows} rows"
         )
     for text in missing_words(check.missing):
         lines += wrapped(f"cannot be tested: {text}")

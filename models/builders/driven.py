@@ -30,7 +30,7 @@ class Driven(Encoder):
     """A joint whose reading is recorded."""
 
     range: Range | None = None
-    """Lowest and highest reading. Readings outside by more than 5 % of the width are refused; plans stay within it."""
+    """Lowest and highest reading (a coupled joint: own motion). Beyond it by 5 % of the width is refused; plans stay in it."""
     gear_ratio: Ratio | None = None
     """Turns of the motor for one of the joint; errors that repeat with it are looked for."""
     screw_pitch: Pitch | None = None

@@ -12,22 +12,18 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from truepose.identification.check.kinds.narrowed import narrowed
 from truepose.identification.check.pair import Pair, Sheet
 from truepose.identification.check.rig import Rig, Scene
-from truepose.identification.check.slip import RARE, SELDOM, Slip
+from truepose.identification.check.slip import SELDOM, Slip
 from truepose.identification.fit.align import rigid_motion
 from truepose.models.sensors.pose import Pose, Position
 from truepose.models.sensors.targets import Targets
-from truepose.models.units import convert
 from truepose.wording import shortened
 
 Array = NDArray[np.float64]
 _FURTHEST = 3
 _MOST_SORTED = 400
 _ROUNDS, _TRIED = 12, 3
-_CLOCKS = 16.0
-"""Steps of time that clocks may differ by."""
 
 
 def shifted(rig: Rig, scene: Scene) -> Iterator[Slip]:
@@ -76,60 +72,6 @@ def _mend_shift(columns: tuple[str, ...], by: int, pair: Pair) -> Pair:
                 cells[name] = sheet.cells[name].to_numpy()[source]
         moved = Sheet(sheet.file, cells, sheet.units)
         return moved.rows(np.flatnonzero(~lost))
-
-    return pair.each(change)
-
-
-def clocks(rig: Rig, scene: Scene) -> Iterator[Slip]:
-    """Yield joints that were read at another time than the sensor, where the rows have times."""
-    time, files = scene.rows.time, len(scene.rows.files)
-    if time is None or files > 1 or scene.rows.from_row is not None or len(time) < 8:
-        return
-    steps = np.diff(time)
-    if not (steps > 0).all():
-        return
-    longest = _CLOCKS * float(np.median(steps))
-    half = np.geomspace(longest / 64, longest, 9)
-
-    def misfit(late: float) -> float:
-        return rig.stand(_delayed(late, scene), quick=True).misfit
-
-    late = narrowed(misfit, np.concatenate([-half[::-1], [0.0], half]))
-    if late == 0.0:
-        return
-    yield Slip(
-        "clock",
-        ("time",),
-        f"the clocks of joints and readings differ: the readings are {abs(late):.3g} s {'late' if late > 0 else 'early'}",
-        "record both by one clock, or measure at rest",
-        partial(_delayed, late),
-        partial(_mend_clock, scene.rows.joints, late),
-        RARE,
-        between=True,
-    )
-
-
-def _delayed(late: float, scene: Scene) -> Scene:
-    """The joints as they were when the readings were taken, ``late`` seconds before their own rows."""
-    time = scene.rows.time
-    if time is None:
-        return scene
-    then = time - late
-    q = np.column_stack([np.interp(then, time, column) for column in scene.rows.q.T])
-    lost = (then < time[0]) | (then > time[-1])
-    moved = scene.with_joints(q)
-    return replace(moved, lost=lost if scene.lost is None else lost | scene.lost)
-
-
-def _mend_clock(joints: tuple[str, ...], late: float, pair: Pair) -> Pair:
-    def change(sheet: Sheet) -> Sheet:
-        if "time" not in sheet.units:
-            return sheet
-        unit = sheet.units["time"] or "s"
-        time = convert(sheet.numbers("time"), unit, "s")
-        then = time - late
-        moved = {n: np.interp(then, time, sheet.numbers(n)) for n in joints if n in sheet.units}
-        return sheet.with_numbers(moved).rows(np.flatnonzero((then >= time[0]) & (then <= time[-1])))
 
     return pair.each(change)
 
@@ -242,4 +184,4 @@ def _mend_order(columns: tuple[str, ...], order: NDArray[np.intp], sheet: Sheet)
     return Sheet(sheet.file, cells, sheet.units)
 
 
-__all__ = ["clocks", "matched", "shifted"]
+__all__ = ["matched", "shifted"]

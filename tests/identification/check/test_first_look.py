@@ -13,13 +13,14 @@ import pytest
 import truepose
 from support.checked_arm import Document, checked, document, recorded, written
 from truepose.identification.check.bare import bare, no_tolerances, out_of_range, repeats
-from truepose.identification.check.judging import reach, shown
+from truepose.identification.check.findings import shown
 from truepose.identification.check.pair import Pair, Sheet
 from truepose.identification.check.result import Check, Found
 from truepose.identification.check.rig import Rig
 from truepose.identification.check.run import check_loaded, unbounded
 from truepose.identification.check.scene import Scene, Stand
 from truepose.identification.check.sensorless import without_sensor
+from truepose.identification.check.weighing import reach
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
 
@@ -39,7 +40,7 @@ def kinds(folder: Path, machine: Document, rows: pd.DataFrame) -> dict[str, Foun
     return {f.kind: f for f in bare(*loaded(folder, machine, rows))}
 
 
-@pytest.mark.parametrize(("rows", "verdict"), [(2, "wrong"), (3, "suspect"), (5, "suspect"), (6, None)])
+@pytest.mark.parametrize(("rows", "verdict"), [(2, "suspect"), (3, "suspect"), (5, "suspect"), (6, None)])
 def test_rows_are_too_few_where_constants_outnumber_readings(
     rows: int, verdict: str | None, right: pd.DataFrame, tmp_path: Path
 ) -> None:
@@ -215,7 +216,10 @@ def test_the_worst_finding_is_the_verdict(verdicts: tuple[Any, ...], whole: str)
     found = tuple(Found("k", ("a",), "says", "fix", verdict) for verdict in verdicts)
     check = Check(found, 7, 0.5)
     assert check.verdict == whole
-    assert check.document()["misfit"] == {"value": 0.5, "unit": "mm"} and check.document()["rows"] == 7
+    assert (
+        check.document()["misfit"].items() >= {"value": 0.5, "unit": "mm"}.items()
+        and check.document()["rows"] == 7
+    )
     assert Check(found, 7, None).document()["misfit"] is None
 
 
@@ -315,7 +319,7 @@ def test_few_rows_may_stand_still(right: pd.DataFrame, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("stated", "misfit", "length", "verdict", "example"),
     [
-        (None, 2.9, 0.234, "suspect", "{length: 0.2, angle: 0.03}"),
+        (None, 2.4, 0.234, "suspect", "{length: 0.2, angle: 0.03}"),
         (None, 3.1, 0.234, "wrong", "{length: 0.2, angle: 0.03}"),
         ({"length": 0, "angle": 0}, 3.1, 1.96, "suspect", "{length: 2, angle: 0.3}"),
         (None, 3.1, 0.004, "wrong", "{length: 0.01, angle: 0.001}"),

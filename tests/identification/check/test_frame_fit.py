@@ -111,17 +111,3 @@ def test_a_frame_that_is_not_free_is_pulled_by_its_tolerance(tmp_path: Path) -> 
     exact = replace(rig.ends, tolerance=np.where(np.arange(len(rig.ends.names)) < 6, 0.0, rig.ends.tolerance))
     still = FrameFit(exact, rig.predictor.over(rig.recording), fit.flange, fit.good, rig.scene)
     assert still.descended(rig.scene.p, ("tool",), rows, 12).p[x] == rig.scene.p[x]
-
-
-def test_a_factor_of_the_lengths_takes_their_misfit_back(tmp_path: Path) -> None:
-    """A hypothesis that makes lengths a thousand times larger is judged in the unit that they were read in."""
-    rig = rig_of(tmp_path, machine("pose"))
-    p = off(rig, 3, 4.0, 0.0)
-    plain, rows = fit_of(rig)
-    far = FrameFit(
-        rig.ends, rig.predictor.over(rig.recording), plain.flange, plain.good, replace(rig.scene, size=1e3)
-    )
-    one, other = (fit.descended(p, ("base",), rows, 0) for fit in (plain, far))
-    np.testing.assert_allclose(other.residual[:, :3], one.residual[:, :3] / 1e3, rtol=1e-9)
-    np.testing.assert_allclose(other.residual[:, 3:], one.residual[:, 3:], rtol=1e-9)
-    assert other.length == pytest.approx(one.length, rel=1e-9)

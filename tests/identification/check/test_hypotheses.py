@@ -16,9 +16,12 @@ import truepose
 from support.checked_arm import JOINTS, Document, document, recorded, written
 from truepose.identification.check.kinds.axes import mirrored, targets, turned
 from truepose.identification.check.kinds.frames import frame_unknown, frames_swapped
-from truepose.identification.check.kinds.joints import exchanged, offset, quarter_turns, signs
+from truepose.identification.check.kinds.joints import exchanged, mirrored_zeros, offset, quarter_turns, signs
 from truepose.identification.check.kinds.order import shifted
 from truepose.identification.check.kinds.poses import poses
+from truepose.identification.check.kinds.readings import counts, coupled
+from truepose.identification.check.kinds.runs import clocks
+from truepose.identification.check.kinds.table import conventions, exchanged_rows
 from truepose.identification.check.kinds.units import units
 from truepose.identification.check.pair import Pair
 from truepose.identification.check.rig import Rig
@@ -101,7 +104,8 @@ def turns(scene: Scene) -> Rotation:
 
 
 @pytest.mark.parametrize(
-    "maker", [units, signs, exchanged, mirrored, turned, targets, poses, shifted, frames_swapped, quarter_turns]
+    "maker",
+    [units, signs, exchanged, mirrored, turned, targets, poses, shifted, frames_swapped, quarter_turns, mirrored_zeros],
 )  # fmt: skip
 def test_what_a_slip_does_to_the_scene_its_mend_does_to_the_files(
     maker: Callable[[Rig, Scene], Iterable[Slip]], case: Case
@@ -112,16 +116,14 @@ def test_what_a_slip_does_to_the_scene_its_mend_does_to_the_files(
         there = slip.change(rig.scene)
         _, mended = case.mended(slip)
         left = np.ones(len(rig.scene.rows), dtype=bool) if there.lost is None else ~there.lost
-        zero = np.zeros(there.rows.q.shape[1])
-        zeros = [zero, zero]
-        if slip.kind == "offset":  # in the constant, where the file has one
-            at = [rig.names.index(f"{name}.theta") for name in there.rows.joints]
-            zeros = [there.p[at], mended.p[at]]
-            apart = (there.rows.q + zeros[0]) - (mended.rows.q + zeros[1])
-            np.testing.assert_allclose(np.sin(apart / 2), 0.0, atol=1e-9)
-            continue
-        np.testing.assert_allclose(there.rows.q[left], mended.rows.q, rtol=1e-9, atol=1e-9, err_msg=slip.says)
-        np.testing.assert_allclose(there.p, mended.p, rtol=1e-8, atol=1e-9, err_msg=slip.says)
+        # a zero stands in the constant, where the file has one
+        at = [rig.names.index(f"{name}.theta") for name in there.rows.joints]
+        rest = np.setdiff1d(np.arange(len(rig.names)), at)
+        moved, found = there.rows.q[left] + there.p[at], mended.rows.q + mended.p[at]
+        turning = [a.reading_unit == "rad" for a in case.machine.mechanism.actuators]
+        moved, found = (np.where(turning, np.exp(1j * one), one) for one in (moved, found))
+        np.testing.assert_allclose(moved, found, rtol=1e-9, atol=1e-9, err_msg=slip.says)
+        np.testing.assert_allclose(there.p[rest], mended.p[rest], rtol=1e-8, atol=1e-9, err_msg=slip.says)
         for name, values in there.rows.observations.items():
             if not (
                 name.startswith("r") and slip.kind in ("inverse-pose", "rotation-convention", "unit-angle")
@@ -130,6 +132,83 @@ def test_what_a_slip_does_to_the_scene_its_mend_does_to_the_files(
                 np.testing.assert_allclose(values[left], found, rtol=1e-8, atol=1e-8, err_msg=slip.says)
         if "rx" in there.rows.observations and there.lost is None:
             assert np.max((turns(there).inv() * turns(mended)).magnitude()) < 1e-7, slip.says
+
+
+@pytest.mark.parametrize("stated", ["standard", "modified", "khalil"])
+def test_a_table_is_mended_to_the_one_that_predicts_what_a_slip_says(stated: str, tmp_path: Path) -> None:
+    """Another convention, or a and d in each other's place, or two rows exchanged."""
+    machine, rows = columns_of("pose")
+    if stated == "khalil":
+        for row in machine["mechanism"]["joints"]:
+            row["r"], row["d"] = row.pop("d"), row.pop("a")
+        del machine["mechanism"]["convention"]
+    else:
+        machine["mechanism"]["convention"] = stated
+    case = Case(tmp_path, machine, rows)
+    slips = [*conventions(case.rig, case.rig.scene), *exchanged_rows(case.rig, case.rig.scene)]
+    assert len(slips) == 3 + 15
+    for slip in slips:
+        there = slip.change(case.rig.scene)
+        other, mended = case.mended(slip)
+        rig = Rig(other, mended.rows)
+        drawn, found = (
+            one.predictor.poses(p, one.assembled(one.predictor, p, one.scene)[0])[0]
+            for one, p in ((case.rig, there.p), (rig, rig.scene.p))
+        )
+        np.testing.assert_allclose(found, drawn, atol=1e-7, err_msg=slip.says)
+
+
+def test_clocks_are_mended_by_the_readings_between_rows(tmp_path: Path) -> None:
+    """Joints that were read half a second from the sensor's rows; the ends, of which nothing is known, are left out."""
+    machine, _ = columns_of("pose")
+    time = np.arange(40) * 0.25
+    moving = {name: 40.0 * np.sin(0.5 * time + k) for k, name in enumerate(JOINTS)}
+    poses = pd.DataFrame(moving)
+    path, _ = written(tmp_path, machine, poses)
+    seen = truepose.simulate(truepose.load_machine(path), poses, seed=1).reset_index(drop=True)
+    late = {name: np.interp(time - 0.5, time, column) for name, column in moving.items()}
+    case = Case(tmp_path, machine, pd.concat([pd.DataFrame({"time": time, **late}), seen], axis=1))
+    (slip,) = clocks(case.rig, case.rig.scene)
+    there = slip.change(case.rig.scene)
+    assert there.lost is not None
+    _, mended = case.mended(slip)
+    np.testing.assert_allclose(there.rows.q[~there.lost], mended.rows.q, atol=1e-9)
+    np.testing.assert_allclose(mended.rows.q[5:-5], case.rig.scene.rows.q[7:-5], atol=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("maker", "key", "value"),
+    [(coupled, "coupled", None), (counts, "counts", 8192.0)],
+    ids=["coupled", "counts"],
+)
+def test_readings_that_are_no_angles_are_stated_at_their_joint(
+    maker: Callable[[Rig, Scene], Iterable[Slip]], key: str, value: float | None, tmp_path: Path
+) -> None:
+    """In the machine file; the recording stays."""
+    machine, rows = columns_of("pose")
+    if key == "counts":
+        rows["q2"] = (rows["q2"] * 8192.0 / 360.0).round()
+    case = Case(tmp_path, machine, rows)
+    slips = list(maker(case.rig, case.rig.scene))
+    assert len(slips) == (6 * 5 * 2 if key == "coupled" else 2)  # either way round
+    assert value is None or f"{value:g} a turn" in slips[0].says
+    for slip in slips:
+        mended = slip.mend(case.pair)
+        assert mended.sheets == case.pair.sheets
+        k = JOINTS.index(slip.where[0])
+        stated = mended.get(("mechanism", "joints", k, key))
+        there, q = slip.change(case.rig.scene).rows.q, case.rig.scene.rows.q
+        if key == "coupled":
+            ((other, ratio),) = stated.items()
+            expected = q[:, k] - ratio * q[:, JOINTS.index(other)]
+            assert slip.where == (JOINTS[k], other)
+        else:
+            expected = 2.0 * np.pi * np.degrees(q[:, k]) / stated
+        np.testing.assert_allclose(there[:, k], expected, atol=1e-9)
+        rest = np.delete(np.arange(6), k)
+        np.testing.assert_array_equal(there[:, rest], q[:, rest])
+        before = case.pair.with_field(("mechanism", "joints", k, key), stated)
+        assert mended.document == before.document
 
 
 def test_every_hypothesis_is_made_once(case: Case) -> None:
@@ -149,7 +228,7 @@ def test_every_hypothesis_is_made_once(case: Case) -> None:
         f"measured {a} and {b} exchanged" for a, b in ("xy", "xz", "yz")
     }
     assert {slip.says.partition(",")[0] for slip in list(mirrored(rig, rig.scene))[:6]} == plain
-    assert count[poses] == {"pose": 2 + 2 * 12 + 5, "targets": 0, "position": 0}[kind]
+    assert count[poses] == {"pose": 2 + 2 + 2 * 12 + 5, "targets": 0, "position": 0}[kind]
     assert len(list(targets(rig, rig.scene))) == (5 if kind == "targets" else 0)
     for maker in (units, signs, exchanged, targets, poses, shifted, quarter_turns):
         said = [(s.says, s.fix) for s in maker(rig, rig.scene)]
@@ -176,6 +255,10 @@ def test_angles_are_turned_as_their_words_say(tmp_path: Path) -> None:
         ):
             axes = "".join(m.groups())
             parts = about(axes, read[["xyz".index(axis) for axis in axes]])
+        elif "quaternion" in slip.says:
+            x, y, z, w = Rotation.from_rotvec(read).as_quat()
+            first = slip.says.endswith("read as scalar last (x, y, z, w)")
+            parts = [Rotation.from_quat([y, z, w, x] if first else [w, x, y, z])]
         else:
             parts = [Rotation.from_rotvec(-read)]
         expected = reduce(lambda a, b: a * b, parts)

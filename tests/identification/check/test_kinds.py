@@ -24,6 +24,7 @@ from truepose.identification.check.kinds.units import file_lengths, units
 from truepose.identification.check.pair import Pair
 from truepose.identification.check.rig import Rig
 from truepose.identification.check.run import unbounded
+from truepose.identification.check.slip import SELDOM
 from truepose.identification.identifiability.poses import drawn_poses
 
 Array = NDArray[np.float64]
@@ -238,7 +239,7 @@ def test_points_that_were_sorted_are_put_back(kind: str, right: pd.DataFrame, tm
     rows = pd.concat([q, read.iloc[order].reset_index(drop=True)], axis=1)
     rig = rig_on(tmp_path, rows, machine)
     (slip,) = matched(rig, rig.scene)
-    assert slip.says == f"rows sorted by {names[2]} in some of the columns only" and slip.searched
+    assert slip.says == f"rows sorted by {names[2]} in some of the columns only" and slip.odds == SELDOM
     assert slip.fix == "put readings and joints back into one order"
     there = slip.change(rig.scene)
     for name in names:
@@ -298,11 +299,13 @@ def test_units_are_told_in_words(tmp_path: Path) -> None:
     rig = rig_on(tmp_path, table([*names, "x", "y", "z"]), gantry(slides("ssstttt")))
     told = {s.says: (s.where, s.fix) for s in units(rig, rig.scene)}
     assert {text: told[text] for text in WORDS} == WORDS
-    # 6 other lengths for readings, slides (all and each) and the file's two; 2 other angles for joints (all and each); alpha
-    assert len(told) == 6 * (1 + 1 + 3 + 2) + 2 * (1 + 4) + 2
+    # 6 other lengths for readings, slides (all and each) and the file's two; 4 other angles for joints (all and each); alpha;
+    # and the whole recording in another length, or another length and angle
+    assert len(told) == 6 * (1 + 1 + 3 + 2) + 4 * (1 + 4) + 2 + 6 * (1 + 4)
+    assert "the recording in m and rad" in told
     assert "theta of the mechanism in rad" not in told
     kinds = Counter(s.kind for s in units(rig, rig.scene))
-    assert kinds == {"unit-length": 42, "unit-angle": 12}
+    assert kinds == {"unit-length": 42 + 30, "unit-angle": 22}
 
 
 def test_headers_that_say_a_unit_are_no_guess(tmp_path: Path) -> None:
@@ -340,3 +343,31 @@ def test_two_scales_of_a_drawing_multiply(right: pd.DataFrame, tmp_path: Path) -
     assert again.p[k] == pytest.approx(25.4**2 * 10.0 * rig.scene.p[k])
     x = rig.at["base"][0]
     assert again.p[x] == pytest.approx(25.4**2 * rig.scene.p[x])
+
+
+def test_rows_in_no_order_are_not_looked_at(right: pd.DataFrame, tmp_path: Path) -> None:
+    rig = rig_on(tmp_path, right[:20])
+    assert not list(matched(rig, rig.scene))
+    few = rig_on(tmp_path, right[:7].sort_values("x"))
+    assert not list(matched(few, few.scene))
+    falling = rig_on(tmp_path, right[:20].assign(q2=np.linspace(50, -70, 20)))
+    assert [s.where for s in matched(falling, falling.scene)] in ([], [("q2",)])
+
+
+@pytest.mark.parametrize("out", [-165.0, 175.0])
+def test_readings_are_brought_back_into_an_uneven_range(
+    out: float, right: pd.DataFrame, tmp_path: Path
+) -> None:
+    """A range of 30 to 350 deg: what stands below or above it is a turn away."""
+    machine = document()
+    machine["mechanism"]["joints"][3]["range"] = [30.0, 350.0]
+    read = np.linspace(40, 340, 12)
+    read[3] = out
+    rig = rig_on(tmp_path, right[:12].assign(q4=read), machine)
+    mended = offset(rig, 3, np.radians(5.0)).mend(Pair.read(tmp_path / "arm.yaml", [tmp_path / "r.csv"]))
+    expected = read + 5.0
+    expected[3] += 360.0 if out < 0 else 0.0
+    if out > 0:  # inside as it is: nothing is out, the zero goes into the table
+        assert mended.get(("mechanism", "joints", 3, "theta")) == pytest.approx(5.0)
+        return
+    np.testing.assert_allclose(mended.sheets[0].numbers("q4"), expected, atol=1e-9)

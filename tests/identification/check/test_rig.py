@@ -105,7 +105,7 @@ def test_the_motion_is_the_spread_of_the_readings_in_sigmas(tmp_path: Path) -> N
     assert motion(rig, stand) == pytest.approx(np.sqrt(np.mean(np.square(parts))), rel=1e-9)
     larger = rig.stand(rig.scene.with_columns({n: 10.0 * seen[n] for n in "xyz"}, 10.0))
     parts[:3] = [10.0 * v for v in parts[:3]]
-    assert motion(rig, larger) == pytest.approx(np.sqrt(np.mean(np.square(parts))) / 10.0, rel=1e-9)
+    assert motion(rig, larger) == pytest.approx(np.sqrt(np.mean(np.square(parts))), rel=1e-9)
 
 
 def test_rows_to_judge_by_are_spread_over_the_recording(tmp_path: Path) -> None:

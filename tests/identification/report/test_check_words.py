@@ -24,7 +24,7 @@ DOUBT = replace(SLIP, kind="sigma", verdict="suspect", says="sigma is twice as l
 
 
 def check(*found: Found, left: float | None = 0.0304, missing: tuple[Missing, ...] = ()) -> Check:
-    return Check(found, 40, left, "mm", missing)
+    return Check(found, 42, left, "mm", missing, left_rows=40, left_mended=any(f.after for f in found))
 
 
 @pytest.mark.parametrize(
@@ -52,7 +52,7 @@ def test_lines_of_a_check() -> None:
     lack = Missing(("joint-compliance",), "no `gravity:`", "add it")
     assert check_lines(check()) == [
         "ok: the recording fits the machine file",
-        "base and tool alone leave 0.0304 mm rms over 40 rows",
+        "within its tolerances, the machine is off by 0.0304 mm rms over 40 of 42 rows",
     ]
     assert check_lines(check(left=None)) == ["ok: the recording fits the machine file"]
     lines = check_lines(check(others, missing=(lack,)), ["a.yaml", "b.csv"])
@@ -61,12 +61,12 @@ def test_lines_of_a_check() -> None:
         f"  sign: {found_words(SLIP)}",
         "    to mend: turn its sign",
         "    fits as well: a; b; c",
-        "with this mended, base and tool alone leave 0.0304 mm rms over 40 rows",
+        "mended and within its tolerances, the machine is off by 0.0304 mm rms over 40 of 42 rows",
         "  cannot be tested: joint-compliance: no `gravity:`; add it",
         "written: a.yaml, b.csv",
     ]
     unfitted = check_lines(check(replace(DOUBT, before=None, after=None)))
-    assert unfitted[0].startswith("suspect: ") and unfitted[-1].startswith("base and tool alone")
+    assert unfitted[0].startswith("suspect: ") and unfitted[-1].startswith("within its tolerances")
 
 
 def test_a_refusal_names_the_first_that_is_wrong_and_counts_the_others() -> None:

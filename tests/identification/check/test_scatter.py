@@ -1,26 +1,21 @@
-"""Rows of two set-ups, rows that count from others, replicates: which rows are taken together, and what is said of them."""
+"""Rows that count from others, and replicates: which rows are taken together, and what their scatter says of sigma."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 from numpy.typing import NDArray
 
 import truepose
 from support import MACHINES
-from support.checked_arm import EXACT, document, recorded, rig_of, written
-from truepose.identification.check.drawing import expected
+from support.checked_arm import EXACT, document, rig_of
 from truepose.identification.check.pair import Pair
 from truepose.identification.check.result import Found
-from truepose.identification.check.rig import ABSURD, Rig, motion
-from truepose.identification.check.run import check_files
-from truepose.identification.check.scene import Scene, chosen
-from truepose.identification.check.sessions import moved
+from truepose.identification.check.rig import Rig
+from truepose.identification.check.scene import chosen
 from truepose.identification.check.sigma import FAR, sigmas
 from truepose.identification.identifiability.poses import drawn_poses
 
@@ -28,89 +23,10 @@ Array = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")
-def right() -> pd.DataFrame:
-    return recorded()
-
-
-@pytest.fixture(scope="module")
 def rig(tmp_path_factory: pytest.TempPathFactory) -> Rig:
     """Readings with the noise that is stated."""
     exact = rig_of(tmp_path_factory.mktemp("rig"), document(sensor=EXACT), rows=40)
     return replicated(exact, 1.0, 1.0, 40, 1)
-
-
-def two_places(rig: Rig, cut: int, mm: float) -> Scene:
-    """The base stands elsewhere from a row on."""
-    x = rig.scene.rows.observations["x"].copy()
-    x[cut:] += mm
-    return rig.scene.with_columns({"x": x})
-
-
-def told(rig: Rig, scene: Scene, price: float = 100.0) -> list[Found]:
-    return list(moved(rig, scene, rig.stand(scene), price))
-
-
-@pytest.mark.parametrize("cut", [11, 17, 28])
-def test_the_second_set_up_begins_at_its_row(cut: int, rig: Rig, tmp_path: Path) -> None:
-    scene = two_places(rig, cut, 400.0)
-    (found,) = told(rig, scene)
-    assert (found.kind, found.where, found.verdict, found.unit) == (
-        "sessions-mixed",
-        ("session",),
-        "wrong",
-        "mm",
-    )
-    assert found.says.startswith("two set-ups in one recording, the second from about ")
-    # steps of an eighth are halved towards the row: as near as half a step
-    row = int(found.says.rpartition(" row ")[2].split()[0])
-    assert abs(row - (cut + 1)) <= 2
-    assert found.fix == "give each set-up its own number in a column 'session', or calibrate them one by one"
-    assert found.before is not None and found.before > 50.0 and found.after is not None and found.after < 1.0
-    (tmp_path / "r.csv").write_text("q1,x\n" + "1,2\n" * 40, encoding="utf-8")
-    (tmp_path / "m.yaml").write_text("name: m\n", encoding="utf-8")
-    pair = Pair.read(tmp_path / "m.yaml", [tmp_path / "r.csv"])
-    assert found.mend is not None
-    (sheet,) = found.mend(pair).sheets
-    assert list(sheet.cells["session"]) == ["1"] * (row - 1) + ["2"] * (41 - row)
-    assert sheet.text().splitlines()[0] == "q1,x,session"
-    twice = replace(pair, sheets=pair.sheets * 2)
-    assert found.mend(twice) is twice
-
-
-def test_a_known_session_that_stands_elsewhere_is_a_suspect_and_a_small_move_is_physics(rig: Rig) -> None:
-    rows = replace(rig.recording, session=np.repeat([1, 2], [13, 27]))
-    for mm, verdicts in ((400.0, ["suspect"]), (15.0, [])):
-        scene = replace(rig.scene, rows=rows)
-        x = rows.observations["x"].copy()
-        x[13:] += mm
-        scene = scene.with_columns({"x": x})
-        stand = rig.stand(scene)
-        assert stand.misfit > 3.0 * expected(rig, stand)
-        assert (stand.misfit < ABSURD * motion(rig, stand)) == (mm < 100.0)
-        found = told(rig, scene)
-        assert [f.verdict for f in found] == verdicts
-        for one in found:
-            assert one.fix == (
-                "if base or tool were set up anew, say so in the machine file: 'per: session' in frames.base,"
-                " or in frames.tool"
-            )
-            assert one.says.rpartition(" row ")[2].split()[0] == "14"
-    # nobody said that there were two: a small move is told
-    assert [f.verdict for f in told(rig, two_places(rig, 13, 15.0))] == ["wrong"]
-
-
-def test_set_ups_are_not_looked_for_where_all_is_well(rig: Rig) -> None:
-    scene = two_places(rig, 17, 400.0)
-    assert told(rig, scene, 2.0) == [] and len(told(rig, scene, 2.1)) == 1
-    counted = replace(scene, rows=replace(scene.rows, from_row=np.zeros(40, dtype=np.int64)))
-    stand = rig.stand(scene)
-    assert not list(moved(rig, counted, stand, 100.0))
-    assert not list(moved(rig, scene, replace(stand, misfit=float("inf")), 100.0))
-    limit = 3.0 * expected(rig, stand)
-    assert not list(moved(rig, scene, replace(stand, misfit=0.99 * limit), 100.0))
-    assert not told(rig, rig.scene)
-    few = Rig(rig.machine, rig.recording.subset(np.arange(15)))  # neither side has eight rows
-    assert told(few, two_places(few, 7, 400.0)) == []
 
 
 def test_rows_that_count_from_others_are_judged_with_these() -> None:
@@ -219,14 +135,3 @@ def test_without_replicates_all_that_is_left_bounds_a_sigma(rig: Rig) -> None:
     alone = Pair("m.yaml", "", {"sensor": {"sigma": {"xyz": 0.03}}}, ())
     assert one.mend(alone).document == {"sensor": {"sigma": {"xyz": 0.0027}}}
     assert turn.mend(alone).document == alone.document
-
-
-def test_the_worst_session_of_a_base_that_is_set_up_anew_is_told(right: pd.DataFrame, tmp_path: Path) -> None:
-    """Readings of the second day stand in metres; those of the first are right."""
-    machine = document()
-    machine["frames"]["base"]["per"] = "session"
-    rows = right.assign(session=np.repeat([1, 2], [22, 23]))
-    rows.loc[22:, ["x", "y", "z"]] = rows.loc[22:, ["x", "y", "z"]] / 1000.0
-    paths = written(tmp_path, machine, rows)
-    found = check_files(paths[0], [paths[1]])[0]
-    assert (found.verdict, found.found[0].kind, found.rows) == ("wrong", "unit-length", 45)
