@@ -84,7 +84,7 @@ def _beyond(readings: Array, low: float, high: float) -> Mask:
 
 def column_unit(table: Table, joint: JointColumn, units: UnitSystem) -> str:
     """The unit that a joint's column is in. Raises InputError for counts where the machine file states none."""
-    stated = next(column.unit for column in table.columns if column.name == joint.name)
+    stated = table.stated_units[joint.name]
     if isinstance(stated, str) and stated.lower() in COUNT_WORDS:
         if joint.counted:
             return joint.written

@@ -179,8 +179,7 @@ def _may_be_joint(log: Table, name: str) -> bool:
 
 def _velocity(log: Table, name: str) -> Array:
     """(k,) logged velocities in the unit of the joint's column per second."""
-    units = {column.name: column.unit for column in log.columns}
-    own, logged = units[name], units[f"{VELOCITY}.{name}"]
+    own, logged = log.stated_units[name], log.stated_units[f"{VELOCITY}.{name}"]
     values = log.numbers(f"{VELOCITY}.{name}")
     if logged is None or logged == f"{own}/s":
         return values
@@ -204,7 +203,7 @@ def _checked(log: Table, name: str, logged: Array, slope: Array) -> Array:
 
 def _internal(log: Log) -> tuple[Array, Mask]:
     """(nj,) factors to rad, and which joints slide; columns without a unit are in deg if one goes beyond a turn in rad."""
-    units = {column.name: column.unit for column in log.table.columns}
+    units = log.table.stated_units
     bare = [k for k, name in enumerate(log.names) if units[name] is None]
     usual = "deg" if bare and np.abs(log.joints[:, bare]).max() > 2.0 * np.pi else "rad"
     said = [units[name] or usual for name in log.names]
@@ -226,7 +225,7 @@ def _thinned(rows: Index, at: Array, every: float) -> Index:
 
 
 def _rows(probe: Table, log: Log, kept: Index, at: Array) -> Table:
-    units = {column.name: column.unit for column in log.table.columns}
+    units = log.table.stated_units
     q, v = log.at(at[kept])
     columns, cells = [Column("time", "s")], {"time": ArrowCells(at[kept])}
     for k, name in enumerate(log.names):

@@ -62,6 +62,11 @@ class Table:
         """Names of the columns, without units."""
         return tuple(column.name for column in self.columns)
 
+    @property
+    def stated_units(self) -> dict[str, str | None]:
+        """Units that headers give, by the columns' names; None without one."""
+        return {column.name: column.unit for column in self.columns}
+
     def __contains__(self, name: str) -> bool:
         return name in self.cells
 
@@ -80,7 +85,7 @@ class Table:
 
     def unit(self, name: str, default: str, dimension: str) -> str:
         """The unit a column is in: its suffix, else `default`. Checked to be a `dimension`."""
-        unit = next(column.unit for column in self.columns if column.name == name)
+        unit = self.stated_units[name]
         if unit == SI:
             return _SI_UNITS.get(dimension, default)
         return default if unit is None else parse_unit(unit, dimension, self.where(name))
