@@ -13,7 +13,7 @@ from truepose.identification.programs.flow import Assignment, Flow
 from truepose.identification.programs.forms import Euler, numbers_of
 from truepose.identification.programs.krl_frames import WORDS, Motion, Stand, motions, stated
 from truepose.identification.programs.program import Left, Lines, Span, Target, numbers_in, shown
-from truepose.identification.programs.roles import Going, worked_out
+from truepose.identification.programs.roles import SEVERAL, Going, worked_out
 
 FIXED = "#TCP"
 """Name of the tool of motions whose tool stands in the cell."""
@@ -22,6 +22,7 @@ _ASSIGNED = re.compile(
     r"(?P<part>(?:\.\w+)*)[ \t]*=(?!=)[ \t]*(?P<value>[^\r\n]*)"
 )
 _NAME = re.compile(r"[A-Za-z_]\w*")
+_UNKNOWN = "its value is worked out while the program runs"
 _UNSURE = "its base or its tool may have several values there"
 Key = tuple[bool, int]
 """A literal: whether it is in the file beside, and where it begins."""
@@ -123,8 +124,13 @@ class Motions:
             mask = self.masks[key[0]]
             if mask.startswith("{", one.start) and ":" not in outside(mask[one.start : one.end]):
                 self.goings.setdefault(key, []).append(going)
-            elif (pose := self._pose(other, span)) is not None and not other and not one.partly:
+            elif other or one.partly:
+                continue
+            elif (pose := self._pose(other, span)) is not None:
                 self._work_out(name, pose, going)
+            else:
+                why = _UNKNOWN if len(reaching) == 1 else SEVERAL
+                self.left.append(Left(self.lines.of(going.place), name, why))
         if not reaching and not other and not going.within:
             why = "its value is in neither this text nor the file beside it"
             self.left.append(Left(self.lines.of(going.place), shown(self.masks[0][slice(*span)]), why))
