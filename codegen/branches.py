@@ -11,13 +11,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.codegen.chain import ChainExpressions, jacobians_and_tools
 from truepose.models.kinematics import SymbolicModel
 from truepose.models.states import across
 
-Array = NDArray[np.float64]
 _PARALLEL = 0.05
 """Largest angle (rad) between axes that count as parallel."""
 _MEETING = 0.02

@@ -10,14 +10,13 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models import lie
 from truepose.models.chain import Chain, Move
 from truepose.models.kinematics import SymbolicModel
 from truepose.models.task import WHOLE, Task
 
-Array = NDArray[np.float64]
 FIRST = 16
 """Kept numbers of the first frame: lines of [R|p], filled up to four."""
 STEP = 6

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from truepose.arrays import Array
+
 _THRESHOLD = 0.05
 """A pivot is at least this share of the largest entry that its column has left, in every sample."""
 
@@ -144,6 +144,3 @@ def _best(left: Array, fill: Array, rows: Sequence[int], columns: Sequence[int])
     candidates = np.argwhere(cost == cost.min())
     i, j = max(candidates.tolist(), key=lambda at: float(share[at[0], at[1]]))
     return rows[i], columns[j]
-
-
-__all__ = ["Factors", "Pivots", "factors_of"]

@@ -6,14 +6,13 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.codegen.layout import Layout
 from truepose.codegen.reference import Reference
 from truepose.models.kinematics import SymbolicModel
 from truepose.models.velocities import twists
 
-Array = NDArray[np.float64]
 _EXAMPLES = 8
 
 
@@ -50,6 +49,3 @@ def regularity(model: SymbolicModel, layout: Layout) -> Array:
         matrix = np.array(at(q, model.z_home, model.p_home, model.home if x is None else x))
         out.append(np.linalg.svd(matrix, compute_uv=False)[-1])
     return np.round(out, 9)  # the last digits of another mathematical library choose no other poses
-
-
-__all__ = ["example_context", "regularity"]

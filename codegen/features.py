@@ -56,5 +56,3 @@ class Features:
 
 
 ALL: Final = Features()
-
-__all__ = ["ALL", "FEATURES", "Features"]

@@ -24,6 +24,3 @@ def function_text(
     indented = "\n".join(f"    {line}" for line in [*head, *statements])
     keyword = "LINE_FUNCTION" if lines else "static"
     return f"/* {title} */\n{keyword} void {name}({arguments})\n{{\n{indented}\n}}\n"
-
-
-__all__ = ["function_text"]

@@ -40,6 +40,3 @@ def lane_runtime(real: Real, helpers: Iterable[str]) -> str:
         **trigonometry(real),
     }
     return environment().get_template("lanes.c.j2").render(context)
-
-
-__all__ = ["BINARY", "UNARY", "lane_runtime"]

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.codegen.printer import Real
 from truepose.codegen.reference import Reference
 from truepose.errors import InputError
@@ -23,7 +23,6 @@ from truepose.models.machine import FRAME_OF, Machine
 from truepose.models.mechanism import COORDINATES, Actuator
 from truepose.models.task import Task
 
-Array = NDArray[np.float64]
 _STANDARD_GRAVITY = 9.80665
 _UNLIMITED_TURN = math.radians(150.0)
 _SINGLE = 2e-6

@@ -112,6 +112,3 @@ def left_out_json(found: LeftOut) -> dict[str, object]:
         "drivers": drivers,
         "followed": list(found.followed),
     }
-
-
-__all__ = ["LeftOut", "left_out", "left_out_json", "left_out_words"]

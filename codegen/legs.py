@@ -12,15 +12,14 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.codegen.layout import Layout
 from truepose.codegen.loops import Equations
 from truepose.models.assembly import assemble, displacement_of, rod_ends, tool_on_flange
 from truepose.models.kinematics import SymbolicModel
 from truepose.models.mechanism import Mechanism
 
-Array = NDArray[np.float64]
 _APART = 0.1
 """Share of the root's size that the linear coefficient must have for a root without cancellation."""
 
@@ -171,6 +170,3 @@ def _roots(
     found = ca.vertcat(*readings)
     lack = (c + found * (2 * b + a * found)) / ca.DM([float(f"{size:.6g}") for size in typical[0, :, 2]])
     return Roots(found, under, lack)
-
-
-__all__ = ["Legs", "Roots", "legs_of"]

@@ -130,6 +130,3 @@ def _write_legs(writer: Writer, model: SymbolicModel, legs: Legs) -> None:
         writer.function(title, "legs_of", (("T", "q"), ("r", "J")), targets)
         known = {"p": model.p, "z": model.z}
         _write_equations(writer, "legs", legs.equations, {**known, "J": legs.symbols})
-
-
-__all__ = ["ROOTS", "Arrays", "Loops", "Targets", "Writer", "write_loops"]

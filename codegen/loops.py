@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.codegen.elimination import Factors, Pivots, factors_of
 from truepose.codegen.layout import Layout
 from truepose.codegen.reference import Reference
@@ -22,7 +22,6 @@ from truepose.models.kinematics import SymbolicModel
 from truepose.models.task import Task
 from truepose.models.velocities import gap_derivative, twists
 
-Array = NDArray[np.float64]
 _SAMPLES = 24
 _SMALLEST = {"double": 1e-7, "float": 1e-3}
 """Share of its typical size below which a pivot is not trusted."""
@@ -156,6 +155,3 @@ def _samples(model: SymbolicModel, derivative: ca.SX, layout: Layout) -> Array:
         if x is not None:
             out.append(np.array(at(q, x, model.p_home, model.z_home)))
     return np.array(out).reshape(-1, *derivative.shape)
-
-
-__all__ = ["Equations", "LoopExpressions"]

@@ -52,6 +52,3 @@ def entries(names: Sequence[str], units: Sequence[str]) -> list[dict[str, str]]:
 def driver_units(model: SymbolicModel) -> list[str]:
     """Units of a model's drivers, "1" where nobody knows."""
     return [model.machine.driver_unit(name) or "1" for name in model.drivers]
-
-
-__all__ = ["driver_units", "entries", "offered"]

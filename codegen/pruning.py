@@ -115,6 +115,3 @@ def _defined(bare: str) -> set[str]:
     if function and "=" not in head:
         return {function.group(1)}
     return set(re.findall(r"(\w+)(?:\[[^\]]*\])* *(?:=|;|$)", head))
-
-
-__all__ = ["pruned"]

@@ -78,5 +78,3 @@ FILTERS: Final[Mapping[str, Callable[[str], str]]] = {
     "code_span": code_span,
 }
 """The same by the names that templates use."""
-
-__all__ = ["FILTERS", "c_string", "code_span", "comment", "markdown", "python_string"]

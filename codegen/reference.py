@@ -9,13 +9,12 @@ from collections.abc import Iterator
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models.closure import closed, one_row
 from truepose.models.home import coordinate_scale
 from truepose.models.kinematics import SymbolicModel
 
-Array = NDArray[np.float64]
 _ROUNDS = 50
 _STEPS = 10
 _SHRINK = (1.0, 0.5, 0.25, 0.1)

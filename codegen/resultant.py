@@ -18,13 +18,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.codegen.chain import ChainExpressions, jacobians_and_tools
 from truepose.models.kinematics import SymbolicModel
 from truepose.models.states import across
 
-Array = NDArray[np.float64]
 DEGREE = 8
 """Of the determinant in joint 3: an arm has 16 solutions at most."""
 NUDGE = 4e-5

@@ -57,6 +57,3 @@ def _loop(group: Sequence[Sequence[str]]) -> list[str]:
         "    }",
         "}",
     ]
-
-
-__all__ = ["rolled"]

@@ -56,6 +56,3 @@ def task_context(task: Task) -> dict[str, Any]:
         "swings": task.position is not None,
         "words": task.words,
     }
-
-
-__all__ = ["easing_context", "task_context", "write_turns"]

@@ -60,6 +60,3 @@ def trigonometry(real: Real) -> dict[str, Any]:
         "farthest": FARTHEST[real],
         "pi": math.pi,
     }
-
-
-__all__ = ["COSINE", "FARTHEST", "QUARTER_TURN", "SINE", "trigonometry"]

@@ -36,6 +36,7 @@ FOLDERS = {
 
 # From the ground up. A room is a folder or a single file, named below `truepose`.
 FLOORS = (
+    ("arrays",),
     ("errors", "wording", "shown", "version", "stopping"),
     ("publication", "faults"),
     ("files", "threads", "pool", "bounded"),

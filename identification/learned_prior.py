@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.files import atomic_write_text
 from truepose.identification.prior import SIZES
@@ -26,7 +26,6 @@ from truepose.models.placed import EffectAtPlace
 from truepose.models.yaml_document import document_text, flow_text, read_document
 from truepose.wording import joined
 
-Array = NDArray[np.float64]
 SCHEMA: Final = "truepose/prior/1"
 ROUNDING = 0.01
 """How far written shares may be from adding up to one."""

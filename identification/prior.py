@@ -16,10 +16,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit, logit, logsumexp
 
-Array = NDArray[np.float64]
+from truepose.arrays import Array
 
 
 @dataclass(frozen=True)

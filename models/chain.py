@@ -158,6 +158,3 @@ def _path(tree: Sequence[Joint], flange: str) -> list[Joint]:
         out.insert(0, parent[body])
         body = parent[body].parent
     return out
-
-
-__all__ = ["Chain", "Move", "chain_of"]

@@ -12,11 +12,10 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Equations = Callable[[Array, NDArray[np.intp]], tuple[Array, Array, Array]]
+from truepose.arrays import Array, Index, Mask
+
+Equations = Callable[[Array, Index], tuple[Array, Array, Array]]
 """Unknowns (k, nx) of the rows named (k,) to equations (k, m, 1), their Jacobian (k, m, nx) and gaps (k, g, 1), mm."""
 CLOSED = 1e-11
 """Step, in parts of an unknown's natural size, after which the next one would be lost in rounding."""
@@ -74,7 +73,7 @@ def one_row(function: ca.Function, *known: Array) -> Equations:
     given = [np.array(v, dtype=float) for v in known]
     outputs = [np.empty(function.size_out(k)[::-1]) for k in range(function.n_out())]
 
-    def equations(x: Array, _: NDArray[np.intp]) -> tuple[Array, Array, Array]:
+    def equations(x: Array, _: Index) -> tuple[Array, Array, Array]:
         for give, arrays in ((buffer.set_arg, (*given, x[0])), (buffer.set_res, outputs)):
             for k, array in enumerate(arrays):
                 if array.size:

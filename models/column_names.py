@@ -74,6 +74,3 @@ def _mend(sensor: Sensor, column: str) -> str:
     if sensor.opens_columns:
         return f"give the sensor a `name`, `name: sensor`, and the recording the column `sensor.{column}`"
     return "rename the joint, or what the sensor calls it"
-
-
-__all__ = ["OF_ROWS", "check_column_names", "has_own_meaning"]

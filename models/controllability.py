@@ -11,9 +11,9 @@ from itertools import combinations
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats.qmc import Halton
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models.closure import closed, one_row
 from truepose.models.home import coordinate_scale
@@ -23,7 +23,6 @@ from truepose.models.mechanism import AXES
 from truepose.models.task import AXIS, WHOLE, Task
 from truepose.models.velocities import twists
 
-Array = NDArray[np.float64]
 _SAMPLES = 40
 _SHRINK = (1.0, 0.3, 0.1)
 """Shares of the way from home to a sample; loops need not close at the whole of it."""
@@ -208,6 +207,3 @@ def _ranges(model: SymbolicModel) -> tuple[Array, Array]:
         out.append(actuator.range or (home - half, home + half))
     low, high = np.array(out, dtype=float).T
     return low, high
-
-
-__all__ = ["free_joints", "judged_axes", "machine_task", "stated_task", "task_of"]

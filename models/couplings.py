@@ -11,15 +11,14 @@ from dataclasses import replace
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models.machine_file import MachineFile
 from truepose.models.mechanism import Actuator, Mechanism
 from truepose.models.units import convert
 from truepose.wording import close_matches
 
-Array = NDArray[np.float64]
 Range = tuple[float, float]
 _SINGULAR = 1e-9
 """Determinant below which readings do not tell the joints' own motions."""
@@ -108,6 +107,3 @@ def turns_freely(mechanism: Mechanism, reading: str) -> bool:
 
 def _coupled(mechanism: Mechanism) -> list[str]:
     return [actuator.reading for actuator in mechanism.actuators if any(actuator.coupled.values())]
-
-
-__all__ = ["coupling_matrix", "own_motions", "recorded_reading", "resolve_couplings", "turns_freely"]

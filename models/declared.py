@@ -83,6 +83,3 @@ def declared_driver(
 def internal_unit(unit: str) -> str:
     """The program's own unit of the same dimension; the unit itself where it has none."""
     return next((own for own in INTERNAL.values() if compatible(unit, own)), unit)
-
-
-__all__ = ["declared_driver", "declared_drivers", "driver_names", "internal_unit"]

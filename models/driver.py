@@ -84,19 +84,11 @@ _BY_DIMENSION: Final[Mapping[str, DriverKind]] = {
 }
 """What a column makes vary, by what its unit is of; a motor's current and a cylinder's pressure hold loads, power heats."""
 _DRIVES: Final[Mapping[str, DriverKind]] = {
-    SESSION: "session",
-    RECORDING: "session",
-    TIME: "time",
-    ROW: "time",
-    "creep": "time",
+    **dict.fromkeys((SESSION, RECORDING), "session"),
+    **dict.fromkeys((TIME, ROW, "creep"), "time"),
     TEMPERATURE: "temperature",
-    PAYLOAD: "load",
-    **dict.fromkeys((TORQUE, CURRENT, FORCE, MOMENT), "load"),
-    VELOCITY: "arrival",
-    APPROACH: "arrival",
-    STEP: "arrival",
-    "stop": "arrival",
-    "loop": "arrival",
+    **dict.fromkeys((PAYLOAD, TORQUE, CURRENT, FORCE, MOMENT), "load"),
+    **dict.fromkeys((VELOCITY, APPROACH, STEP, "stop", "loop"), "arrival"),
 }
 
 

@@ -42,5 +42,3 @@ def _named_driver(value: object) -> object:
 
 
 DriverField = Annotated[DriverEntry, BeforeValidator(_named_driver, json_schema_input_type=str | DriverEntry)]
-
-__all__ = ["DriverEntry", "DriverField", "DriverSpec"]

@@ -6,8 +6,8 @@ import re
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models.driver import TIME, VELOCITY, Driver
 from truepose.models.effect import Effect, effects
@@ -21,7 +21,6 @@ from truepose.models.placed import Coefficient, PlacedEffect
 from truepose.models.units import parse_unit
 from truepose.wording import close_matches
 
-Array = NDArray[np.float64]
 _HEAD = re.compile(r"^(?P<slug>[^@:=\s]+)@(?P<place>[^:=]+)(?::(?P<rest>.*))?$")
 _ITEM = re.compile(
     r"\s*(?P<name>[^=]+?)\s*=\s*(?P<value>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?:\[(?P<unit>[^\]]*)\])?\s*(?:,|$)"
@@ -166,6 +165,3 @@ def _settings(
         names = {c.name for c in effect.coefficients(machine, place, settings)}
         forms.append((len(set(numbers) - names - set(settings)), settings))
     return dict(min(forms, key=lambda form: form[0])[1])
-
-
-__all__ = ["parse_effect"]

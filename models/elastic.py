@@ -120,6 +120,3 @@ def _moved(home: ca.SX, now: ca.SX, shift: ca.SX, beyond: ca.SX) -> tuple[ca.SX,
     """Displacement and small rotation of what a body holds ``beyond`` (3,) a point that moved by ``shift``."""
     turn = now[:3, :3] @ home[:3, :3].T
     return shift + (turn - ca.SX.eye(3)) @ beyond, lie.vee(turn)
-
-
-__all__ = ["Ends", "Flexibility", "Segment", "strain_energy"]

@@ -93,6 +93,3 @@ def with_own_tools(machine: Machine, values: Mapping[str, ca.SX], z: Mapping[str
             away = zip(TOOL, own.tool, strict=True)
             out |= {name: out[name] + here * (stands - values[name]) for name, stands in away}
     return out
-
-
-__all__ = ["equipment", "with_own_tools", "with_recordings"]

@@ -16,11 +16,10 @@ Functions of arrays work elementwise, on any shape (...,) or a number.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 
-Array = NDArray[np.float64]
 Reflectivities = tuple[float, float]
 
 

@@ -16,15 +16,10 @@ _EXPECTED = {
     "string_type": "expected a text",
     "string_too_long": f"expected a text of at most {NAME} characters",
     "string_too_short": "expected a text that is not empty",
-    "model_type": "expected a mapping of fields",
-    "model_attributes_type": "expected a mapping of fields",
-    "dict_type": "expected a mapping of fields",
-    "list_type": "expected a list",
-    "tuple_type": "expected a list",
+    **dict.fromkeys(("model_type", "model_attributes_type", "dict_type"), "expected a mapping of fields"),
+    **dict.fromkeys(("list_type", "tuple_type"), "expected a list"),
     "bool_type": "expected true or false",
-    "int_type": "expected a whole number",
-    "int_from_float": "expected a whole number",
-    "int_parsing": "expected a whole number",
+    **dict.fromkeys(("int_type", "int_from_float", "int_parsing"), "expected a whole number"),
 }
 
 

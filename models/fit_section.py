@@ -58,13 +58,3 @@ def refused_by(found: JudgementSection | None) -> tuple[str, ...]:
 
 def expected_pose(found: ExpectedPoseSection | None) -> ExpectedPose | None:
     return None if found is None else ExpectedPose(found.than, found.before, found.after, found.rows)
-
-
-__all__ = [
-    "NO_WORSE",
-    "ExpectedPose",
-    "ExpectedPoseSection",
-    "JudgementSection",
-    "expected_pose",
-    "refused_by",
-]

@@ -37,6 +37,3 @@ def gains(
     ends = ((frame_a, flexures.axis_a), (frame_b, flexures.axis_b))
     cosines = [ca.dot(along, frame[:3, :3] @ ca.DM(axis)) for frame, axis in ends]
     return sum((gain(length, shape, cosine) for cosine in cosines), ca.SX(0))
-
-
-__all__ = ["SHAPE", "gain", "gains"]

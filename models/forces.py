@@ -65,6 +65,3 @@ def with_columns(
             known = own or DeclaredDriver(column, unit, written, "load")
             out[column] = replace(known, unit=unit, written=written, absent=0.0)
     return tuple(out.values())
-
-
-__all__ = ["measured_forces", "with_columns"]

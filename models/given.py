@@ -29,6 +29,3 @@ def as_machine(given: MachineLike) -> Machine:
             f"machine: found {type(given).__name__}, expected a machine or a result of calibrate, diagnose or estimate{hint}"
         )
     return found
-
-
-__all__ = ["HoldsMachine", "MachineLike", "as_machine"]

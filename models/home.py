@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models.closure import CoordinateScale, closed, one_row
 from truepose.models.couplings import coupling_matrix
 from truepose.models.machine import Machine
 from truepose.models.mechanism import COORDINATES, Mechanism
 
-Array = NDArray[np.float64]
 STRAINED = 2e-2
 """Loops with more equations than unknowns close by least squares, when no gap exceeds this part of the
 machine's size: as built they are strained a little."""

@@ -38,6 +38,3 @@ def home_directions(
     at = ca.Function("at", [model.q, model.z, model.p, model.x], [found])
     values = np.asarray(at(model.q_home, model.z_home, model.p_home, model.home), dtype=float).reshape(-1, 3)
     return {end: (float(x), float(y), float(z)) for end, (x, y, z) in zip(ends, values, strict=True)}
-
-
-__all__ = ["home_directions"]

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models.assembly import symbols
 from truepose.models.couplings import own_motions
@@ -74,11 +74,11 @@ class SymbolicModel:
     machine: Machine
     effects: tuple[PlacedEffect, ...]
     drivers: tuple[str, ...]
-    z_home: NDArray[np.float64]
+    z_home: Array
     names: tuple[str, ...]
-    p_home: NDArray[np.float64]
-    home: NDArray[np.float64]
-    q_home: NDArray[np.float64]
+    p_home: Array
+    home: Array
+    q_home: Array
     q: ca.SX
     z: ca.SX
     p: ca.SX
@@ -208,7 +208,7 @@ def _model(woven: _Woven) -> SymbolicModel:
     )
 
 
-def assembled_home(model: SymbolicModel) -> NDArray[np.float64]:
+def assembled_home(model: SymbolicModel) -> Array:
     """(nx,) unknowns at home of the nominal machine."""
     scale = coordinate_scale(model.machine, len(model.home), model.gap.numel())
     outputs = [model.equations, ca.jacobian(model.equations, model.x), model.gap]

@@ -12,10 +12,10 @@ from functools import cache
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from truepose.arrays import Array
 
 
 @cache
@@ -162,7 +162,7 @@ def rpy_of(rotation: Array) -> Array:
     return np.array([roll, pitch, yaw])
 
 
-def rpy_matrix(rpy: Array) -> Array:
+def rpy_matrix(rpy: ArrayLike) -> Array:
     """(3, 3) rotation Rz(yaw) Ry(pitch) Rx(roll) of (roll, pitch, yaw) (3,), rad."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
     return np.array(
@@ -181,14 +181,18 @@ def nearest_rotation(matrix: Array) -> Array:
     return np.asarray(u @ vt)
 
 
+def pose_of(rotation: ArrayLike, position: ArrayLike) -> Array:
+    """(..., 4, 4) poses of rotations (..., 3, 3) and positions (..., 3)."""
+    turn, place = np.asarray(rotation), np.asarray(position)
+    out = np.zeros((*np.broadcast_shapes(turn.shape[:-2], place.shape[:-1]), 4, 4))
+    out[..., :3, :3], out[..., :3, 3], out[..., 3, 3] = turn, place, 1.0
+    return out
+
+
 def inverse_pose(pose: Array) -> Array:
     """(..., 4, 4) inverses of transforms (..., 4, 4)."""
-    out = np.zeros_like(pose)
-    rt = np.swapaxes(pose[..., :3, :3], -1, -2)
-    out[..., :3, :3] = rt
-    out[..., :3, 3] = -np.einsum("...ij,...j->...i", rt, pose[..., :3, 3])
-    out[..., 3, 3] = 1.0
-    return out
+    turn = np.swapaxes(pose[..., :3, :3], -1, -2)
+    return pose_of(turn, -np.einsum("...ij,...j->...i", turn, pose[..., :3, 3]))
 
 
 def _row(a: ca.SX | float, b: ca.SX | float, c: ca.SX | float) -> ca.SX:

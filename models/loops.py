@@ -57,6 +57,3 @@ def _outwards(mechanism: Mechanism, start: Joint, body: str) -> Part:
         row.append(next(joint for joint in here if joint.name != row[-1].name))
         body = row[-1].child if row[-1].parent == body else row[-1].parent
     return Part(tuple(row), body)
-
-
-__all__ = ["Part", "around", "looped", "serial_part"]

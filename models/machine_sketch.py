@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import TrueposeError
 from truepose.models.machine import Machine
 from truepose.models.skeleton import Kind, at_home
 from truepose.shown.drawing import Segment, lines
 
-Array = NDArray[np.float64]
 _TURN, _RISE = np.radians(-35.0), np.radians(20.0)
 _SHOWN: dict[str, tuple[Kind, ...]] = {
     "links": ("link", "plate", "rail"),

@@ -9,6 +9,3 @@ def seconds_since_1970(moment: datetime.datetime) -> float:
     """Return a date in s; one without a zone is taken as UTC, whatever the zone of this computer."""
     zone = moment.tzinfo or datetime.UTC
     return moment.replace(tzinfo=zone).timestamp()
-
-
-__all__ = ["seconds_since_1970"]

@@ -98,6 +98,3 @@ def _used(file: MachineFile) -> set[object]:
     hooked = (*hooked, *(each.payload.in_ for each in file.recordings.values() if each.payload))
     pushed = (frame for force in file.forces.values() for frame in (force.in_, force.axes))
     return {*read, *hooked, *pushed, *(mass.in_ for mass in file.masses)}
-
-
-__all__ = ["frame_parameters", "mounts"]

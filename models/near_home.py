@@ -108,6 +108,3 @@ def _ends(rod: Rod, placed: tuple[Stance, Assembly]) -> Ends:
     stance, assembly = placed
     points = rod_ends(rod, assembly.bodies, stance.values)
     return Ends(assembly.bodies[rod.body_a], assembly.bodies[rod.body_b], *points)
-
-
-__all__ = ["Stance", "near_home"]

@@ -8,13 +8,11 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import casadi as ca
-import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models.driver import DriverKind
 from truepose.models.setting_range import SettingRanges, check_settings
 
-Array = NDArray[np.float64]
 SERIES = 24
 """From so many coefficients on an effect is a series, whose expected sizes are its prior."""
 Place = tuple[str, ...]

@@ -59,6 +59,3 @@ def _check_value(value: Any, where: str, *, wrapped: bool) -> None:
     elif isinstance(value, (list, tuple)):
         for k, item in enumerate(value):
             _check_value(item, f"{where}[{k}]", wrapped=wrapped)
-
-
-__all__ = ["check_document", "check_text", "check_texts", "hidden_character"]

@@ -45,6 +45,3 @@ class Present:
         changed = [name for name, v in moving.items() if v is not self.values[name]]
         placed = put_in_place([moving[n] for n in changed], self.marks, self.directions())
         return dict(shifted) | dict(zip(changed, placed, strict=True))
-
-
-__all__ = ["Present"]

@@ -8,5 +8,3 @@ MACHINE_SCHEMA: Final = "https://truepose.dev/schema/machine-1.json"
 RECORDING_SCHEMA: Final = "https://truepose.dev/schema/recording-1.json"
 SCHEMA_LINE: Final = f"# yaml-language-server: $schema={MACHINE_SCHEMA}"
 """First line of a machine file: editors complete and check what follows. For truepose it is a comment."""
-
-__all__ = ["MACHINE_SCHEMA", "RECORDING_SCHEMA", "SCHEMA_LINE"]

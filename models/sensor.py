@@ -13,8 +13,8 @@ from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index
 from truepose.models import lie
 from truepose.models.context import BuildContext
 from truepose.models.formula_checks import no_prediction, no_readings, no_residual
@@ -23,8 +23,6 @@ from truepose.models.parameters import Parameter
 from truepose.models.plugin_guard import Kind, a, a_tuple_of
 from truepose.models.registry import Registry
 from truepose.models.view import TOOL_IN_WORLD, View
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -48,7 +46,7 @@ class Rows:
     there are any); files: to name in messages.
     """
 
-    origin: NDArray[np.intp] | None
+    origin: Index | None
     labels: Mapping[str, tuple[str, ...]]
     weight: Array
     files: tuple[str, ...] = ()
@@ -75,7 +73,7 @@ class Comparison(ABC):
 class Difference(Comparison):
     """The prediction here less the one at the row of origin."""
 
-    origin: NDArray[np.intp]
+    origin: Index
 
     def values(self, raw: Array) -> Array:
         """(n, k) change since the row of origin."""

@@ -65,21 +65,3 @@ def check_settings(effect: str, known: SettingRanges, settings: Mapping[str, flo
             raise InputError(f"{where}: {effect} has no setting {name!r}; {hint}")
         if value not in allowed:
             raise InputError(f"{where}: found {name}: {value:g}, expected {allowed}")
-
-
-__all__ = [
-    "ANY",
-    "COLUMN",
-    "COUNT",
-    "DURATION",
-    "HARMONIC",
-    "NOT_NEGATIVE",
-    "NO_SETTINGS",
-    "ORDER",
-    "POSITIVE",
-    "SWITCH",
-    "Allowed",
-    "SettingRanges",
-    "check_settings",
-    "ranges",
-]

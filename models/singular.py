@@ -10,5 +10,3 @@ FARTHEST: Final = 0.05
 """rad that a joint may move for a turn that it makes slowly."""
 NOTHING: Final = 5e-10
 """rad; a turn below this is met as it is."""
-
-__all__ = ["CALM", "FARTHEST", "NOTHING"]

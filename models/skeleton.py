@@ -12,14 +12,13 @@ from typing import Literal
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models.assembly import Assembly, assemble, axis_of, placed_frame, rod_ends, symbols
 from truepose.models.kinematics import symbolic_model
 from truepose.models.machine import Machine
 from truepose.models.mechanism import COORDINATES, Joint, Mechanism
 
-Array = NDArray[np.float64]
 Kind = Literal["link", "axis", "rail", "leg", "plate", "tool"]
 FEWEST_OF_A_PLATE = 3
 """Rods on one body from which on their ends are drawn as a plate."""

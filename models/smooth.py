@@ -10,9 +10,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from truepose.arrays import Array
 
 
 def scaled(values: Array, low: float, high: float) -> Array:
@@ -43,6 +42,3 @@ def orthonormal(functions: Sequence[Array]) -> Array:
     """(n, k) orthonormal columns that span the k functions (n,) less their means, in their order."""
     basis, _ = np.linalg.qr(np.column_stack([np.ones(len(functions[0])), *functions]))
     return np.asarray(basis[:, 1:])
-
-
-__all__ = ["chebyshev", "orthonormal", "powers", "scaled", "waves"]

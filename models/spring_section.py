@@ -59,6 +59,3 @@ class SpringSection(Section):
         if not any((self.stiffness, self.force, tolerance.stiffness, tolerance.force)):
             raise bad_value("stiffness or force", 0.0)
         return self
-
-
-__all__ = ["SpringEnd", "SpringSection", "SpringTolerance"]

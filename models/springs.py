@@ -55,6 +55,3 @@ def _parameters(
             Parameter(f"{name}.{key}", unit, constants[key], tolerance, "spring", ("loads", name, key))
         )
     return tuple(out)
-
-
-__all__ = ["springs"]

@@ -11,8 +11,9 @@ from collections.abc import Mapping, Sequence
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models.assembly import placed_frame, rod_ends, way_of
 from truepose.models.machine import Machine
@@ -51,7 +52,7 @@ def hinges(machine: Machine) -> tuple[Joint, ...]:
     return tuple(j for j in turning if not isinstance(j.axis, Direction))
 
 
-def across(axis: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def across(axis: ArrayLike) -> tuple[Array, Array]:
     """Two unit vectors (3,) across a unit vector (3,) that make a right-handed frame with it."""
     along = np.asarray(axis, dtype=float)
     u = np.eye(3)[np.argmin(np.abs(along))]

@@ -13,13 +13,12 @@ from typing import Final
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models import lie
 from truepose.models.mechanism import AXES
 from truepose.wording import joined
 
-Array = NDArray[np.float64]
 AXIS: Final = {"axis": 2, "axis.x": 0, "axis.y": 1}
 """Which of the tool's axes each direction is of."""
 COMPONENTS: Final = (*AXES, *AXIS)
@@ -156,6 +155,3 @@ def _half_tangents(sines: ca.SX, denominator: ca.SX) -> ca.SX:
     """Return twice the tangents of half the angles with these sines and one plus their cosine; 1 where this is nothing."""
     is_opposite = denominator <= _OPPOSITE
     return ca.if_else(is_opposite, 1.0, 2 * sines / ca.if_else(is_opposite, 1.0, denominator))
-
-
-__all__ = ["AXIS", "COMPONENTS", "WHOLE", "Task"]

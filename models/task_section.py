@@ -27,5 +27,3 @@ TaskField = Annotated[
         {"type": "array", "items": {"enum": list(COMPONENTS)}, "minItems": 1, "uniqueItems": True}
     ),
 ]
-
-__all__ = ["TaskField"]

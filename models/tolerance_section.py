@@ -60,6 +60,3 @@ class DefaultTolerances(Section):
     """1-sigma of every length of the mechanism (all `d` and `r`, all `a` and `b` ...)."""
     angle: AngleTolerance = 0.0
     """1-sigma of every angle and direction of the mechanism (all `alpha`, all `theta`, all `u` ...)."""
-
-
-__all__ = ["DefaultTolerances", "Interval", "Override"]

@@ -31,6 +31,3 @@ def read_units(section: object, path: Path) -> UnitSystem:
     if units.joint is None:
         return UnitSystem(length, angle)
     return UnitSystem(length, angle, parse_unit(units.joint, "reading", f"{where}.joint"))
-
-
-__all__ = ["UnitsSection", "read_units"]

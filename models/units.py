@@ -17,26 +17,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final, cast, overload
 
-import numpy as np
-import numpy.typing as npt
 import pint
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 
-FloatArray = npt.NDArray[np.float64]
-
 INTERNAL: Final[Mapping[str, str]] = {
-    "length": "mm",
-    "angle": "rad",
-    "time": "s",
-    "temperature": "degC",
-    "mass": "kg",
-    "force": "N",
-    "torque": "N*m",
-    "stiffness": "N/mm",
-    "pressure": "hPa",
-    "number": "1",
-}
+    "length": "mm", "angle": "rad", "time": "s", "temperature": "degC", "mass": "kg", "force": "N",
+    "torque": "N*m", "stiffness": "N/mm", "pressure": "hPa", "number": "1",
+}  # fmt: skip
 """Internal unit of each named dimension."""
 
 _ARTICLE = {"angle": "an angle", "number": "a plain number"}
@@ -151,8 +140,8 @@ def _scale(unit: str, to: str) -> float | None:
 @overload
 def convert(value: float, unit: str, to: str, where: str = "") -> float: ...
 @overload
-def convert(value: FloatArray, unit: str, to: str, where: str = "") -> FloatArray: ...
-def convert(value: float | FloatArray, unit: str, to: str, where: str = "") -> float | FloatArray:
+def convert(value: Array, unit: str, to: str, where: str = "") -> Array: ...
+def convert(value: float | Array, unit: str, to: str, where: str = "") -> float | Array:
     """A value or an array of any shape, given in `unit`, in the unit `to`.
 
     Raises InputError, opening with `where`, when the unit is unknown or of another dimension.
@@ -163,7 +152,7 @@ def convert(value: float | FloatArray, unit: str, to: str, where: str = "") -> f
     scale = _scale(unit, to)
     if scale is not None:
         return value * scale
-    converted: float | FloatArray = _registry().Quantity(value, _unit(unit)).to(_unit(to)).magnitude
+    converted: float | Array = _registry().Quantity(value, _unit(unit)).to(_unit(to)).magnitude
     return converted
 
 
@@ -210,15 +199,15 @@ class UnitSystem:
     @overload
     def to_internal(self, value: float, dimension: str) -> float: ...
     @overload
-    def to_internal(self, value: FloatArray, dimension: str) -> FloatArray: ...
-    def to_internal(self, value: float | FloatArray, dimension: str) -> float | FloatArray:
+    def to_internal(self, value: Array, dimension: str) -> Array: ...
+    def to_internal(self, value: float | Array, dimension: str) -> float | Array:
         """A value of the file, or an array of any shape, in internal units."""
         return convert(value, self.of(dimension), self.internal(dimension))
 
     @overload
     def from_internal(self, value: float, dimension: str) -> float: ...
     @overload
-    def from_internal(self, value: FloatArray, dimension: str) -> FloatArray: ...
-    def from_internal(self, value: float | FloatArray, dimension: str) -> float | FloatArray:
+    def from_internal(self, value: Array, dimension: str) -> Array: ...
+    def from_internal(self, value: float | Array, dimension: str) -> float | Array:
         """A value in internal units, or an array of any shape, in the units of the file."""
         return convert(value, self.internal(dimension), self.of(dimension))

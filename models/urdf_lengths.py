@@ -20,6 +20,3 @@ def rescaled(text: str, factor: float) -> str:
 
 def _times(factor: float, match: re.Match[str]) -> str:
     return match[1] + " ".join(f"{factor * float(number):.12g}" for number in match[2].split())
-
-
-__all__ = ["rescaled"]

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models.assembly import symbols
 from truepose.models.couplings import own_motions
 from truepose.models.driver import PAYLOAD
@@ -73,14 +73,14 @@ class Variables:
         return (*self.theta, *coefficients, *self.bare)
 
     @property
-    def p_home(self) -> NDArray[np.float64]:
+    def p_home(self) -> Array:
         """(np,) ``p`` as the machine file has it."""
         coefficients = (value for effect in self.effects for value in effect.values.values())
         nominal = (parameter.nominal for parameter in self.machine.parameters)
         return np.array([*nominal, *coefficients, *(0.0 for _ in self.bare)])
 
     @property
-    def home(self) -> NDArray[np.float64]:
+    def home(self) -> Array:
         """(nx,) where the solution for ``x`` starts."""
         unknown = self.machine.mechanism.unknown
         return np.array([v for j in unknown for v in j.home or (0.0,) * COORDINATES[j.kind]], dtype=float)
@@ -98,6 +98,3 @@ class Variables:
         if weighed and mass in values:
             values[mass] = ca.SX(machine.geometry[mass].nominal)
         return with_own_tools(machine, values, self.z)
-
-
-__all__ = ["Variables"]

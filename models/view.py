@@ -66,6 +66,3 @@ TOOL_IN_WORLD: Final = View()
 def prefix(name: str | None) -> str:
     """What opens the names of columns and parameters of a sensor that has a name."""
     return f"{name}." if name else ""
-
-
-__all__ = ["TOOL", "TOOL_IN_WORLD", "WORLD", "View", "ViewSection", "prefix"]

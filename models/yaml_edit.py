@@ -83,5 +83,3 @@ def _laid_out(value: Any) -> Any:
 
 
 _NOTHING = object()
-
-__all__ = ["edited_text"]

@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.codegen.printer import Real
 from truepose.errors import InputError
 
-Array = NDArray[np.float64]
 _DEGREE = math.radians(1.0)
 _SHARE_OF_TURN, _SHARE = 0.02, 0.005
 _AWAY = 100.0

@@ -14,15 +14,14 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.codegen.evaluation.compiled import NotCompiledError, load
 from truepose.codegen.evaluation.engine import Engine, engine_for, without_compiler
 from truepose.codegen.evaluation.rowinputs import RowInputs, pointers, rows_of, scratch
 from truepose.codegen.evaluation.rowwise import RowWise, rowwise
 from truepose.threads import all_done
 
-Array = NDArray[np.float64]
 CHUNK = 64
 ALONE = 2048
 """Rows up to which one thread evaluates them: who has many calls of fewer shares these out among threads."""

@@ -14,15 +14,14 @@ from itertools import product
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index
 from truepose.codegen.evaluation.batch import BatchFunction, loads
 from truepose.codegen.evaluation.compiled import NotCompiledError, load
 from truepose.codegen.evaluation.engine import Engine, engine_for, without_compiler
 from truepose.codegen.evaluation.rowinputs import RowInputs, pointers, rows_of, scratch
 from truepose.codegen.evaluation.rowwise import RowWise, rowwise
 
-Array = NDArray[np.float64]
 CHUNK = 16384
 """Rows that are summed before they are added to the rest: rounding grows with the root of the chunks."""
 SIDE = 4
@@ -164,7 +163,7 @@ class _Tiles:
         return cls(order, blocks, [place for place in places if place[2] < place[3]])
 
     @cached_property
-    def _entries(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+    def _entries(self) -> tuple[Index, Index, Index]:
         """Of the upper triangle's sums (flat): which they are, and the two columns."""
         entries = [
             ((SIDE * k + a) * SIDE + b, SIDE * i + a, SIDE * j + b)

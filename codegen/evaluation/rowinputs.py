@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from truepose.arrays import Array
+
 WIDEST = 8
 """Most lanes of any processor: scratch is made for as many."""
 

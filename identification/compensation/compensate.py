@@ -15,8 +15,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Mask
 from truepose.errors import InputError
 from truepose.identification.compensation.compiled import (
     CompiledKinematics,
@@ -37,8 +37,6 @@ from truepose.identification.recording.recording import Recording
 from truepose.models.given import MachineLike, as_machine
 from truepose.models.machine import Machine
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 METHODS: tuple[Method, ...] = ("exact", "first-order")
 COMPILED_FROM = 20_000
 """Rows from which a path repays the compiler."""

@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.arrays import Array, Mask
 from truepose.codegen.c import render
 from truepose.codegen.evaluation.compiled import NotCompiledError, load
 from truepose.errors import InputError
@@ -22,8 +23,6 @@ from truepose.models.machine import Machine
 from truepose.models.task import Task
 from truepose.threads import all_done
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 _NAME = "path"
 """In the C, whatever the machine is called: its own name need not be one of C's."""
 _POINTERS = {"fk_n": 3, "ik_n": 4, "compensate_near_n": 4}
@@ -100,10 +99,8 @@ class CompiledKinematics:
 def base_frame(machine: Machine) -> Array:
     """(4, 4) nominal frame of the base in the sensor's frame, as calibrated: what the C's poses leave out."""
     value = {parameter.name: parameter.nominal for parameter in machine.frames}
-    out = np.eye(4)
-    out[:3, :3] = lie.rpy_matrix(np.array([value[f"base.r{axis}"] for axis in "xyz"]))
-    out[:3, 3] = [value[f"base.{axis}"] for axis in "xyz"]
-    return out
+    xyz, rpy = ([value[f"base.{of}{axis}"] for axis in "xyz"] for of in ("", "r"))
+    return lie.pose_of(lie.rpy_matrix(rpy), xyz)
 
 
 def shared_out(part: Callable[[slice], None], count: int, block: int) -> None:

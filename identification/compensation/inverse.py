@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats.qmc import Halton
 
+from truepose.arrays import Array, Index, Mask
 from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.errors import InputError
 from truepose.identification.compensation.compiled import base_frame
@@ -34,9 +34,7 @@ from truepose.shown.result import Shown, frame_of
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-System = Callable[[Array, NDArray[np.intp]], tuple[Array, Array]]
+System = Callable[[Array, Index], tuple[Array, Array]]
 """Unknowns (k, nu) of the rows named (k,) to residuals (k, m) and their derivative (k, m, nu), all scaled."""
 MET = 1e-9
 """Gap at which a pose counts as met: parts of the machine's size, and rad."""
@@ -71,7 +69,7 @@ class Inverse(Shown):
     x: Array
     position: Array
     rotation: Array
-    status: NDArray[np.intp]
+    status: Index
     beyond: Mask
 
     @property
@@ -154,7 +152,7 @@ class PoseSolver:
         flat = poses.transpose(0, 2, 1).reshape(len(poses), 16)
         nq, unit = start.shape[1], self._unit
 
-        def system(u: Array, rows: NDArray[np.intp]) -> tuple[Array, Array]:
+        def system(u: Array, rows: Index) -> tuple[Array, Array]:
             at = u * unit
             gap, slope = self._to_pose(at[:, :nq], at[:, nq:], self.z, self.p, flat[rows])
             return gap[..., 0], slope * unit
@@ -166,7 +164,7 @@ class PoseSolver:
         position, rotation, closure = np.split(np.abs(gap), [3, 6], axis=1)
         closed = np.max(closure, axis=1, initial=0.0) * self.size <= self._gap
         met = closed & (np.max(position, axis=1) <= MET) & (np.max(rotation, axis=1) <= MET)
-        beyond = self._beyond(q) & met[:, None]
+        beyond = ~in_ranges(self.machine, q) & met[:, None]
         status = np.where(settled, Reach.UNREACHABLE, Reach.ITERATION_LIMIT)
         status = np.where(met, np.where(beyond.any(axis=1), Reach.JOINT_RANGE, Reach.SOLVED), status)
         left = np.linalg.norm(position, axis=1) * self.size, np.linalg.norm(rotation, axis=1)
@@ -188,14 +186,12 @@ class PoseSolver:
                 out[:, k] -= 2 * np.pi * np.round((q[:, k] - np.mean(actuator.range)) / (2 * np.pi))
         return out
 
-    def _beyond(self, q: Array) -> Mask:
-        """(n, nq) readings out of range, beyond rounding."""
-        out = np.zeros(q.shape, dtype=bool)
-        for k, actuator in enumerate(self.machine.mechanism.actuators):
-            low, high = actuator.range or (-np.inf, np.inf)
-            slack = MET * (high - low) if np.isfinite(high - low) else 0.0
-            out[:, k] = (q[:, k] < low - slack) | (q[:, k] > high + slack)
-        return out
+
+def in_ranges(machine: Machine, q: Array) -> Mask:
+    """Return which readings (n, nq) are in their joints' ranges, but for rounding; of nan none is."""
+    low, high = np.array([a.range or (-np.inf, np.inf) for a in machine.mechanism.actuators]).T
+    slack = MET * np.where(np.isfinite(high - low), high - low, 0.0)
+    return np.asarray((q >= low - slack) & (q <= high + slack))
 
 
 def loop_scales(machine: Machine, model: SymbolicModel, size: float) -> tuple[Array, Array]:
@@ -226,7 +222,7 @@ def pose_gap(model: SymbolicModel, task: Task, size: float, share: Array) -> Bat
     return BatchFunction("gap", inputs, [gap, ca.jacobian(gap, unknown)])
 
 
-def _better(best: Inverse, again: Inverse, rows: NDArray[np.intp], size: float) -> Inverse:
+def _better(best: Inverse, again: Inverse, rows: Index, size: float) -> Inverse:
     """``best`` with those of ``rows`` replaced that came out better: met, then in range, then nearer."""
 
     def rank(found: Inverse) -> Array:

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index
 from truepose.codegen.evaluation.batch import BatchFunction
 
-Array = NDArray[np.float64]
-Rows = NDArray[np.intp]
 _NEWTON = 30
 _SETTLED = 1e-13
 _INDEPENDENT = 1e-12
@@ -21,7 +19,7 @@ _LONGEST = 0.1
 
 @dataclass(frozen=True)
 class Problem:
-    """Rows to solve: where they start (n, nu), in units (nu,) of the unknowns, the first ``readings`` of which are readings;
+    """Index to solve: where they start (n, nu), in units (nu,) of the unknowns, the first ``readings`` of which are readings;
     drivers z (n, nz), constants p (np,) and goals (n, 16), column by column."""
 
     start: Array
@@ -31,11 +29,11 @@ class Problem:
     p: Array
     goal: Array
 
-    def some(self, rows: Rows) -> Problem:
+    def some(self, rows: Index) -> Problem:
         """Return the problem of rows (k,)."""
         return replace(self, start=self.start[rows], z=self.z[rows], goal=self.goal[rows])
 
-    def evaluate(self, gap: BatchFunction, u: Array, rows: Rows) -> tuple[Array, Array]:
+    def evaluate(self, gap: BatchFunction, u: Array, rows: Index) -> tuple[Array, Array]:
         """Return gaps (k, m) of rows (k,) at unknowns (k, nu), and their derivative (k, m, nu)."""
         at = u * self.unit
         value, slope = gap(
@@ -76,6 +74,3 @@ def least_steps(slope: Array, gap: Array) -> Array:
             pass
     out: Array = (np.linalg.pinv(slope, rcond=_INDEPENDENT) @ gap[..., None])[..., 0]
     return out
-
-
-__all__ = ["Problem", "least_steps", "left_of", "solve_rows"]

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index, Mask
 from truepose.errors import InputError
 from truepose.identification.compensation.compensate import COMPILED_FROM, Compensation, ideal_constants
 from truepose.identification.compensation.compiled import (
@@ -38,7 +38,6 @@ from truepose.models.mechanism import AXIS_UNITS as POSE
 from truepose.models.units import convert
 from truepose.wording import close_matches
 
-Array = NDArray[np.float64]
 _BLOCK = 8192
 MARKS = 500
 """Rows along a long path that are solved here, for the C to start from."""
@@ -114,9 +113,7 @@ def _with_joints(machine: Machine, table: Table, columns: Mapping[str, str]) -> 
     for name, internal in columns.items():
         unit = table.unit(name, units.written(internal), internal)
         parts.append(convert(table.numbers(name), unit, internal))
-    poses = np.broadcast_to(np.eye(4), (table.n_rows, 4, 4)).copy()
-    poses[:, :3, 3] = np.column_stack(parts[:3])
-    poses[:, :3, :3] = lie.exp_so3(np.column_stack(parts[3:]))
+    poses = lie.pose_of(lie.exp_so3(np.column_stack(parts[3:])), np.column_stack(parts[:3]))
     solver = PoseSolver(machine, ideal_constants(machine, symbolic_model(machine, machine.effects)))
     q = _nominal_joints(solver, table, poses)
     joints = {
@@ -160,7 +157,7 @@ def _nominal_joints(solver: PoseSolver, table: Table, poses: Array) -> Array:
     return q
 
 
-def _by_compiled(machine: Machine, solver: PoseSolver, poses: Array) -> tuple[Array, NDArray[np.bool_]]:
+def _by_compiled(machine: Machine, solver: PoseSolver, poses: Array) -> tuple[Array, Mask]:
     """Readings (n, nq) by the generated C, and which rows it solved. Raises NotCompiledError."""
     kinematics = CompiledKinematics(machine, solver.task)
     marks = np.arange(0, len(poses), -(-len(poses) // MARKS))
@@ -180,7 +177,7 @@ def _by_compiled(machine: Machine, solver: PoseSolver, poses: Array) -> tuple[Ar
     return q, good
 
 
-def _check_reach(table: Table, rows: NDArray[np.intp], found: Inverse) -> None:
+def _check_reach(table: Table, rows: Index, found: Inverse) -> None:
     if found.solved.all():
         return
     row = int(np.argmin(found.solved))

@@ -1,4 +1,4 @@
-"""Rows of a path solved in numpy, for any machine: Newton's method on all rows at once, and what is refused.
+"""Index of a path solved in numpy, for any machine: Newton's method on all rows at once, and what is refused.
 
 Use ``compensation.compensate``; this is the half of it that needs no compiler.
 """
@@ -10,11 +10,11 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index, Mask
 from truepose.errors import InputError
 from truepose.identification.compensation.compiled import base_frame
-from truepose.identification.compensation.inverse import MET, loop_scales, pose_gap
+from truepose.identification.compensation.inverse import MET, in_ranges, loop_scales, pose_gap
 from truepose.identification.compensation.newton import Problem, solve_rows
 from truepose.identification.compensation.singular import Easing
 from truepose.identification.prediction.predict import predictor_for
@@ -31,9 +31,6 @@ from truepose.shown.result import Shown, frame_of
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Rows = NDArray[np.intp]
 Method = Literal["exact", "first-order"]
 _BLOCK = 8192
 
@@ -131,28 +128,23 @@ class Follower:
         """Names of the joints."""
         return self._machine.mechanism.readings
 
-    def by_numpy(self, rows: Rows, method: Method) -> Compensation:
-        """Rows (k,) of the path, ascending; the first of them that cannot be followed is refused (InputError)."""
+    def by_numpy(self, rows: Index, method: Method) -> Compensation:
+        """Index (k,) of the path, ascending; the first of them that cannot be followed is refused (InputError)."""
         # the same blocks whatever rows are asked for, so that the same row is named
         ends = np.flatnonzero(np.diff(rows // _BLOCK)) + 1
         return joined([self._follow(part, method) for part in np.split(rows, ends)])
 
-    def targets(self, rows: Rows) -> Array:
+    def targets(self, rows: Index) -> Array:
         """(k, 4, 4) sensor-frame poses that rows (k,) mean."""
         self._predictor.q, self._predictor.z = self._path.q[rows], self.z[rows]
         return self._predictor.poses(self.ideal, self._assembled(self.ideal, rows))[0]
 
     def within(self, command: Array) -> Mask:
         """(n, nq) commands in their joints' ranges."""
-        out = np.ones(command.shape, dtype=bool)
-        for k, actuator in enumerate(self._machine.mechanism.actuators):
-            low, high = actuator.range or (-np.inf, np.inf)
-            slack = MET * (high - low) if np.isfinite(high - low) else 0.0
-            out[:, k] = (command[:, k] >= low - slack) & (command[:, k] <= high + slack)
-        return out
+        return in_ranges(self._machine, command)
 
-    def _follow(self, rows: Rows, method: Method) -> Compensation:
-        """Rows of the path, from their own readings: corrections are small."""
+    def _follow(self, rows: Index, method: Method) -> Compensation:
+        """Index of the path, from their own readings: corrections are small."""
         predictor, q = self._predictor, self._path.q[rows]
         predictor.q, predictor.z = q, self.z[rows]
         x = self._assembled(self.ideal, rows)
@@ -170,7 +162,7 @@ class Follower:
         found = Compensation(self.readings, q, command, target, before, after, task=self.task)
         return replace(found, not_asked=not_asked, eased=eased)
 
-    def _readings(self, block: Rows, target: Array, p: Array, x: Array) -> tuple[Array, Mask]:
+    def _readings(self, block: Index, target: Array, p: Array, x: Array) -> tuple[Array, Mask]:
         """(n, nq) readings that put the tool of constants ``p`` at ``target`` (n, 4, 4), and which meet turns nearly."""
         problem, nq = self._problem(block, target, p, x), len(self.readings)
         u, left, eased = problem.start.copy(), np.zeros((len(block), 3)), np.zeros(len(block), dtype=bool)
@@ -186,12 +178,12 @@ class Follower:
         self._check_met(left, block)
         return np.asarray(u[:, :nq] * self._unit[:nq]), eased
 
-    def _problem(self, block: Rows, target: Array, p: Array, x: Array) -> Problem:
+    def _problem(self, block: Index, target: Array, p: Array, x: Array) -> Problem:
         """Return rows (k,) of the path with targets (k, 4, 4) of the tool, to be solved from their own readings."""
         q, goal = self._path.q[block], target.transpose(0, 2, 1).reshape(len(target), 16)
         return Problem(np.hstack([q, x]) / self._unit, self._unit, q.shape[1], self.z[block], p, goal)
 
-    def _assembled(self, p: Array, rows: Rows) -> Array:
+    def _assembled(self, p: Array, rows: Index) -> Array:
         x, good = self._predictor.assemble(p)
         if not good.all():
             row = self._where(rows, int(np.argmin(good)))
@@ -204,19 +196,19 @@ class Follower:
         asked = self.task.counted(twists, target, self._base)
         return asked, twists - asked
 
-    def _errors(self, target: Array, rows: Rows) -> tuple[Array, Array]:
+    def _errors(self, target: Array, rows: Index) -> tuple[Array, Array]:
         """Return the twists from the target to where the calibrated machine puts the tool, split by the task."""
         poses, _ = self._predictor.poses(self.real, self._assembled(self.real, rows))
         return self.split(target, poses)
 
-    def _where(self, rows: Rows, row: int) -> str:
+    def _where(self, rows: Index, row: int) -> str:
         return self._path.where(int(rows[row]))
 
     def _met(self, left: Array) -> Mask:
         """(n,) rows whose pose is met and whose loops are closed: what is left (n, 3), in parts of the size and rad."""
         return np.asarray((left[:, :2] <= MET).all(axis=1) & (left[:, 2] * self.size <= self._closed))
 
-    def _check_met(self, left: Array, rows: Rows) -> None:
+    def _check_met(self, left: Array, rows: Index) -> None:
         """Refuse rows that are not met: what is left (n, 3), in parts of the size and rad."""
         met = self._met(left)
         if not met.all():
@@ -226,7 +218,7 @@ class Follower:
                 f"({left[row, 0] * self.size:.3g} mm and {left[row, 1]:.3g} rad are left), expected a pose within reach"
             )
 
-    def _check_ranges(self, command: Array, rows: Rows) -> None:
+    def _check_ranges(self, command: Array, rows: Index) -> None:
         for k, (actuator, within) in enumerate(
             zip(self._machine.mechanism.actuators, self.within(command).T, strict=True)
         ):
@@ -270,4 +262,4 @@ def _displaced(poses: Array, twist: Array) -> Array:
     return out
 
 
-__all__ = ["Compensation", "Follower", "Method", "Rows", "ideal_constants", "joined", "twists_between"]
+__all__ = ["Compensation", "Follower", "Index", "Method", "ideal_constants", "joined", "twists_between"]

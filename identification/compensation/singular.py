@@ -16,12 +16,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index, Mask
 from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.identification.compensation.newton import (
     Problem,
-    Rows,
     least_steps,
     left_of,
     solve_rows,
@@ -29,8 +28,6 @@ from truepose.identification.compensation.newton import (
 from truepose.models.singular import CALM, FARTHEST, NOTHING
 from truepose.models.task import Task
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 _STEPS, _SETTLED = 12, 1e-12
 _MET = 1e-9
 
@@ -42,7 +39,7 @@ class Eased:
     ``left`` (k, 3) is that of ``solve_rows``, without the turns that are left on purpose, in rows that are ``nearly`` met (k,).
     """
 
-    rows: Rows
+    rows: Index
     u: Array
     left: Array
     nearly: Mask
@@ -80,7 +77,7 @@ class Easing:
         return Eased(rows, u, rest, nearly)
 
     def _swing(
-        self, near: Problem, u: Array, held: NDArray[np.intp], open_turn: Array, left: Array, rate: Array
+        self, near: Problem, u: Array, held: Index, open_turn: Array, left: Array, rate: Array
     ) -> Array:
         """Return ``u`` (n, nu) with the held readings where the turn that is left (n,) takes them, or as far as they may go."""
         every, most = np.arange(len(u)), np.maximum(FARTHEST, 2 * np.abs(left) / CALM)
@@ -94,13 +91,13 @@ class Easing:
         out[some[is_exact]] = exact[is_exact]
         return out
 
-    def _system(self, problem: Problem, u: Array, rows: Rows) -> tuple[Array, Array]:
+    def _system(self, problem: Problem, u: Array, rows: Index) -> tuple[Array, Array]:
         """Return the rows of the gap that count, positions, turns and loops (k, m), and their derivative (k, m, nu)."""
         value, slope = problem.evaluate(self.gap, u, rows)
         counted = [*self.task.rows, *range(6, value.shape[1])]
         return value[:, counted], slope[:, counted]
 
-    def _choose(self, slope: Array) -> tuple[NDArray[np.intp], Array, Array]:
+    def _choose(self, slope: Array) -> tuple[Index, Array, Array]:
         """Return the reading to hold (k,), the turn (k, r) that no other joint makes, and its rate by that reading (k,)."""
         turns, free = self._turns, list(self.free)
         rest = np.delete(np.arange(slope.shape[2]), free)
@@ -121,7 +118,7 @@ class Easing:
         return np.array(free)[best], open_turn[:, : len(free)], rate
 
     def _hold(
-        self, problem: Problem, start: Array, held: NDArray[np.intp], open_turn: Array
+        self, problem: Problem, start: Array, held: Index, open_turn: Array
     ) -> tuple[Array, Array, Array]:
         """Return unknowns (n, nu) with the held readings (n,) as in ``start``; the turn (n,) left open, and its rate."""
         u, every = start.copy(), np.arange(len(start))
@@ -137,6 +134,3 @@ class Easing:
             if np.max(np.abs(step)) < _SETTLED:
                 break
         return u, left, rate
-
-
-__all__ = ["Eased", "Easing"]

@@ -21,6 +21,3 @@ class Alarm:
     def raised(self) -> bool:
         """p below 1 %."""
         return self.p < RAISED
-
-
-__all__ = ["RAISED", "Alarm"]

@@ -12,10 +12,10 @@ from itertools import islice
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.stats import chi2
 from scipy.stats import f as fisher
 
+from truepose.arrays import Array, Index
 from truepose.identification.diagnosis.alarm import Alarm
 from truepose.identification.diagnosis.conflict import conflict_with_tolerances
 from truepose.identification.diagnosis.outliers import CHANCE
@@ -26,7 +26,6 @@ from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.linearisation import Linearisation
 from truepose.models.smooth import orthonormal, powers, scaled, waves
 
-Array = NDArray[np.float64]
 SIGMA_OFF = 3.0
 """A stated sigma may be wrong by so much."""
 MIN_REPLICATES = 8
@@ -130,7 +129,7 @@ def _by_rows(
 
 
 def _by_sums(
-    fit: Estimate, recording: Recording, r: Array, order: NDArray[np.intp] | None
+    fit: Estimate, recording: Recording, r: Array, order: Index | None
 ) -> tuple[dict[str, float], Array, dict[str, float]]:
     """The same of so many rows that what a fit takes of noise is nothing beside it."""
     sums = StructureSums.of(r, _functions(fit, recording), order)
@@ -149,7 +148,7 @@ def draws_for(r: Array) -> int:
     return DRAWS if r.size < 50_000 else 60
 
 
-def _order(fit: Estimate, recording: Recording) -> NDArray[np.intp]:
+def _order(fit: Estimate, recording: Recording) -> Index:
     """Places of the fitted rows, among themselves, in the order of acquisition."""
     place = np.cumsum(fit.used) - 1
     return np.asarray(place[recording.in_time(fit.used)])
@@ -173,7 +172,7 @@ def _powers_and_waves(values: Array, low: float, high: float) -> list[Array]:
     return [*powers(t, 3), *waves(t, 1), *waves(t, 2)]
 
 
-def _tests(r: Array, bases: Mapping[str, Array], order: NDArray[np.intp] | None) -> dict[str, Array]:
+def _tests(r: Array, bases: Mapping[str, Array], order: Index | None) -> dict[str, Array]:
     """-log10 p (b,) of each test on residuals (b, n, m): each driver's functions, and neighbours in time where known."""
     out = {}
     flat = r.transpose(1, 0, 2).reshape(r.shape[1], -1)

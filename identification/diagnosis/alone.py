@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.diagnosis.selection_problem import SelectionProblem
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.posterior.state import best_point
 
-Array = NDArray[np.float64]
 EVERY = 4
 """Steps of the noise between the points at which candidates are weighed alone."""
 

@@ -17,8 +17,8 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Mask
 from truepose.identification.diagnosis.posterior_summary import LEADING
 from truepose.identification.diagnosis.refit import FEW
 from truepose.identification.diagnosis.search import Found, chosen, start_from
@@ -30,7 +30,6 @@ from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.placed import EffectAtPlace
 
-Array = NDArray[np.float64]
 ENOUGH = 0.1
 """Share of the states without anything rare from which on these alone speak."""
 STATES, STATES_OF_LONG = 100, 12
@@ -119,7 +118,7 @@ class _Mixture:
         """In other unknowns, to which ``turn`` (n', n) turns these."""
         return _Mixture((turn @ self.means.T).T, self.shares, turn @ self.wider)
 
-    def of(self, kept: NDArray[np.bool_]) -> _Mixture:
+    def of(self, kept: Mask) -> _Mixture:
         """Of some of the n alone."""
         return _Mixture(self.means[:, kept], self.shares, self.wider[kept])
 
@@ -223,7 +222,7 @@ def _moved(found: Found, likeliest: Estimate, terms: tuple[PlacedEffect, ...], m
     return Averaged(**known | {"noise": likeliest.noise}, own=np.hstack([own, further]))
 
 
-def _free(prior: Prior, count: int) -> NDArray[np.bool_]:
+def _free(prior: Prior, count: int) -> Mask:
     """(n,) what a fit moves, of free geometry (among the first ``count`` entries) and all coefficients.
 
     A coefficient of the remainder that no reading sees has no size, and is not moved.

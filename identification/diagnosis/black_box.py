@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dpotrs
 
+from truepose.arrays import Array, Index, Mask
 from truepose.identification.diagnosis.holdout import ROLE, held_out_blocks
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 LARGEST = 30_000_000
 """Entries of the Jacobian with waves that are held: with more, evenly spread rows are asked."""
 FREE_WAVE = 10.0
@@ -73,7 +71,7 @@ class Waves:
     """Functions of the row (n, k), each in one ``channel`` (k,); nothing where a reading was ``lost`` (n, m)."""
 
     values: Array
-    channel: NDArray[np.intp]
+    channel: Index
     lost: Mask | None
 
     def gram(self, jacobian: Array, residual: Array, rows: Mask) -> Array:
@@ -100,7 +98,7 @@ class Waves:
             out[:, channel] = self._of(channel, own) @ amplitudes[own]
         return out
 
-    def _of(self, channel: int, own: NDArray[np.intp]) -> Array:
+    def _of(self, channel: int, own: Index) -> Array:
         there = 1.0 if self.lost is None else ~self.lost[:, [channel]]
         return np.asarray(self.values[:, own] * there)
 

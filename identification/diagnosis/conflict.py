@@ -12,14 +12,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from truepose.arrays import Array, Index
 from truepose.identification.diagnosis.alarm import Alarm
 from truepose.identification.fit.estimate import FREE_WIDENING
 from truepose.identification.signatures.linearisation import Linearisation
 
-Array = NDArray[np.float64]
 MACHINES, MACHINES_SEED = 999, 17
 """Machines that are drawn from their tolerances, and their seed."""
 
@@ -33,8 +32,8 @@ class _Seen:
     """
 
     lin: Linearisation
-    known: NDArray[np.intp]
-    unknown: NDArray[np.intp]
+    known: Index
+    unknown: Index
     solve: Array
     weight: Array
     information: Array
@@ -108,6 +107,3 @@ def conflict_with_tolerances(lin: Linearisation, noise: float) -> Alarm:
     beyond = int(np.sum(null <= log_p[0]))
     p = (1 + beyond) / (1 + MACHINES) if beyond else min(2.0 * float(np.exp(log_p[0])), 1 / (1 + MACHINES))
     return Alarm(float(statistic[0]), p, "tolerances")
-
-
-__all__ = ["conflict_with_tolerances"]

@@ -18,16 +18,15 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit, logit
 
+from truepose.arrays import Array, Index
 from truepose.identification.diagnosis.place_evidence import Amount, PlaceEvidence
 from truepose.identification.diagnosis.posterior_summary import Inclusion
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.posterior.spike_slab import Members
 from truepose.identification.posterior.state import State, moments, slot_odds, typical
 
-Array = NDArray[np.float64]
 STATES, MOMENTS = 24, 6
 """States of the posterior that prior odds are averaged over, and those that sizes are taken from."""
 SMALLEST, LARGEST = -12.0, 15.0
@@ -106,7 +105,7 @@ def _told(
     )
 
 
-def _credits(found: Found, slug: NDArray[np.intp], own: Array) -> tuple[Array, Array]:
+def _credits(found: Found, slug: Index, own: Array) -> tuple[Array, Array]:
     """Share (n,) of each cause of what its slots may hold; and (e,) of each effect, its places weighed by how probable they
     are. What no slot held has no rivals."""
     beside = found.posterior.beside
@@ -145,7 +144,7 @@ class _Beside:
         return out
 
 
-def _present(found: Found, slug: NDArray[np.intp], count: int, own: Array, raw: Array) -> Array:
+def _present(found: Found, slug: Index, count: int, own: Array, raw: Array) -> Array:
     """(count,) probability of each effect anywhere, less what is only like it: as its likeliest place has it."""
     cause, out = found.problem.spike_slab.terms.cause, np.zeros(count)
     for state, share in found.posterior.states:

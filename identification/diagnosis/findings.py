@@ -9,8 +9,8 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.diagnosis.alarm import Alarm
 from truepose.identification.diagnosis.line_words import line_words
 from truepose.identification.diagnosis.posterior_summary import Named, Rival
@@ -33,7 +33,6 @@ from truepose.models.machine import Machine
 from truepose.models.parameters import element_of
 from truepose.models.smooth import orthonormal, powers, scaled, waves
 
-Array = NDArray[np.float64]
 NOTABLE = 3.0
 """Log Bayes factor below which there is nothing to speak of: of a candidate alone, and between explanations as good."""
 _FROM_ORDER: Final = {

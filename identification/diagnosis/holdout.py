@@ -9,9 +9,9 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm
 
+from truepose.arrays import Array, Mask
 from truepose.errors import ConvergenceError, InputError
 from truepose.identification.diagnosis.result import BlockProof, PoseError
 from truepose.identification.fit.estimate import Estimate, Minimum, fit_without
@@ -22,8 +22,6 @@ from truepose.models.driver import PAYLOAD, Driver
 from truepose.models.machine_file import NO_WORSE
 from truepose.threads import in_order, one_thread
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 FOLDS = 5
 LEFT = 1e-2
 """What a fit without a block may leave to gain of half its sum of squares: predictions move by a tenth of a sigma at most."""

@@ -11,8 +11,8 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Index
 from truepose.identification.diagnosis.posterior_summary import (
     LEADING,
     LISTED,
@@ -176,7 +176,7 @@ def _single(found: Found, number: int) -> Named:
     return Named(problem.causes[number], tuple(problem.candidates[t] for t in terms), own, certainty, shown)
 
 
-def _places(found: Found, wanted: Collection[int]) -> NDArray[np.intp]:
+def _places(found: Found, wanted: Collection[int]) -> Index:
     """Places of the columns of some candidates among the columns of the mode's members."""
     held, columns = chosen(found.problem, found.mode), found.linearisation.columns
     owner = [i for i in held for _ in range(columns[i].start, columns[i].stop)]

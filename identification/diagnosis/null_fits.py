@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Mask
 from truepose.errors import ConvergenceError
 from truepose.identification.diagnosis import outliers
 from truepose.identification.fit.align import aligned_start
@@ -14,9 +14,6 @@ from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, estima
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -58,6 +55,3 @@ def refitted(machine: Machine, recording: Recording, fits: Fits, far: Mask) -> F
     """With other rows left out."""
     before = estimate(machine, recording, machine.effects, start=fits.before.p, exclude=far)
     return Fits(free_fit(machine, recording, before, far, fits.free.p), before, far)
-
-
-__all__ = ["Fits", "free_fit", "null_fits", "refitted"]

@@ -11,10 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.stats import binom, chi2
 
+from truepose.arrays import Array, Index, Mask
 from truepose.errors import ConvergenceError
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.estimate import Estimate, estimate
@@ -24,7 +24,6 @@ from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
 from truepose.models.sensors.distance import Distance
 
-Array = NDArray[np.float64]
 LIMIT = 0.1
 """Beyond this share of the rows, far residuals are no outliers but a model that is wrong."""
 FEWEST, NEIGHBOURS, TOGETHER = 4, 4, 0.3
@@ -41,7 +40,7 @@ BY_CHANCE = 0.2
 """Where so large a share of all residuals would fit a whole number by chance, none is named."""
 
 
-def outlying_rows(fit: Estimate, recording: Recording, candidates: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def outlying_rows(fit: Estimate, recording: Recording, candidates: Mask) -> Mask:
     """(n,) rows among ``candidates`` whose residual chance would not make once in a thousand recordings.
 
     The noise scale is the larger of the stated one and the rows' own median, so that a model that is wrong
@@ -68,7 +67,7 @@ def outlying_rows(fit: Estimate, recording: Recording, candidates: NDArray[np.bo
     return out
 
 
-def _studentised(fit: Estimate, recording: Recording, rows: NDArray[np.intp]) -> Array:
+def _studentised(fit: Estimate, recording: Recording, rows: Index) -> Array:
     """(k,) r' (1 - H)^-1 r of fitted rows, H the share that a row has in its own prediction.
 
     A fit of hundreds of coefficients follows a wild row a good part of the way
@@ -87,7 +86,7 @@ def _studentised(fit: Estimate, recording: Recording, rows: NDArray[np.intp]) ->
     return np.concatenate(out)
 
 
-def bridges(recording: Recording) -> NDArray[np.bool_]:
+def bridges(recording: Recording) -> Mask:
     """(n,) rows read against a row of another session, where only a few tie the two sessions together.
 
     What changed between the sessions stands in these rows alone, and would look like an error of theirs.
@@ -103,7 +102,7 @@ def bridges(recording: Recording) -> NDArray[np.bool_]:
     return out
 
 
-def recording_coordinates(recording: Recording, rows: NDArray[np.intp]) -> Array:
+def recording_coordinates(recording: Recording, rows: Index) -> Array:
     """(k, d) where rows lie: joints, order of acquisition and all that was logged, in standard deviations."""
     order, columns = np.argsort(recording.order).astype(float), list(recording.columns().values())
     if recording.ordered:
@@ -113,7 +112,7 @@ def recording_coordinates(recording: Recording, rows: NDArray[np.intp]) -> Array
     return np.asarray((picked - picked.mean(axis=0)) / picked.std(axis=0))
 
 
-def clustered(at: Array, far: NDArray[np.bool_]) -> bool:
+def clustered(at: Array, far: Mask) -> bool:
     """Whether rows that are ``far`` (k,) lie together: what chance spoils lies anywhere, physics in poses, loads or time.
 
     ``at`` (k, d) are coordinates of all rows. Joints together, and every other coordinate alone, are looked at: the
@@ -140,7 +139,7 @@ def fringes_by_row(fit: Estimate, recording: Recording, rows: Sequence[int]) -> 
     return {int(recording.source_row[k]): n for k, n in miscounted_fringes(fit, recording, far).items()}
 
 
-def miscounted_fringes(fit: Estimate, recording: Recording, far: NDArray[np.bool_]) -> dict[int, int]:
+def miscounted_fringes(fit: Estimate, recording: Recording, far: Mask) -> dict[int, int]:
     """Rows among ``far`` (n,) whose reading is too long by k half wavelengths, with k (not 0): row index to k.
 
     All other readings of the row must be as predicted. Where several interferometers miscounted, k is that of

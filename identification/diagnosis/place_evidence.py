@@ -34,6 +34,3 @@ class PlaceEvidence:
     credit: float = 1.0
     sizes: tuple[float, ...] = ()
     size: Amount | None = None
-
-
-__all__ = ["Amount", "PlaceEvidence"]

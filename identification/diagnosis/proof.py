@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from truepose.arrays import Array, Mask
 from truepose.identification.diagnosis.alone import weighed_alone
 from truepose.identification.diagnosis.black_box import black_box
 from truepose.identification.diagnosis.findings import NOTABLE
@@ -34,8 +34,6 @@ from truepose.identification.signatures.linearisation import Linearisation
 from truepose.identification.signatures.signatures import Signatures
 from truepose.threads import in_order, one_thread
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 WIDENINGS = tuple(np.round(np.geomspace(1.5, 100.0, 10), 1).tolist())
 """How many times wider than stated tolerances are tried for a name to fall."""
 LIFT = 1e-9

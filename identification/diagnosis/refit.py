@@ -14,8 +14,8 @@ from dataclasses import dataclass, field, replace
 from itertools import accumulate
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Mask
 from truepose.errors import ConvergenceError
 from truepose.identification.diagnosis.holdout import (
     VALIDATION,
@@ -37,8 +37,6 @@ from truepose.identification.posterior.spike_slab import LONG_SET
 from truepose.identification.posterior.state import moments
 from truepose.models.effects.base import PlacedEffect
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Split = tuple[str, list[Block]]
 WORTH = 0.95
 """Share of the remainder's signal that the forms which are carried hold; the others are left to the noise."""

@@ -20,8 +20,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index
 from truepose.identification import prior
 from truepose.identification.diagnosis.posterior_summary import SHOWN, Named, Rival, parts_of
 from truepose.identification.diagnosis.result import Levels
@@ -39,8 +39,6 @@ from truepose.models.machine import Machine
 from truepose.models.parameters import element_of
 from truepose.models.placed import EffectAtPlace
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 COMPLIANCE = "joint-compliance"
 FINER = (0, -2, -4, -8)
 """Steps of the noise at which all is weighed: with more freedom it can only be smaller."""

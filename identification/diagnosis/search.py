@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Mask
 from truepose.errors import ConvergenceError
 from truepose.identification import prior
 from truepose.identification.diagnosis.alone import weighed_alone
@@ -25,8 +25,6 @@ from truepose.identification.signatures.lines import proposed
 from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effects.base import PlacedEffect
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 CLIMBS, MOVES = 4, 2
 """Most expansion points that are climbed to, and most that follow from a posterior that was drawn."""
 SEARCHING = 15e9

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from truepose.arrays import Array, Index
 from truepose.identification import prior
 from truepose.identification.fit.tolerance_classes import PartClass, widenings
 from truepose.identification.learned_prior import FleetPrior
@@ -21,7 +21,6 @@ from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Linearisation
 from truepose.models.placed import EffectAtPlace
 
-Array = NDArray[np.float64]
 FAINT = 0.3
 """Information, in units of its prior's, below which a direction of the errors of form is left out."""
 FLAT = 0.1
@@ -42,7 +41,7 @@ class SelectionProblem:
     causes: tuple[EffectAtPlace, ...]
     classes: tuple[PartClass, ...]
     richness: prior.Richness
-    nameless: NDArray[np.intp]
+    nameless: Index
     remainder: Array
 
 
@@ -64,7 +63,7 @@ def selection_problem(lin: Linearisation, cat: Catalogue, rms: float) -> Selecti
     return SelectionProblem(spike_slab, free, causes, classes, richness, nameless, turn)
 
 
-def _remainder(lin: Linearisation, cat: Catalogue, nameless: NDArray[np.intp]) -> Array:
+def _remainder(lin: Linearisation, cat: Catalogue, nameless: Index) -> Array:
     """(c, r) the remainder: the robot's nameless forms all at once, sharing one variance in the readings; its directions that
     are seen."""
     if not len(nameless):
@@ -87,7 +86,7 @@ def _seen(gram: Array) -> Array:
 
 
 def design_with_forms(
-    lin: Linearisation, cat: Catalogue, problem: SelectionProblem, columns: NDArray[np.intp]
+    lin: Linearisation, cat: Catalogue, problem: SelectionProblem, columns: Index
 ) -> Design:
     """The design of a problem with some of its columns of G (k,) alone, and the errors of form behind them."""
     width = lin.columns[-1].stop
@@ -96,8 +95,8 @@ def design_with_forms(
 
 
 def _design(
-    lin: Linearisation, cat: Catalogue, classes: Sequence[PartClass], nameless: NDArray[np.intp], turn: Array,
-    wanted: NDArray[np.intp] | None = None,
+    lin: Linearisation, cat: Catalogue, classes: Sequence[PartClass], nameless: Index, turn: Array,
+    wanted: Index | None = None,
 ) -> Design:  # fmt: skip
     """Columns of every model (geometry, what the file states, errors of form, remainder), of terms, and the residual.
 
@@ -123,7 +122,7 @@ def _design(
     return Design(tuple(_turned(gram, picked, len(fixed), mixed) for gram in lin.grams), lin.counts, always)
 
 
-def _turned(gram: Array, picked: NDArray[np.intp], first: int, mixed: Array) -> Array:
+def _turned(gram: Array, picked: Index, first: int, mixed: Array) -> Array:
     """The Gram matrix of the first ``picked`` columns, the ``mixed`` ones but the last, the other picked ones, the last."""
     product = gram @ mixed
     r, p = mixed.shape[1] - 1, len(picked)

@@ -11,8 +11,8 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Mask
 from truepose.errors import ConvergenceError
 from truepose.identification.diagnosis import outliers
 from truepose.identification.diagnosis.null_fits import Fits, refitted
@@ -32,7 +32,6 @@ from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.signatures import Signatures
 from truepose.models.machine import Machine
 
-Mask = NDArray[np.bool_]
 MANY, SPARED, STEP = 20_000, 2.0, 10.0
 """Calibration rows that a search begins with where there are more than so many times as many, and how many times more follow
 at most. Cost alone."""

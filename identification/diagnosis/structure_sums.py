@@ -11,14 +11,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.stats import chi2
 
+from truepose.arrays import Array, Index
 from truepose.identification.prediction.blocks import TOGETHER
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -102,6 +99,3 @@ def _lag(residual: Array, order: Index) -> float:
         here = residual[order[start : start + TOGETHER + 1]]
         total += float(np.sum(here[1:] * here[:-1]))
     return total / float(np.sqrt((len(order) - 1) * residual.shape[1]))
-
-
-__all__ = ["Functions", "StructureSums"]

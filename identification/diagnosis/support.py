@@ -11,9 +11,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from truepose.arrays import Array, Index
 from truepose.identification.diagnosis.naming import Summary
 from truepose.identification.diagnosis.posterior_summary import Named, Rival
 from truepose.identification.diagnosis.result import Replication
@@ -23,7 +23,6 @@ from truepose.identification.signatures.untestable import Untestable
 from truepose.models.effects.empirical import Empirical
 from truepose.models.placed import EffectAtPlace
 
-Array = NDArray[np.float64]
 Replications = Callable[[Sequence[Named]], tuple[Replication | None, ...]]
 """What the halves of the rows say of names."""
 CHANCE = 0.0027
@@ -87,7 +86,7 @@ def _determination(found: Found, fit: Estimate, one: Named) -> tuple[float, floa
     return statistic / float(chi2.isf(CHANCE, known)), float(np.sqrt(np.min(kept)))
 
 
-def _with_known_weights(fit: Estimate, free: NDArray[np.intp]) -> Array:
+def _with_known_weights(fit: Estimate, free: Index) -> Array:
     """Return the covariance of some free entries as if all masses were known: what yields is seen although its load is not."""
     weights = np.flatnonzero(np.isin(np.array(fit.prior.parts)[fit.prior.free], WEIGHTS))
     covariance, n = fit.covariance_among(np.concatenate([free, weights])), len(free)

@@ -7,8 +7,9 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truepose.arrays import Array, Mask
 from truepose.identification.diagnosis.alarm import Alarm
 from truepose.identification.diagnosis.alarms import alarms_of, misfits
 from truepose.identification.diagnosis.averaging import averaged
@@ -46,8 +47,6 @@ from truepose.identification.prior import STATED
 from truepose.identification.signatures.untestable import missing_inputs
 from truepose.threads import in_order, run_both
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 SURE = 0.9
 """Probability from which on something without a name is said to be there, and a driver is known."""
 CONCEALED = 1.3

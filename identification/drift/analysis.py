@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import ConvergenceError
 from truepose.identification.drift.durability import Durability, durability
 from truepose.identification.drift.movement_posterior import Likeliest, likeliest, movement_posterior
@@ -37,7 +37,6 @@ from truepose.shown.result import Written, frame_of
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
 ROUNDS = 4
 ABOUT_STEPS = 3
 SETTLED = 0.1

@@ -14,9 +14,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from truepose.arrays import Array, Mask
 from truepose.errors import ConvergenceError
 from truepose.identification.drift.sessions import Session, bounded
 from truepose.identification.fit.decomposition import Decomposition
@@ -25,7 +25,6 @@ from truepose.identification.fit.leastsquares import Solution, Status
 from truepose.identification.fit.problem import Prior, Problem
 from truepose.identification.fit.summary import rms_by_kind
 
-Array = NDArray[np.float64]
 LEVEL = 0.01
 """Chance that any check of a sequence fails although nothing moved; each has its share of it."""
 NOTICEABLE = 1.1
@@ -77,9 +76,9 @@ def durability(
     sessions: Sequence[Session],
     fits: Sequence[Estimate],
     prior: Prior,
-    extrinsic: NDArray[np.bool_],
+    extrinsic: Mask,
     accuracy: Mapping[str, float] | None = None,
-    renewed: NDArray[np.bool_] | None = None,
+    renewed: Mask | None = None,
 ) -> Durability:
     """Check the calibration of the first session on every later one.
 
@@ -100,7 +99,7 @@ def durability(
     return Durability(tuple(carried), tuple(frames), tuple(_own(fit) for fit in fits[1:]), noise)
 
 
-def fit_when_met(session: Session, prior: Prior, p: Array, anew: NDArray[np.bool_]) -> Estimate | None:
+def fit_when_met(session: Session, prior: Prior, p: Array, anew: Mask) -> Estimate | None:
     """The session's fit of the parameters ``anew`` (n_free,), all others held at ``p``; None without a minimum.
 
     The Jacobian of the result is by all free parameters all the same.
@@ -139,7 +138,7 @@ class _Setting:
     level: float
     accuracy: Mapping[str, float]
 
-    def check(self, met: Estimate | None, kept: NDArray[np.bool_]) -> Check | None:
+    def check(self, met: Estimate | None, kept: Mask) -> Check | None:
         """``kept`` (n_free,): what was carried over."""
         if met is None:
             return None
@@ -164,7 +163,7 @@ class _Setting:
     def _rms(self, fit: Estimate) -> dict[str, float]:
         return rms_by_kind(fit.residual[fit.used], self.session.predictor.channels, fit.lost_among(fit.used))
 
-    def _expected(self, met: Estimate, kept: NDArray[np.bool_]) -> dict[str, float]:
+    def _expected(self, met: Estimate, kept: Mask) -> dict[str, float]:
         """rms if nothing carried over moved: noise, less what a refit takes up, and the first fit's errors."""
         jacobian = met.factor[:, :-1] / self.noise
         new = jacobian[:, ~kept]

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit
 
+from truepose.arrays import Array, Mask
 from truepose.identification.drift.movement_problem import Kinds, Stack, movement_problem
 from truepose.identification.posterior.conditional import log_gains
 from truepose.identification.posterior.mode import climbed, nearest_top
@@ -18,7 +18,6 @@ from truepose.identification.posterior.spike_slab import Member, SpikeSlab
 from truepose.identification.posterior.state import LOUDER, Moments, State, best_point, moments, slot_odds
 from truepose.identification.prior import RICHNESS
 
-Array = NDArray[np.float64]
 ENOUGH, NEARLY = 3.0, 12.0
 """Log Bayes factor from which on an alternative to a movement is believed (0.95), and log odds against it up to which it is
 named."""
@@ -82,7 +81,7 @@ class MovementPosterior:
     alike: Mapping[int, Mapping[int, float]]
     log_bayes_factor: float
     noise: float
-    extrinsic: NDArray[np.bool_]
+    extrinsic: Mask
 
 
 def likeliest(stack: Stack, kinds: Kinds, known: State | None = None) -> Likeliest:

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import helmert
 
+from truepose.arrays import Array, Index, Mask
 from truepose.identification import prior
 from truepose.identification.drift.sessions import Linear
 from truepose.identification.fit.decomposition import ROUNDING
@@ -29,8 +29,6 @@ from truepose.identification.posterior.terms import Term, Terms
 from truepose.identification.posterior.urn import Urn
 from truepose.models.machine import FRAME_OF, Machine
 from truepose.models.parameters import like_parts, vector_of
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -70,23 +68,23 @@ class Stack:
         return prior.MOVED * np.where(np.isfinite(self.sigma), self.sigma, 1.0)
 
     @cached_property
-    def visible(self) -> NDArray[np.bool_]:
+    def visible(self) -> Mask:
         """(n,) parameters that some session sees."""
         sharpest = np.max(np.linalg.norm(self.jacobian, axis=1), axis=0)
         return np.asarray(sharpest > ROUNDING * np.max(sharpest, initial=0.0))
 
     @property
-    def renewed(self) -> NDArray[np.bool_]:
+    def renewed(self) -> Mask:
         """(n,) what is set up anew for each session."""
         return np.isin(np.arange(len(self.sigma)), self.anew)
 
-    def always(self, parameter: int) -> NDArray[np.intp]:
+    def always(self, parameter: int) -> Index:
         """(K - 1,) contrasts of what is set up anew, among the columns of every model."""
         k = self.contrasts.shape[1]
         first = len(self.sigma) + self.anew.index(parameter) * k
         return np.arange(first, first + k)
 
-    def columns(self, parameter: int) -> NDArray[np.intp]:
+    def columns(self, parameter: int) -> Index:
         """(K - 1,) its contrasts among those of all parameters."""
         k = self.contrasts.shape[1]
         return np.arange(parameter * k, (parameter + 1) * k)
@@ -97,7 +95,7 @@ class Kinds:
     """What moves alike: the kind of each free parameter (n,), and whether it is of a frame or a sensor (n,)."""
 
     names: tuple[str, ...]
-    extrinsic: NDArray[np.bool_]
+    extrinsic: Mask
 
     @classmethod
     def of(cls, machine: Machine, prior: Prior) -> Kinds:

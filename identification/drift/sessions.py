@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index
 from truepose.errors import InputError
 from truepose.identification.fit.leastsquares import triangular
 from truepose.identification.fit.problem import Prior, Problem
@@ -16,7 +16,6 @@ from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
 
-Array = NDArray[np.float64]
 UNBOUNDED = 10.0
 """What an infinite tolerance counts as where a fit needs an end: so many steps (1 m, 10 rad)."""
 
@@ -70,7 +69,7 @@ def sessions_of(machine: Machine, recording: Recording) -> tuple[tuple[Session, 
     ), tuple(notes)
 
 
-def _without_crossings(recording: Recording) -> tuple[Recording, NDArray[np.intp]]:
+def _without_crossings(recording: Recording) -> tuple[Recording, Index]:
     """The recording with changes since another session's row set aside, and places of these rows.
 
     They stay as rows that others may count from, but are not fitted.

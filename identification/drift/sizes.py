@@ -7,15 +7,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from truepose.arrays import Array
 from truepose.identification.drift.movement_posterior import Likeliest, MovementPosterior
 from truepose.identification.drift.movement_problem import Stack
 from truepose.identification.fit.problem import Prior
 from truepose.identification.posterior.marginal import Marginal
 
-Array = NDArray[np.float64]
 SURE = 0.95
 MASKED = 10.0
 """A movement is masked when those found hide so many times more of it."""

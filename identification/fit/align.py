@@ -12,9 +12,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from truepose.arrays import Array, Mask
 from truepose.identification.fit.set_ups import set_up_label
 from truepose.identification.fit.sighted import (
     ZEROS,
@@ -30,7 +30,6 @@ from truepose.models.mechanism import AXES
 from truepose.models.sensors.direction import ORIGIN, Direction
 from truepose.models.view import TOOL_IN_WORLD, WORLD
 
-Array = NDArray[np.float64]
 WIDE_ANGLE = 0.2
 WIDE_LENGTH = 50.0
 NEAR = 4e-4
@@ -64,9 +63,7 @@ def _align_ends(predictor: Predictor, p: Array) -> None:
         _align_session(predictor, p, k, ~recording.validation & (rank == k), turning)
 
 
-def _align_session(
-    predictor: Predictor, p: Array, session: int, wanted: NDArray[np.bool_], turning: bool
-) -> None:
+def _align_session(predictor: Predictor, p: Array, session: int, wanted: Mask, turning: bool) -> None:
     """Moves base and tool of one session in ``p`` (np,) to where its rows ``wanted`` (n,) put them."""
     base, tool = (_Frame(predictor.model.names, frame, session) for frame in ("base", "tool"))
     for _ in range(3):
@@ -79,15 +76,17 @@ def _align_session(
             return
         rotation, shift = rigid_motion(predicted, measured)
         at = base.value(p)
-        base.put(p, np.concatenate([rotation @ at[:3] + shift, _rpy(rotation @ lie.rpy_matrix(at[3:]))]))
+        base.put(
+            p, np.concatenate([rotation @ at[:3] + shift, lie.rpy_of(rotation @ lie.rpy_matrix(at[3:]))])
+        )
         turn = _turn(predictor, rows, rotation @ poses[rows, :3, :3]) if turning else None
         if turn is None:
             return
         at = tool.value(p)
-        tool.put(p, np.concatenate([at[:3], _rpy(lie.rpy_matrix(at[3:]) @ turn)]))
+        tool.put(p, np.concatenate([at[:3], lie.rpy_of(lie.rpy_matrix(at[3:]) @ turn)]))
 
 
-def _align_by_directions(predictor: Predictor, p: Array, base: _Frame, rows: NDArray[np.bool_]) -> None:
+def _align_by_directions(predictor: Predictor, p: Array, base: _Frame, rows: Mask) -> None:
     """The base in ``p`` (np,) where directions alone put it, with zeros of joints that nobody knows where those fit best.
 
     Of the place that axes do not tell, what is there stays.
@@ -114,7 +113,7 @@ def _align_by_directions(predictor: Predictor, p: Array, base: _Frame, rows: NDA
 
 
 def _by_directions(
-    predictor: Predictor, p: Array, base: _Frame, rows: NDArray[np.bool_], sensor: Direction
+    predictor: Predictor, p: Array, base: _Frame, rows: Mask, sensor: Direction
 ) -> tuple[Array, float] | None:
     """Parameters ``p`` (np,) with the base where a sensor's directions put it, and what is left of those."""
     out, at, names = p.copy(), base.value(p), predictor.model.names
@@ -127,7 +126,7 @@ def _by_directions(
     if found is None:
         return None
     place = found[0][:3, 3] if sensor.of == ORIGIN else at[:3]
-    base.put(out, np.concatenate([place, _rpy(found[0][:3, :3])]))
+    base.put(out, np.concatenate([place, lie.rpy_of(found[0][:3, :3])]))
     return out, found[1]
 
 
@@ -177,17 +176,13 @@ class _Frame:
                 p[at] += change[k]
 
 
-def _rpy(rotation: Array) -> Array:
-    return np.asarray(lie.rpy_of(rotation), dtype=float)
-
-
 def _wide(machine: Machine, frame: str) -> bool:
     tolerance = [machine.geometry[f"{frame}.{a}"].tolerance for a in AXES]
     return max(tolerance[:3]) > WIDE_LENGTH or max(tolerance[3:]) > WIDE_ANGLE
 
 
 def seen_points(
-    predictor: Predictor, names: list[str], values: Array, rows: NDArray[np.bool_], frame: str = WORLD
+    predictor: Predictor, names: list[str], values: Array, rows: Mask, frame: str = WORLD
 ) -> tuple[Array, Array]:
     """Predicted and measured points (k, 3) of every point that has three position channels; ``values`` (n, columns).
 
@@ -208,9 +203,7 @@ def seen_points(
 
 def transform(t: Array) -> Array:
     """(4, 4) transform of x y z and roll pitch yaw (6,)."""
-    out = np.eye(4)
-    out[:3, 3], out[:3, :3] = t[:3], lie.rpy_matrix(t[3:])
-    return out
+    return lie.pose_of(lie.rpy_matrix(t[3:]), t[:3])
 
 
 def rigid_motion(source: Array, target: Array) -> tuple[Array, Array]:
@@ -220,16 +213,14 @@ def rigid_motion(source: Array, target: Array) -> tuple[Array, Array]:
     return rotation, b - rotation @ a
 
 
-def _turn(predictor: Predictor, rows: NDArray[np.bool_], predicted: Array) -> Array | None:
+def _turn(predictor: Predictor, rows: Mask, predicted: Array) -> Array | None:
     """(3, 3) turn of the tool that the rows' rotations show; None where nothing reads any."""
     of_tool = [sensor for sensor in predictor.machine.sensors if sensor.view == TOOL_IN_WORLD]
     channels = [c.name for sensor in of_tool for c in sensor.channels if c.kind == "rotation"]
     return _left_over(predictor, channels, rows, predicted) if len(channels) == 3 else None
 
 
-def _left_over(
-    predictor: Predictor, channels: list[str], rows: NDArray[np.bool_], predicted: Array
-) -> Array | None:
+def _left_over(predictor: Predictor, channels: list[str], rows: Mask, predicted: Array) -> Array | None:
     """(3, 3) mean rotation from predicted turns (n, 3, 3) to those read; None where none was."""
     turns = np.column_stack([predictor.recording.observations[c][rows] for c in channels])
     whole = np.isfinite(turns).all(axis=1)

@@ -9,14 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.pose_repeatability import position_channels
 from truepose.identification.recording.recording import Recording
 from truepose.models.driver import APPROACH
 
-Array = NDArray[np.float64]
 TARGETS, RUNS = 5, 2
 """Fewest targets, and fewest runs to each from each side."""
 
@@ -55,9 +54,7 @@ def _best(fit: Estimate, recording: Recording, joint: int, side: Array) -> AxisT
     return max((t for t in tests if t is not None), key=lambda t: t.targets, default=None)
 
 
-def _test(
-    fit: Estimate, recording: Recording, joint: int, side: Array, rows: NDArray[np.intp]
-) -> AxisTest | None:
+def _test(fit: Estimate, recording: Recording, joint: int, side: Array, rows: Index) -> AxisTest | None:
     along = _along(fit, recording, rows)
     if along is None:
         return None
@@ -84,7 +81,7 @@ def _test(
     )
 
 
-def _along(fit: Estimate, recording: Recording, rows: NDArray[np.intp]) -> Array | None:
+def _along(fit: Estimate, recording: Recording, rows: Index) -> Array | None:
     """(k,) deviations of the readings along the axis, mm: of a distance, or of a position in the direction of the travel."""
     if len(rows) < TARGETS * 2 * RUNS:
         return None
@@ -104,6 +101,3 @@ def _along(fit: Estimate, recording: Recording, rows: NDArray[np.intp]) -> Array
         return None
     way = np.linalg.svd(read - read.mean(axis=0), full_matrices=False)[2][0]
     return np.asarray(off[:, at] @ way)
-
-
-__all__ = ["AxisTest", "axis_tests"]

@@ -16,12 +16,11 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.fit.decomposition import ROUNDING
 
-Array = NDArray[np.float64]
 Rule = Literal["plug-in", "unbiased"]
 
 
@@ -181,17 +180,3 @@ def _ratio(above: Array, below: Array) -> Array:
     """above / below; 0 where there is nothing to divide."""
     above, below = np.asarray(above, dtype=float), np.asarray(below, dtype=float)
     return np.divide(above, below, out=np.zeros_like(above), where=below > 0.0)
-
-
-__all__ = [
-    "LinearEstimate",
-    "Rule",
-    "Spectrum",
-    "column_scale",
-    "decompose",
-    "liu",
-    "liu_parameter",
-    "ols",
-    "pcr",
-    "ridge",
-]

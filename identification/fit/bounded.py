@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
+from truepose.arrays import Array, Mask
 from truepose.identification.fit.estimate import Estimate, estimate, result
 from truepose.identification.fit.problem import Problem
 from truepose.identification.prediction.predictor import Predictor
@@ -21,8 +21,6 @@ from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 ROUNDS = 5
 """Most times that further coefficients are held at their bounds."""
 ROUNDING = 1e-9

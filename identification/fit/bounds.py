@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Mask
 from truepose.errors import InputError
 from truepose.identification.fit.problem import Prior, Problem
 from truepose.models.effects.base import PlacedEffect
@@ -21,7 +21,6 @@ from truepose.models.parameters import Parameter
 from truepose.models.units import convert
 from truepose.wording import close_matches
 
-Array = NDArray[np.float64]
 AT_BOUND = 1e-9
 """Part of a step's size that still counts as standing at a bound."""
 
@@ -34,7 +33,7 @@ class Bounds:
     units: tuple[str, ...]
     low: Array
     high: Array
-    stated: NDArray[np.bool_]
+    stated: Mask
 
     def steps(self, problem: Problem) -> tuple[Array, Array]:
         """(n_free,) the same for the scaled steps of a problem."""

@@ -18,8 +18,8 @@ from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import ConvergenceError, InputError
 from truepose.identification.fit.absurd import Judgement, judged
 from truepose.identification.fit.align import aligned_start
@@ -45,7 +45,6 @@ from truepose.wording import meant
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
 ESTIMATORS = ("map", "ols", "liu", "ridge", "pcr", "huber")
 DAMPING = {"gn": 0.0, "lm": 1e-4}
 """Initial damping."""

@@ -12,12 +12,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from truepose.arrays import Array, Mask
 from truepose.identification.fit.leastsquares import WIDE_PROBLEM
 
-Array = NDArray[np.float64]
 ROUNDING = 1e-10
 """Singular values below this share of the largest are no information.
 
@@ -186,7 +185,7 @@ class Decomposition:
         return Observability(volume, last / first, last, last**2 / first, 1.0 / float(np.sum(1.0 / s)))
 
 
-def moved_by(directions: Array) -> NDArray[np.bool_]:
+def moved_by(directions: Array) -> Mask:
     """(n,) the entries that orthonormal directions (k, n), in steps, move by enough to leave them open."""
     return np.asarray(np.linalg.norm(directions, axis=0) >= TAKES_PART)
 

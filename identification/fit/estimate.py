@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Mask
 from truepose.errors import ConvergenceError
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.leastsquares import Solution, Status, minimise, triangular, triangular_parts
@@ -27,7 +27,6 @@ from truepose.models.effects.base import PlacedEffect
 from truepose.models.given import MachineLike, as_machine
 from truepose.models.machine import Machine
 
-Array = NDArray[np.float64]
 Solver = Callable[[Problem, Array], Solution]
 """A problem and where it starts, scaled steps (n_free,), to its minimum."""
 FREE_WIDENING = 100.0
@@ -57,7 +56,7 @@ def estimate(
     widen: float = 1.0,
     loss: str = "gauss",
     start: Array | None = None,
-    exclude: NDArray[np.bool_] | None = None,
+    exclude: Mask | None = None,
     prior: Prior | None = None,
     predictor: Predictor | None = None,
     damping: float | None = None,
@@ -123,14 +122,14 @@ class Minimum:
     p: Array
     x: Array
     residual: Array
-    used: NDArray[np.bool_]
+    used: Mask
 
 
 def fit_without(
     model: Estimate,
     predictor: Predictor,
-    exclude: NDArray[np.bool_],
-    rows: NDArray[np.bool_],
+    exclude: Mask,
+    rows: Mask,
     tolerance: float,
 ) -> Minimum:
     """Fit what ``model`` holds, from where it is, to all calibration rows but ``exclude`` (n,), for the residuals of ``rows``.

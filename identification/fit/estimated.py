@@ -7,8 +7,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index, Mask
 from truepose.errors import InputError
 from truepose.identification.fit.decomposition import Decomposition, moved_by
 from truepose.identification.fit.fitted import Fitted
@@ -26,7 +26,6 @@ from truepose.shown.result import frame_of
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
 UNKNOWN = 1e15
 """1-sigma, in steps, of a direction that nothing determines."""
 
@@ -55,7 +54,7 @@ class Estimate(Fitted):
     p: Array
     x: Array
     residual: Array
-    used: NDArray[np.bool_]
+    used: Mask
     weights: Array
     factor: Array
     solution: Solution
@@ -64,7 +63,7 @@ class Estimate(Fitted):
     """What a linear (biased) estimator knows of itself; it has no prior, and its variance is not J'J's."""
     levels: int = 0
     """Unknowns that compared rows share; they cost readings."""
-    lost: NDArray[np.bool_] | None = None
+    lost: Mask | None = None
     """(n, m) channels whose reading was lost, with a residual of zero; None where none was."""
     parts: tuple[Array, ...] = ()
     """``factor`` of each sensor's kinds of reading alone, where there are several (``noise.channel_groups``)."""
@@ -73,7 +72,7 @@ class Estimate(Fitted):
     turn: Turn | None = None
     """From the steps that were solved for to those of the free entries; None where they are the same."""
 
-    def lost_among(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> NDArray[np.bool_] | None:
+    def lost_among(self, rows: Mask | Index) -> Mask | None:
         """(k, m) channels of some rows whose reading was lost; None where none was."""
         return None if self.lost is None else self.lost[rows]
 
@@ -142,7 +141,7 @@ class Estimate(Fitted):
         """(n_free, n_free) covariance if every sigma were as stated and the loss plain."""
         return self.posterior_among(np.arange(len(self.prior.free)))
 
-    def posterior_among(self, at: NDArray[np.intp] | NDArray[np.bool_]) -> Array:
+    def posterior_among(self, at: Index | Mask) -> Array:
         """(k, k) the same of some free entries."""
         return self._spread(self.known.root, at)
 
@@ -154,11 +153,11 @@ class Estimate(Fitted):
         """
         return self.covariance_among(np.arange(len(self.prior.free)))
 
-    def covariance_among(self, at: NDArray[np.intp] | NDArray[np.bool_]) -> Array:
+    def covariance_among(self, at: Index | Mask) -> Array:
         """(k, k) the same of some free entries."""
         return self._spread(self.root, at)
 
-    def _spread(self, root: Array, at: NDArray[np.intp] | NDArray[np.bool_]) -> Array:
+    def _spread(self, root: Array, at: Index | Mask) -> Array:
         scale = self.prior.scale[self.prior.free][at, None]
         out = np.hstack([root[at], UNKNOWN * self.known.unknown.T[at]]) * scale
         return np.asarray(out @ out.T)

@@ -38,6 +38,3 @@ class Fitted(Shown):
     def plot(self) -> Any:
         """Draw the residuals of each row; a ``matplotlib.figure.Figure``. Raises InputError without matplotlib."""
         return above("fitted", "residual_figure")(self)
-
-
-__all__ = ["Fitted"]

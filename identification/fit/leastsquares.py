@@ -12,16 +12,15 @@ from enum import Enum
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.linalg.lapack import dgeqrf, dgesdd
 from scipy.sparse import csr_array
 
+from truepose.arrays import Array
 from truepose.identification.prediction.by_ports import Part
 from truepose.identification.prediction.gram_sum import GramSum
 from truepose.threads import Cached
 
-Array = NDArray[np.float64]
 Rows: TypeAlias = Array | Part
 """Rows of [J r] (k, n + 1), or what they follow from where n is large."""
 Blocks = Callable[[Array], Iterable[Rows]]

@@ -11,14 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from truepose.arrays import Array
 from truepose.identification.prediction.covariance import Quantity
 from truepose.models.effects.common import sensor_names
 from truepose.models.machine import Machine
 
-Array = NDArray[np.float64]
 STATED = 6.0
 """The stated sigma counts like so many readings beside those of the fit: a few of them say little of their noise."""
 WILD = 4.0

@@ -12,13 +12,12 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index
 from truepose.codegen.evaluation import engine
 from truepose.codegen.evaluation.gram import GramFunction
 from truepose.identification.prediction.predictor import Predictor
 
-Array = NDArray[np.float64]
 MARGIN = 10.0
 """How far the tolerances' information on any parameter is above the rounding of the readings' sums.
 
@@ -34,7 +33,7 @@ class NormalEquations:
     inputs: tuple[Array, Array, Array]
 
     @classmethod
-    def of(cls, predictor: Predictor, free: NDArray[np.intp]) -> NormalEquations | None:
+    def of(cls, predictor: Predictor, free: Index) -> NormalEquations | None:
         """Of parameters ``free`` (n,); None where rows are few, loops have to be closed, or rows are compared."""
         machine, recording = predictor.machine, predictor.recording
         if len(predictor.model.home) or any(sensor.compares for sensor in machine.sensors):
@@ -72,7 +71,7 @@ class NormalEquations:
         return rows
 
 
-def _sums(predictor: Predictor, free: NDArray[np.intp]) -> GramFunction:
+def _sums(predictor: Predictor, free: Index) -> GramFunction:
     model, places = predictor.model, {name: k for k, name in enumerate(predictor.model.names)}
     count = sum(len(sensor.columns) for sensor in predictor.machine.sensors)
     y, residuals, first = ca.SX.sym("y", count), list[ca.SX](), 0

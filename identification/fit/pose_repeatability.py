@@ -9,13 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
 
-Array = NDArray[np.float64]
 VISITS = 3
 """Fewest visits of a pose from which on its spread is told."""
 
@@ -30,7 +29,7 @@ class PoseTest:
 
     accuracy: Array
     repeatability: Array
-    visits: NDArray[np.intp]
+    visits: Index
 
 
 def pose_test(fit: Estimate, recording: Recording) -> PoseTest | None:

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.estimated import Estimate
@@ -23,7 +23,6 @@ from truepose.models.effects.latency import Latency
 from truepose.models.machine import Machine
 from truepose.models.placed import PlacedEffect
 
-Array = NDArray[np.float64]
 _ROWS = 800
 _STEPS = 10
 _ENOUGH = 0.05
@@ -68,6 +67,3 @@ def _by_row(fit: Estimate, predictor: Predictor) -> tuple[Array, Array]:
         np.sum(jacobian**2, axis=1), 1e-300
     )
     return weight, fit.p[-1] + told
-
-
-__all__ = ["clock_by_model"]

@@ -12,8 +12,8 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index, Mask
 from truepose.errors import InputError
 from truepose.identification.fit.leastsquares import WIDE_PROBLEM, Rows
 from truepose.identification.fit.normal import NormalEquations
@@ -23,8 +23,6 @@ from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prior import LONG
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -38,7 +36,7 @@ class Prior:
     parts: tuple[str, ...]
 
     @property
-    def free(self) -> NDArray[np.intp]:
+    def free(self) -> Index:
         """(n,) indices of what is estimated."""
         return np.flatnonzero(self.sigma > 0)
 
@@ -82,7 +80,7 @@ class Problem:
     """
 
     def __init__(
-        self, predictor: Predictor, prior: Prior, p: Array, used: NDArray[np.bool_], *, slim: bool = False,
+        self, predictor: Predictor, prior: Prior, p: Array, used: Mask, *, slim: bool = False,
         turn: Turn | None = None,
     ) -> None:  # fmt: skip
         self.predictor, self.prior, self.p, self.used = predictor, prior, p, used
@@ -178,13 +176,13 @@ class Problem:
         return self._rows(predictor, p, x[at], at)
 
     @cached_property
-    def _fitted(self) -> tuple[Predictor, NDArray[np.intp]]:
+    def _fitted(self) -> tuple[Predictor, Index]:
         """The predictor of the rows (k,) that are fitted; of all where readings compare rows."""
         every = any(sensor.compares for sensor in self.predictor.machine.sensors)
         at = np.flatnonzero(self.used | every)
         return (self.predictor if len(at) == len(self.used) else self.predictor.of_rows(at)), at
 
-    def _rows(self, predictor: Predictor, p: Array, x: Array, at: NDArray[np.intp]) -> Iterable[Rows]:
+    def _rows(self, predictor: Predictor, p: Array, x: Array, at: Index) -> Iterable[Rows]:
         """The same of a predictor for the rows ``at``."""
         free, used, weights = self.prior.free, self.used[at], self.weights[at]
         root = np.sqrt(weights)
@@ -223,7 +221,7 @@ class Problem:
             [block.residual for block in self.predictor.blocks(p, x, self.used * self.weights)]
         )
 
-    def residuals_of(self, rows: NDArray[np.bool_], p: Array, x: Array) -> Array:
+    def residuals_of(self, rows: Mask, p: Array, x: Array) -> Array:
         """(n, m) the same of some rows (n,); NaN in others, unless readings compare rows."""
         sensors = self.predictor.machine.sensors
         if any(sensor.compares or sensor.differs_from_row for sensor in sensors):
@@ -244,6 +242,3 @@ class Problem:
                 f"({self.n_observations} readings), expected at least as many readings as the {free - known} "
                 "parameters without a finite tolerance"
             )
-
-
-__all__ = ["Prior", "Problem", "prior_of"]

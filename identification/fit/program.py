@@ -9,8 +9,8 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index
 from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.identification.fit.bounds import directions
 from truepose.identification.fit.leastsquares import triangular
@@ -19,7 +19,6 @@ from truepose.identification.prediction.port_kinematics import twists_by
 from truepose.identification.prediction.sensor_rows import Block, Sight, joined
 from truepose.models.home import coordinate_scale
 
-Array = NDArray[np.float64]
 REST = 1e-3
 """Step, in its natural size, of a passive coordinate that no reading sees directly."""
 
@@ -126,7 +125,7 @@ class Program:
     def _by_step(self) -> Array:
         return np.asarray(self.problem.prior.scale[self.problem.prior.free] * self.step)
 
-    def _by_coordinate(self, block: Block, used: NDArray[np.intp], root: Array) -> sp.csr_array:
+    def _by_coordinate(self, block: Block, used: Index, root: Array) -> sp.csr_array:
         """Derivative of the fitted readings by the coordinates of all rows."""
         by_x = block.here[:, :, block.here.shape[2] - self.nx :] * self._stride
         if not self._compares or self.nx == 0:

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Mask
 from truepose.errors import InputError, ReadBackError
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.prediction.covariance import Covariance
@@ -19,7 +19,6 @@ from truepose.models.machine import Machine
 from truepose.models.machine_file import checked_machine
 from truepose.models.yaml_document import parse_document
 
-Array = NDArray[np.float64]
 ROWS = 10
 """Rows that are predicted by both machines."""
 SAME = 1e-9
@@ -119,7 +118,7 @@ def _distance(machine: Machine, fit: Estimate, recording: Recording) -> float:
     return float(np.max([np.max(np.abs(d), initial=0.0) for d in moved]))
 
 
-def _predictions(predictor: Predictor, p: Array, start: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+def _predictions(predictor: Predictor, p: Array, start: Array) -> tuple[Array, Array, Mask]:
     """Return columns (n, k), mm and rad, poses (n, 4, 4), and which rows (n,) could be assembled, from ``start`` (n, nx)."""
     x, good = predictor.assemble(p, start)
     _, values, poses = predictor.values(p, x)

@@ -13,15 +13,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.recording import Recording, frozen
 from truepose.models.machine import Machine
 
-Array = NDArray[np.float64]
 ROUNDS = 5
 """Most fits to which the errors are estimated anew."""
 SETTLED = 1e-2

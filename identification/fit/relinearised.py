@@ -17,14 +17,13 @@ from functools import partial
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Mask
 from truepose.identification.fit.biased import LinearEstimate, Spectrum, decompose, liu, ols, pcr, ridge
 from truepose.identification.fit.decomposition import ROUNDING, Decomposition
 from truepose.identification.fit.leastsquares import Solution, Status, triangular
 from truepose.identification.fit.problem import Prior, Problem
 
-Array = NDArray[np.float64]
 Scaling = Literal["tolerance", "unit", "raw"]
 Linear = Callable[[Spectrum], LinearEstimate]
 TUNING: Mapping[str, str] = {"ols": "rank", "liu": "d", "ridge": "k", "pcr": "components"}
@@ -114,7 +113,7 @@ class _Columns:
     None for columns of length one; reading: size of a whitened reading; n_observations: their number.
     """
 
-    held: NDArray[np.bool_]
+    held: Mask
     origin: Array
     unit: Array | None
     reading: float

@@ -11,15 +11,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from truepose.arrays import Array, Index
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.summary import rms_by_kind
 from truepose.identification.recording.recording import Recording
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 CLOSE = 1e-3
 """Largest difference of every joint, in shares of the range that it covered, for two rows to be visits of one place."""
 NEIGHBOURS = 8

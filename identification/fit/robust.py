@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.fit.leastsquares import Solution
 from truepose.identification.fit.problem import Problem
 from truepose.identification.prediction.lost import told
 
-Array = NDArray[np.float64]
 HUBER = 1.345
 REWEIGHTINGS = 12
 SETTLED = 3e-3

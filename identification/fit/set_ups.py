@@ -43,6 +43,3 @@ def set_up_label(frame: str, session: int) -> str:
 
 def _settings(session: int) -> dict[str, float]:
     return {ANEW: 1.0, "session": float(session)}
-
-
-__all__ = ["is_set_up", "set_up_label", "with_set_ups", "without_set_ups"]

@@ -10,15 +10,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose.arrays import Array
 from truepose.models import lie
 from truepose.models.machine import Machine
 from truepose.models.sensors.direction import ORIGIN, Direction
 from truepose.models.view import TOOL_IN_WORLD
 
-Array = NDArray[np.float64]
 _FEWEST = {True: 3, False: 2}
 """Fewest directions that tell a base, by whether they are bearings."""
 _SWEEPS, _LAST = 15, 300
@@ -102,6 +101,3 @@ def _iterated(
         left = fresh
         rotation = lie.nearest_rotation((onto - onto.mean(axis=0)).T @ (points - middle))
     return rotation, shift, fresh
-
-
-__all__ = ["ZEROS", "base_by_bearings", "base_of", "sensors_of_directions", "station_of", "unknown_zeros"]

@@ -17,14 +17,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.fit.bounds import Bounds
 from truepose.identification.fit.leastsquares import Linear, Solution, Status, triangular
 from truepose.identification.fit.problem import Problem
 from truepose.identification.fit.program import Program
 
-Array = NDArray[np.float64]
 LIMIT = 200
 TOLERANCE = 1e-9
 """Of the optimality conditions."""

@@ -6,12 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Mask
 from truepose.identification.fit.estimate import Estimate
 from truepose.models.sensors.base import Channel
 
-Array = NDArray[np.float64]
 LEVEL, DRAWS, SEED = 0.99, 2000, 7
 """Quantile of the largest departure that a true model is allowed, and the machines that are drawn to find it."""
 
@@ -28,9 +27,7 @@ class FitSummary:
     worst_allowed: float
 
 
-def rms_by_kind(
-    residual: Array, channels: Sequence[Channel], lost: NDArray[np.bool_] | None = None
-) -> dict[str, float]:
+def rms_by_kind(residual: Array, channels: Sequence[Channel], lost: Mask | None = None) -> dict[str, float]:
     """Root of the mean over rows and points of the squared norm (mm, rad); ``residual`` (n, m) is whitened.
 
     Points of which a reading was ``lost`` (n, m) do not count.
@@ -69,7 +66,7 @@ def worst_allowed(fit: Estimate) -> float:
     return float(np.quantile(np.max(np.abs(sample), axis=0), LEVEL))
 
 
-def summarise(fit: Estimate, validation: NDArray[np.bool_]) -> FitSummary:
+def summarise(fit: Estimate, validation: Mask) -> FitSummary:
     """All figures of one fit; ``validation`` (n,) are the rows that are never fitted."""
     channels = fit.nominal.channels
     rows = validation & np.isfinite(fit.residual).all(axis=1)

@@ -12,12 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.prior import INFLATIONS, NARROWER, TOLERANCE_DOUBT
 from truepose.models.parameters import like_parts
 
-Array = NDArray[np.float64]
 INFLATED = ("length", "angle")
 """Kinds whose classes are told apart; all others (frames, sensors, targets) are one class each."""
 ALONE = (*INFLATED, "frame")

@@ -12,8 +12,8 @@ from collections.abc import Collection
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Mask
 from truepose.identification.fit.align import rigid_motion
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.prediction.predictor import Predictor
@@ -23,8 +23,6 @@ from truepose.models.controllability import judged_axes
 from truepose.models.kinematics import SymbolicModel
 from truepose.models.machine_file import ExpectedPose
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 ENOUGH = "the validation rows"
 FEWEST = 3
 """Points that a rigid refit needs."""

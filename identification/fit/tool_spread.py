@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index, Mask
 from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.noise import unexplained
@@ -21,8 +21,6 @@ from truepose.identification.fit.turn import Turned
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording, frozen
 
-Array = NDArray[np.float64]
-Rows = NDArray[np.intp]
 READINGS, TOLERANCES, EXPLANATIONS, UNEXPLAINED = "readings", "tolerances", "explanations", "unexplained"
 SAMPLES = 250
 """Poses at which the workspace is sampled."""
@@ -45,7 +43,7 @@ class ToolSpread:
         return np.asarray(np.sqrt(sum(self.variance.values())))
 
 
-def tool_spread(fit: Estimate, recording: Recording, rows: Rows, q: Array | None = None) -> ToolSpread:
+def tool_spread(fit: Estimate, recording: Recording, rows: Index, q: Array | None = None) -> ToolSpread:
     """At some rows of a recording, or at other readings ``q`` (k, nq) with the drivers of these rows.
 
     Poses that cannot be assembled are left out.
@@ -108,7 +106,7 @@ def _own(fit: Estimate) -> float:
     )
 
 
-def workspace(fit: Estimate, recording: Recording) -> tuple[ToolSpread, NDArray[np.bool_]]:
+def workspace(fit: Estimate, recording: Recording) -> tuple[ToolSpread, Mask]:
     """Over what the joints covered in the recording, and over the ranges that the machine file states; which poses (n,) lie
     within what was covered."""
     low, high = recording.q.min(axis=0), recording.q.max(axis=0)

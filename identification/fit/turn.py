@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index
 from truepose.identification import prior
 from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.fit.leastsquares import Rows
@@ -22,8 +22,6 @@ from truepose.identification.prediction.by_ports import ByPorts, Part
 from truepose.identification.prediction.sensor_rows import Block
 from truepose.threads import Cached
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 ALIKE = 1e-9
 """Share by which 1-sigmas of one series may differ: rounding."""
 UNSEEN = 1e-6

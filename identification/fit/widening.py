@@ -8,9 +8,9 @@ parameters gives the readings all the freedom that they can use, to first order;
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import qr
 
+from truepose.arrays import Array, Index
 from truepose.identification.fit.leastsquares import triangular
 from truepose.identification.fit.problem import Prior, Problem
 
@@ -54,7 +54,7 @@ def untied(problem: Problem) -> Prior:
     return prior.with_sigma(chosen)
 
 
-def independent_columns(taken: NDArray[np.float64], columns: NDArray[np.float64]) -> NDArray[np.intp]:
+def independent_columns(taken: Array, columns: Array) -> Index:
     """Places of the columns that show something new beside ``taken`` and each other."""
     if not columns.shape[1] or not np.isfinite(columns).all():
         return np.arange(columns.shape[1])

@@ -16,12 +16,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import logit
 
+from truepose.arrays import Array, Index
 from truepose.errors import InputError
 from truepose.identification.fleet.likelihood import SLAB
 
-Array = NDArray[np.float64]
 Whole = NDArray[np.int64]
-Index = NDArray[np.intp]
 KEPT = "truepose/kept/1"
 UNIT = 2.0**-20
 """Of whole numbers, in which everything is added up."""

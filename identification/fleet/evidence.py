@@ -10,15 +10,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.place_evidence import PlaceEvidence
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.tolerance_classes import part_classes
 from truepose.identification.fleet.columns import KEPT
-
-Array = NDArray[np.float64]
 
 DETERMINED = 3.0
 """1-sigma of what the readings alone say of a constant, in its tolerances, beyond which they say nothing of it."""

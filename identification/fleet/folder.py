@@ -127,6 +127,3 @@ def _name(text: str) -> str:
 def _relative(file: Path, folder: Path) -> str:
     """A file as seen from the fleet's folder."""
     return _name(file.relative_to(folder).as_posix() if file.is_relative_to(folder) else file.name)
-
-
-__all__ = ["RECORDINGS", "SHARED", "Member", "members"]

@@ -15,15 +15,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 from scipy.special import expit, logit, logsumexp
 
+from truepose.arrays import Array
 from truepose.identification.fleet.likelihood import KERNEL, LOG_ODDS, SLAB
 from truepose.identification.prior import FLEET_ODDS, FLEET_PLACES
 
-Array = NDArray[np.float64]
 FINE: Array = np.linspace(LOG_ODDS[0], LOG_ODDS[-1], 641)
 """(f,) grid that posteriors are summed on, of log odds."""
 STEPS: Array = np.linspace(-9.0, 9.0, 181)

@@ -17,12 +17,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit
 
+from truepose.arrays import Array
 from truepose.identification.prior import FLEET_SIZES, SIZES
 
-Array = NDArray[np.float64]
 LOG_ODDS: Array = np.linspace(-11.0, 5.0, 33)
 """(g,) grid of the log odds of a frequency; between its points a log likelihood is smooth."""
 RATIOS: Array = np.geomspace(0.05, 20.0, 61)

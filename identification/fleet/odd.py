@@ -11,9 +11,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit, stdtr
 
+from truepose.arrays import Array, Index
 from truepose.identification.fleet.columns import (
     UNIT,
     Columns,
@@ -26,7 +26,6 @@ from truepose.identification.fleet.columns import (
 from truepose.identification.fleet.summary import Summary
 from truepose.identification.prior import URN
 
-Array = NDArray[np.float64]
 ODD = 0.05
 """Probability that nothing odd is called odd, and below which something is a reason at all. Chosen."""
 SURE = 0.9
@@ -60,7 +59,7 @@ class Oddness:
 class _Looked:
     """Things that were looked at (n,): in which machine, their share, and what makes the reason of the k-th."""
 
-    machine: NDArray[np.intp]
+    machine: Index
     share: Array
     reason: Callable[[int], Reason]
 

@@ -38,6 +38,3 @@ class Fleet:
     def diagnosed(self) -> int:
         """Machines with a diagnosis."""
         return self.statuses.get("done", 0) + self.statuses.get("refused", 0)
-
-
-__all__ = ["SHOWN", "Fleet"]

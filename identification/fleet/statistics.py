@@ -9,16 +9,15 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.stats import t as student
 
+from truepose.arrays import Array
 from truepose.identification.fleet.hierarchy import Hierarchy, Posterior, joined, quantiles, single
 from truepose.identification.fleet.likelihood import LOG_ODDS, RATIOS, SLAB
 from truepose.identification.fleet.summary import Summary
 from truepose.identification.prior import TOLERANCE_DOUBT
 
-Array = NDArray[np.float64]
 LEVEL = 0.9
 """Of all intervals."""
 MET = 1.1

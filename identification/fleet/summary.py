@@ -19,8 +19,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.fleet.columns import (
     UNIT,
@@ -42,7 +42,6 @@ from truepose.identification.fleet.likelihood import (
     of_spread,
 )
 
-Array = NDArray[np.float64]
 SCHEMA = "truepose/fleet-summary/1"
 
 
@@ -167,6 +166,3 @@ def _added(kind: str, said: Said, *parts: Whole) -> Iterator[tuple[str, Whole]]:
     if said.keys:
         sums = np.concatenate([np.add.reduceat(part, said.first, axis=0) for part in parts], axis=1)
         yield from zip((f"{kind}|{key}" for key in said.keys), sums, strict=True)
-
-
-__all__ = ["SCHEMA", "Summary", "total"]

@@ -93,6 +93,3 @@ def write_rows(path: Path, groups: Iterable[Sequence[Row]]) -> None:
         table(()).to_csv(stream, index=False, lineterminator="\n")
         for rows in groups:
             table(rows).to_csv(stream, index=False, lineterminator="\n", header=False)
-
-
-__all__ = ["Row", "row", "table", "write_rows"]

@@ -5,18 +5,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index, Mask
 from truepose.identification.recording.recording import Recording
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 _REPEATS = 0.05  # of a count: how well a pose repeats where nothing was miscounted
 _SIGMAS = 4.0
 _NOTABLE = 0.25  # of a count: returns that miss by more are worth a note
 
 
 def miscounted(
-    rows: Recording, change: Array, sigma: Array, read: Bools, count: float
-) -> tuple[Bools, list[str]]:
+    rows: Recording, change: Array, sigma: Array, read: Mask, count: float
+) -> tuple[Mask, list[str]]:
     """(n,) rows between two visits to one pose whose changes sum to whole counts (mm each) instead of 0, and notes.
 
     ``change`` (n,) and its ``sigma`` hold where ``read``. Rows are returns to a pose when they are replicates
@@ -51,9 +50,7 @@ def miscounted(
     return bad, notes
 
 
-def _lengths(
-    rows: Recording, change: Array, sigma: Array, read: Bools
-) -> tuple[Array, Array, NDArray[np.intp]]:
+def _lengths(rows: Recording, change: Array, sigma: Array, read: Mask) -> tuple[Array, Array, Index]:
     """Length and its variance at every row since the root of its chain of moves, and that root."""
     assert rows.from_row is not None
     length, variance = np.zeros(len(rows)), np.zeros(len(rows))

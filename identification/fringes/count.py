@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Mask
 from truepose.identification.fringes.excursions import Excursions, find_excursions
 from truepose.identification.fringes.faults import Fault, has_gap, has_jump, too_fast, without_spikes
 from truepose.identification.fringes.levels import (
@@ -26,8 +26,6 @@ from truepose.identification.fringes.passages import normalised, passages
 from truepose.identification.fringes.rest import Rest
 from truepose.identification.fringes.turns import DECISIVE, Verdict
 from truepose.models.fabry_perot import Reflectivities, coupling, folded_phase, phase_noise
-
-Array = NDArray[np.float64]
 
 _WEAK = 0.06  # noise of a sample, in fringes, beyond which nothing is read
 _ROUGH = (0.05, 0.02)  # of a fringe: 1-sigma of levels from the range of the signal, and corrected once
@@ -169,7 +167,7 @@ def _mean(verdicts: list[Verdict]) -> tuple[float, float]:
     return float(mean), float(1.0 / np.sqrt(weights.sum()))
 
 
-def _walk(passed: NDArray[np.bool_]) -> tuple[float, float]:
+def _walk(passed: Mask) -> tuple[float, float]:
     """Phase from the first end of a fringe to the last one, rad, and the direction at the last one."""
     direction = np.concatenate([[1.0], np.cumprod(np.where(passed[1:-1], 1.0, -1.0))])
     # an excursion that turned is left in the direction it came from

@@ -10,13 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index, Mask
 from truepose.models.fabry_perot import folded_phase
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.intp]
-Bools = NDArray[np.bool_]
 HALF = 0.5
 _HYSTERESIS = 0.08
 _COUNTED = 8  # samples around a crossing from which on it is found by counting
@@ -31,8 +28,8 @@ class Excursions:
     high end of a fringe.
     """
 
-    high: Bools  # (K + 1,)
-    first: Ints  # (K + 2,)
+    high: Mask  # (K + 1,)
+    first: Index  # (K + 2,)
     times: Array  # (K,)
     reach: tuple[float, float]
 
@@ -57,7 +54,7 @@ class Excursions:
         return 2.0 * self.half_width / self.durations
 
     @property
-    def sizes(self) -> Ints:
+    def sizes(self) -> Index:
         """(K + 1,) number of samples of each."""
         return np.diff(self.first)
 
@@ -80,7 +77,7 @@ def find_excursions(t: Array, v: Array, noise: float, g: float) -> Excursions:
     return Excursions(kinds, first, times, (low, np.pi - low))
 
 
-def _crossing_times(t: Array, v: Array, before: Ints, after: Ints, g: float) -> Array:
+def _crossing_times(t: Array, v: Array, before: Index, after: Index, g: float) -> Array:
     """(K,) times at which v passes its half level between samples ``before`` and ``after`` on either side."""
     if not len(before):
         return np.empty(0)
@@ -102,7 +99,7 @@ def _crossing_times(t: Array, v: Array, before: Ints, after: Ints, g: float) -> 
     return np.asarray(np.maximum.accumulate(counted))
 
 
-def neighbours_around(above: Bools, before: Ints, after: Ints) -> tuple[Ints, Ints]:
+def neighbours_around(above: Mask, before: Index, after: Index) -> tuple[Index, Index]:
     """The first pair of neighbours on different sides of the level between two samples."""
     low = before.copy()
     for _ in range(_COUNTED):

@@ -5,12 +5,10 @@ from __future__ import annotations
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index
 from truepose.identification.fringes.excursions import Excursions
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.intp]
 _FEWEST = 4  # samples a fringe: the sampling theorem asks for two, noise and changes of speed for more
 _LARGE_STEP = 0.12  # of a fringe: smaller steps between samples are no jumps
 _GAP = 1.8  # times the usual time between samples
@@ -64,7 +62,7 @@ def _slopes(found: Excursions) -> Array:
     return 0.5 / np.array(found.reach) * 2.0
 
 
-def _fastest_near(found: Excursions, at: Ints) -> Array:
+def _fastest_near(found: Excursions, at: Index) -> Array:
     """Largest phase rate of the excursion that holds each sample and of its two neighbours."""
     speed = np.nan_to_num(found.speeds, nan=0.0)
     padded = np.concatenate([[0.0], speed, [0.0]])

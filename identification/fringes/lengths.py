@@ -8,8 +8,8 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Mask
 from truepose.errors import InputError
 from truepose.identification.fringes.closure import miscounted
 from truepose.identification.fringes.faults import Fault
@@ -21,7 +21,6 @@ from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
 from truepose.models.sensors.irradiance import Irradiance
 
-Array = NDArray[np.float64]
 _ODDS = 4.6  # log of the odds (99 to 1) from which on the model's sign is taken
 _COARSE = 3.0  # times the sensor's sigma: changes known less well are left out
 _SHOWN = 12
@@ -33,7 +32,7 @@ class ReadLengths:
 
     change: Array
     sigma: Array
-    left_out: NDArray[np.bool_]
+    left_out: Mask
     notes: tuple[str, ...]
 
 

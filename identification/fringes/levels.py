@@ -10,14 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index, Mask
 from truepose.identification.fringes.excursions import Excursions, extremes
 from truepose.models.fabry_perot import fringe
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.intp]
 EVEN = 10
 """Excursions passed evenly that are enough to find levels."""
 _PER_KNOT, _MOST_KNOTS, _SAMPLES, _EXCURSIONS = 12, 9, 50_000, 20_000
@@ -131,7 +128,7 @@ def tracked_levels(signal: Array, levels: Levels, found: Excursions) -> Levels:
     return Levels(at, low, top) if (top > low).all() else levels
 
 
-def evenly_passed(signal: Array, found: Excursions, size: float, within: float) -> Bools:
+def evenly_passed(signal: Array, found: Excursions, size: float, within: float) -> Mask:
     """(K + 1,) excursions as large as most, whose neighbours' phase rates agree to a factor ``within``.
 
     A turning point is passed at another rate than its neighbours, or not as large.
@@ -178,7 +175,7 @@ def fitted_levels(
 
 
 def _levels_at(
-    t: Array, signal: Array, found: Excursions, even: Ints, knots: Array, g: float, noise: float
+    t: Array, signal: Array, found: Excursions, even: Index, knots: Array, g: float, noise: float
 ) -> tuple[Levels | None, float]:
     """Levels at given knots, and chi2 of the samples."""
     at, which = inside_samples(found, even)
@@ -214,7 +211,7 @@ def extended(span: tuple[float, float], levels: Levels) -> Levels:
     return replace(levels, knots=further, low=beyond(low), high=beyond(high))
 
 
-def _knots(found: Excursions, even: Ints, m: int) -> Array:
+def _knots(found: Excursions, even: Index, m: int) -> Array:
     first, last = found.times[even[0] - 1], found.times[even[-1]]
     return np.linspace(first, last, m) if m > 1 else np.array([0.5 * (first + last)])
 
@@ -232,7 +229,7 @@ def hat_shares(t: Array, knots: Array) -> Array:
     return out
 
 
-def inside_samples(found: Excursions, even: Ints) -> tuple[Ints, Ints]:
+def inside_samples(found: Excursions, even: Index) -> tuple[Index, Index]:
     """Samples inside the even excursions, at most so many, and the excursion of each."""
     sizes = found.sizes[even]
     total = int(sizes.sum())
@@ -244,7 +241,7 @@ def inside_samples(found: Excursions, even: Ints) -> tuple[Ints, Ints]:
     return at.astype(np.intp), even[which]
 
 
-def level_error(found: Excursions, even: Ints, knots: Array) -> Array:
+def level_error(found: Excursions, even: Index, knots: Array) -> Array:
     """(K + 1,) phase by which a crossing is too near the high end: from excursions that last too long."""
     even = even[:: max(1, len(even) // _EXCURSIONS) | 1]  # an odd stride takes both kinds
     speed, width = found.speeds, found.half_width
@@ -263,7 +260,7 @@ def level_error(found: Excursions, even: Ints, knots: Array) -> Array:
     return np.asarray(hat_shares(centres, knots) @ coefficients)
 
 
-def crossing_phases(t: Array, which: Ints, found: Excursions, error: Array) -> Array:
+def crossing_phases(t: Array, which: Index, found: Excursions, error: Array) -> Array:
     """Phase from the end of the fringe of samples (n,) in excursions ``which``, by the crossings' times.
 
     Cubic between crossings, with the slope of a parabola through three of them.
@@ -273,7 +270,7 @@ def crossing_phases(t: Array, which: Ints, found: Excursions, error: Array) -> A
     duration = stop - start
     rate = 2.0 * half / found.durations  # NaN at both ends, which are no neighbours of even excursions
 
-    def slope(left: Ints) -> Array:
+    def slope(left: Index) -> Array:
         a, b = found.durations[left], found.durations[left + 1]
         return np.asarray((rate[left] * b + rate[left + 1] * a) / (a + b))
 

@@ -10,12 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.fit.leastsquares import minimise
 from truepose.models.fabry_perot import fringe, fringe_slope
 
-Array = NDArray[np.float64]
 _FAR = 0.6  # rad
 _STILL = 0.1  # rad a half of the samples: speed of a mirror that rests
 _STEPS, _DAMPING = 30, 1e-3

@@ -11,15 +11,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.fringes.count import Count, End, count_fringes
 from truepose.identification.fringes.faults import Fault
 from truepose.identification.fringes.levels import Levels, noise_of
 from truepose.identification.fringes.scan import Scan, read_scan
 from truepose.models.fabry_perot import Reflectivities, coupling
 
-Array = NDArray[np.float64]
 _SURE = 16.0  # difference in chi2 between the signs
 _WRONG = 30.0  # chi2 of the length, or of a phase, that no noise makes
 _PHASE = 0.05  # rad: what phases of scan and rest may differ by

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Mask
 from truepose.identification.fringes.excursions import (
     Excursions,
     centre_means,
@@ -18,9 +18,6 @@ from truepose.identification.fringes.motions import Held
 from truepose.identification.fringes.rest import Rest, find_rest
 from truepose.identification.fringes.turns import Verdict, Visit, judge
 from truepose.models.fabry_perot import folded_phase, fringe, phase_noise
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 MOST_JUDGED = 1000
 """Excursions that are worth judging one by one: a motion with more is too uneven to follow."""
@@ -76,7 +73,7 @@ def passages(series: Series, *, everyone: bool = False) -> tuple[Array, list[tup
     return out, verdicts
 
 
-def visit_of(series: Series, k: int, even: Bools) -> Visit:
+def visit_of(series: Series, k: int, even: Mask) -> Visit:
     found, last = series.found, len(series.found) - 1
     rows, high = window_of(series, k, even), bool(found.high[k])
     edges = (
@@ -102,7 +99,7 @@ def held_rest(series: Series, rest: Rest, high: bool) -> Held:
     return Held(np.pi - phase if high else phase, max(sigma, _REST), rest.still)
 
 
-def evenly(series: Series) -> Bools:
+def evenly(series: Series) -> Mask:
     """(K + 1,) excursions that passed for certain: not slower than their neighbours, and up to the end.
 
     A mirror that turns at the end of a fringe with steady acceleration needs at least 2.5 times as long as its
@@ -126,7 +123,7 @@ def evenly(series: Series) -> Bools:
     return even & reaches_end(v, noise, found, g)
 
 
-def in_time(series: Series, even: Bools) -> Bools:
+def in_time(series: Series, even: Mask) -> Mask:
     """(K + 1,) whether each takes as long as its neighbours let expect, where these passed evenly.
 
     A mirror that turns suddenly before an end of a fringe, or beyond it, is back too early, or too late. Of
@@ -150,7 +147,7 @@ def in_time(series: Series, even: Bools) -> Bools:
     return out
 
 
-def reaches_end(v: Array, noise: float, found: Excursions, g: float) -> Bools:
+def reaches_end(v: Array, noise: float, found: Excursions, g: float) -> Mask:
     """(K + 1,) whether the largest sample is as near to the end of the fringe as sampling lets it be."""
     step = np.nan_to_num(found.speeds * found.durations / np.maximum(found.sizes, 1), nan=0.0)
     off = np.minimum(0.6 * step, found.half_width)
@@ -160,7 +157,7 @@ def reaches_end(v: Array, noise: float, found: Excursions, g: float) -> Bools:
     return np.asarray(sign * (extremes(v, found) - nearest) >= -margin)
 
 
-def window_of(series: Series, k: int, even: Bools) -> slice:
+def window_of(series: Series, k: int, even: Mask) -> slice:
     """Samples around excursion k: the next ones on both sides that passed for certain, else half of the next.
 
     At the ends of the series without the rests, and no further than the end of the next fringe.
@@ -181,7 +178,7 @@ def window_of(series: Series, k: int, even: Bools) -> slice:
     return slice(low, max(high, low + 1))
 
 
-def _plain(even: Bools, most: int) -> int:
+def _plain(even: Mask, most: int) -> int:
     """How many excursions in a row, at most so many, passed for certain."""
     return int(np.cumprod(even[:most]).sum())
 

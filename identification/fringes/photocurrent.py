@@ -20,13 +20,12 @@ import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.parquet as pq  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
+from truepose.arrays import Array, Mask
 from truepose.errors import InputError
 from truepose.identification.recording.table import Column, Table, read_table
 from truepose.models.units import UnitSystem, convert, parse_unit
 from truepose.wording import close_matches
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.intp]
 _NEEDED: Final = ("pose", "t", "I")
 _FEWEST: Final = 32
 _HEADER: Final = re.compile(r"^(?P<name>.*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?$")
@@ -120,7 +119,7 @@ def _one(table: Table, first: int, last: int, values: Mapping[str, Array]) -> Se
     return Series(first + 1, values["t"][rows], values["I"][rows], wavelength, sign)
 
 
-def _refuse(table: Table, name: str, bad: NDArray[np.bool_], expected: str) -> None:
+def _refuse(table: Table, name: str, bad: Mask, expected: str) -> None:
     rows = np.flatnonzero(bad)
     if len(rows):
         cell = table.cells[name][int(rows[0])]

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.fringes.levels import Noise
 
-Array = NDArray[np.float64]
 _DRIFT = 0.001  # of a fringe: slower changes at rest are averaged
 _SIGMAS = 5.0
 _FINE = 0.02  # of a fringe: no step is so short that noise hides more than this

@@ -10,13 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.fit.leastsquares import minimise
 from truepose.identification.fringes.levels import Levels, rough_levels
 from truepose.models.fabry_perot import fringe, fringe_slope
 
-Array = NDArray[np.float64]
 _FEWEST = 16
 _BINS = 600
 _WHOLE = 1.5  # fringes from which on a scan shows its own levels

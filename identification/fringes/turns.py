@@ -12,15 +12,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index, Mask
 from truepose.identification.fringes.levels import Noise
 from truepose.identification.fringes.motions import Held, Light, Motion, Problem
 from truepose.models.fabry_perot import folded_phase
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.intp]
-Bools = NDArray[np.bool_]
 DECISIVE = 25.0
 """Difference in chi2 from which on a verdict stands."""
 _POINTS = 160
@@ -46,9 +43,9 @@ class Visit:
     high: bool
     g: float
     slack: float
-    halves: Ints
-    beyond: Bools
-    kind: Bools
+    halves: Index
+    beyond: Mask
+    kind: Mask
     edges: tuple[Held | None, Held | None] = (None, None)
 
 

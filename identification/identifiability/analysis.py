@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.decomposition import Decomposition, Observability
@@ -39,7 +39,6 @@ from truepose.shown.result import Shown, frame_of
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
 DRAWN_POSES = 100
 DRAWN_MACHINES = 4
 UNTOUCHED = 0.9

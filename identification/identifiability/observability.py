@@ -11,13 +11,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Mask
 from truepose.identification.fit.decomposition import TAKES_PART, Decomposition
 from truepose.identification.fit.estimate import Estimate, Prior
 from truepose.models.machine import FRAME_OF
 
-Array = NDArray[np.float64]
 LEAST_GAIN = 0.5
 """Readings determine a parameter when they at least halve the variance that its tolerance leaves."""
 SMALLEST_PART = 0.02
@@ -116,7 +115,7 @@ def identifiable(fit: Estimate) -> Mapping[str, bool]:
     return {name: bool(flag) for name, flag in zip(known.names, determined(known), strict=True)}
 
 
-def determined(known: Knowledge, std: Array | None = None, blind: Array | None = None) -> NDArray[np.bool_]:
+def determined(known: Knowledge, std: Array | None = None, blind: Array | None = None) -> Mask:
     """(n,) the same for what is known; ``std`` (n,) and unseen directions ``blind`` (k, n) default to its own."""
     std = known.std if std is None else std
     moved = shares(known, known.decomposition.null_space if blind is None else blind)

@@ -13,13 +13,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.identifiability.observability import Direction, Knowledge, unseen
 from truepose.models.machine import FRAME_OF, FRAMES, Machine
 from truepose.models.view import TOOL
 
-Array = NDArray[np.float64]
 HOLDS = 1e-5
 """A pattern holds when no more than this share of it is left outside the unseen directions."""
 TAKES_PART = 1e-3

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Mask
 from truepose.errors import InputError
 from truepose.identification.fit.leastsquares import triangular
 from truepose.identification.fit.problem import Prior
@@ -17,7 +17,6 @@ from truepose.identification.recording.recording import Recording
 from truepose.models.couplings import coupling_matrix
 from truepose.models.machine import Machine
 
-Array = NDArray[np.float64]
 SEED = 20
 
 
@@ -87,7 +86,7 @@ class Seen:
     say anything."""
 
     factor: Array
-    used: NDArray[np.bool_]
+    used: Mask
     n_observations: int
 
     @classmethod

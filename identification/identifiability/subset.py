@@ -9,12 +9,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.fit.decomposition import ROUNDING, Decomposition
 from truepose.identification.fit.estimate import Estimate
 
-Array = NDArray[np.float64]
 TIE = 1e-6
 """Columns whose lengths agree to this share are equal: the first in order is taken, whatever rounding says."""
 SMALLEST_TERM = 1e-6

@@ -11,13 +11,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.stats import chi2 as chi2_distribution
 
+from truepose.arrays import Array
 from truepose.errors import ConvergenceError, InputError
 from truepose.models import lie
+from truepose.models.lie import pose_of
 
-Array = NDArray[np.float64]
 FEWEST = 3
 LOOSE = 0.3
 """rad; a rotation whose 1-sigma is larger is not determined, and its linear covariance would mean nothing."""
@@ -242,9 +243,7 @@ def _result(x: Array, y: Array, cx: Array, cy: Array, turn: Array, shift: Array,
     _refuse_loose(information, turn)
     about = np.eye(6)
     about[:3, 3:] = -_rows(arm[None])[0, :, 3:]  # motion of the origin by a twist about the middle
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = turn, shift
-    return BodyPose(pose, about @ np.linalg.inv(information) @ about.T, r, noise, lever)
+    return BodyPose(pose_of(turn, shift), about @ np.linalg.inv(information) @ about.T, r, noise, lever)
 
 
 __all__ = ["BodyPose", "body_pose"]

@@ -7,15 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.photogrammetry.pose_table import COORDINATE
 from truepose.identification.recording.table import Table, read_table
 from truepose.models.units import convert
 from truepose.wording import close_matches
 
-Array = NDArray[np.float64]
 POINT, AXES = "point", ("x", "y", "z")
 
 
@@ -56,6 +55,3 @@ def _lengths(table: Table, name: str, *, gaps: bool = True) -> Array:
     filled = ["0" if gap else cell for cell, gap in zip(cells, empty, strict=True)]
     numbers = replace(table, cells={**table.cells, name: filled}).numbers(name)
     return np.where(empty, np.nan, convert(numbers, table.unit(name, "mm", "length"), "mm"))
-
-
-__all__ = ["read_body", "read_points"]

@@ -12,15 +12,14 @@ from dataclasses import replace
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Mask
 from truepose.errors import InputError
 from truepose.identification.photogrammetry.body_pose import FEWEST, BodyPose, body_pose
 from truepose.models import lie
 from truepose.models.units import UnitSystem
 from truepose.wording import close_matches
 
-Array = NDArray[np.float64]
 COLUMNS = ("x", "y", "z", "rx", "ry", "rz")
 PAIRS = tuple(itertools.combinations(COLUMNS, 2))
 COORDINATE = re.compile(r"^(?P<point>.+)\.(?P<axis>[xyz])$")
@@ -112,7 +111,7 @@ def _body(
 
 def _row_pose(
     shape: Array, points: Array, sigma: float, own: float, names: Sequence[str], row: int
-) -> tuple[BodyPose, NDArray[np.bool_]]:
+) -> tuple[BodyPose, Mask]:
     seen = np.asarray(np.isfinite(np.hstack([points, shape])).all(axis=1))
     try:
         return body_pose(shape[seen], points[seen], sigma, own), seen
@@ -121,9 +120,7 @@ def _row_pose(
         raise InputError(f"row {row}: points {used}: {exc}") from None
 
 
-def _values(
-    found: BodyPose, seen: NDArray[np.bool_], names: Sequence[str], units: UnitSystem
-) -> dict[str, float | str]:
+def _values(found: BodyPose, seen: Mask, names: Sequence[str], units: UnitSystem) -> dict[str, float | str]:
     """One row: pose, 1-sigmas, fit, covariances."""
     vector = lie.log_so3(found.pose[:3, :3])
     j = np.eye(6)
@@ -148,6 +145,3 @@ def _by_turn(vector: Array) -> Array:
     k = np.cross(vector, np.eye(3)).T  # k @ w = vector x w
     squared = 1.0 / 12.0 if angle < 1e-4 else 1.0 / angle**2 - 0.5 / (angle * np.tan(0.5 * angle))
     return np.asarray(np.eye(3) - 0.5 * k + squared * k @ k)
-
-
-__all__ = ["COLUMNS", "COORDINATE", "PAIRS", "pose_table"]

@@ -9,13 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from truepose.arrays import Array, Mask
 from truepose.identification.planning.criteria import Objective
 from truepose.identification.planning.information import PoseInformation, Poses
 
-Array = NDArray[np.float64]
 LIMIT = 300
 """Iterations of L-BFGS-B."""
 RUNS = 40
@@ -29,7 +28,7 @@ _SHORTER, _SHORTEST = 0.1, 1e-2
 class _LostError(Exception):
     """Some poses cannot be entered: rows (n,)."""
 
-    def __init__(self, rows: NDArray[np.bool_]) -> None:
+    def __init__(self, rows: Mask) -> None:
         super().__init__("poses that cannot be entered")
         self.rows = rows
 

@@ -12,9 +12,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from truepose.arrays import Array
+
 OPEN = 1e-28
 """A direction is open when its share of the information is below this: rounding of singular values, squared."""
 

@@ -11,11 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index, Mask
 from truepose.identification.planning.criteria import Objective
 
-Array = NDArray[np.float64]
 DEPTH = 3
 """Poses added (or eliminated) in a row before as many are eliminated (added)."""
 LEAST_GAIN = 1e-6
@@ -28,10 +27,10 @@ class Pool:
     """Candidates: signatures (c, m, r) in the objective's coordinates; differs (m,) as in ``PoseInformation``."""
 
     signature: Array
-    differs: NDArray[np.bool_]
+    differs: Mask
 
     @classmethod
-    def of(cls, signature: Array, differs: NDArray[np.bool_]) -> Pool:
+    def of(cls, signature: Array, differs: Mask) -> Pool:
         """From signatures (c, m, r), with as few rows a candidate as hold the same information.
 
         Where a reading is a difference, ``differs`` (m,), all rows stay.
@@ -42,7 +41,7 @@ class Pool:
         rank = max(1, int(np.max(np.sum(s > 1e-12 * np.max(s), axis=1))))
         return cls(s[:, :rank, None] * v[:, :rank], np.zeros(rank, dtype=bool))
 
-    def row(self, candidate: NDArray[np.intp] | int, before: int | None) -> Array:
+    def row(self, candidate: Index | int, before: int | None) -> Array:
         """Jacobian (..., m, r) of poses, ``candidate`` (...,), that follow ``before`` (None: they come first)."""
         here = self.signature[candidate]
         if not self.differs.any():

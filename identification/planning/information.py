@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index, Mask
 from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.errors import InputError
 from truepose.identification.fit.problem import prior_of
@@ -30,8 +30,6 @@ from truepose.models.sensors.base import Sensor
 from truepose.models.sensors.pose import Pose
 from truepose.models.view import View
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 UNKNOWN = 1e3
 """A constant of unknown tolerance counts as known to so many of its natural sizes."""
 
@@ -52,7 +50,7 @@ class Poses:
         """(n,) poses that can be assembled and are not next to a singularity."""
         return np.asarray(self.good & (self.amplification <= strongest))
 
-    def take(self, rows: NDArray[np.intp] | Mask) -> Poses:
+    def take(self, rows: Index | Mask) -> Poses:
         """Poses by number (k,) or by mask (n,)."""
         return Poses(
             self.q[rows], self.x[rows], self.signature[rows], self.good[rows], self.amplification[rows]

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index
 from truepose.errors import InputError
 from truepose.identification.fit.decomposition import Decomposition, Observability
 from truepose.identification.planning.continuous import Landscape, climb
@@ -29,7 +29,6 @@ from truepose.shown.result import Shown, frame_of
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
 METHODS = ("continuous", "exchange", "random")
 DRAWS = 20
 """Sets of random poses that a plan is compared with."""
@@ -56,7 +55,7 @@ class Plan(Shown):
     seed: int
     q: Array
     span: Array
-    origin: NDArray[np.intp] | None
+    origin: Index | None
     value: float
     random: Array
     by_exchange: float | None

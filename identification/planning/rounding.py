@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models.machine import Machine
 from truepose.models.units import convert
-
-Array = NDArray[np.float64]
 
 
 def rounded(q: Array, machine: Machine, step: float) -> Array:

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.planning.information import PoseInformation, Poses
 
-Array = NDArray[np.float64]
 CANDIDATES = 600
 STRONG = 3.0
 """Loops that react so many times more strongly to the constants than those of the median pose: the pose is on the

@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import softmax
 
+from truepose.arrays import Array
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.sampler import Chain, Sweep
 from truepose.identification.posterior.spike_slab import Members, SpikeSlab
 from truepose.identification.posterior.state import log_posterior
 from truepose.identification.prior import Richness
 
-Array = NDArray[np.float64]
 CHANCE = 1.0
 """Nats by which the evidence of one region may come out differently, beside what the halves of a chain differ by."""
 

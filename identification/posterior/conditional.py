@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
+from truepose.arrays import Array, Index
 from truepose.identification.posterior.marginal import Marginal
 from truepose.identification.posterior.terms import SameSize
 from truepose.identification.prior import BOUND_DOUBT, Sizes
 
-Array = NDArray[np.float64]
 LARGEST_COST = 50.0
 """The most that a coefficient beyond its bound costs in the log."""
 ROW_BY_ROW = 18
@@ -80,7 +79,7 @@ def _bounded_gains(group: SameSize, block: Array, score: Array, squared: Array) 
     return np.asarray(gains + plausibility(mean, np.sqrt(variance), group.lower, group.upper))
 
 
-def log_gains_together(marginal: Marginal, columns: NDArray[np.intp], sizes: Sizes) -> Array:
+def log_gains_together(marginal: Marginal, columns: Index, sizes: Sizes) -> Array:
     """(s,) log Bayes factor of columns (k,) together at each size, with the size's log prior."""
     values, vectors = np.linalg.eigh(marginal.among(columns))
     values, turned = np.maximum(values, 0.0), vectors.T @ marginal.scores(columns)

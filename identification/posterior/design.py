@@ -13,9 +13,9 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from truepose.arrays import Array, Index, Mask
 from truepose.identification.prior import (
     NOISE_FROM,
     NOISE_STEP,
@@ -26,7 +26,6 @@ from truepose.identification.prior import (
     noise_log_prior,
 )
 
-Array = NDArray[np.float64]
 UNSEEN = 1e-9
 """Share of a column's own length below which what is left of it is rounding."""
 
@@ -39,8 +38,8 @@ class Always:
     """
 
     sigma: Array
-    part: NDArray[np.intp]
-    remainder: NDArray[np.bool_]
+    part: Index
+    remainder: Mask
 
 
 @dataclass(frozen=True)
@@ -52,7 +51,7 @@ class Design:
     always: Always
 
     @cached_property
-    def seen(self) -> NDArray[np.bool_]:
+    def seen(self) -> Mask:
         """(w,) columns of terms of which those of A without a prior leave more than rounding."""
         flat = np.flatnonzero(~np.isfinite(self.always.sigma))
         gram = np.asarray(sum(self.grams[1:], self.grams[0]))
@@ -63,14 +62,14 @@ class Design:
         half = np.linalg.solve(np.linalg.cholesky(own), across) if len(flat) else across
         return np.asarray((length > 0.0) & (length - np.sum(half**2, axis=0) > UNSEEN * length))
 
-    def restricted(self, columns: NDArray[np.intp]) -> Design:
+    def restricted(self, columns: Index) -> Design:
         """With some columns of terms only."""
         keep = np.concatenate([np.arange(self.n), self.n + columns, [self.n + self.width]])
         part = Design(tuple(gram[np.ix_(keep, keep)] for gram in self.grams), self.counts, self.always)
         part.__dict__["seen"] = self.seen[columns]
         return part
 
-    def turned(self, columns: NDArray[np.intp], turn: Array) -> Design:
+    def turned(self, columns: Index, turn: Array) -> Design:
         """With combinations of some columns of terms in their place: ``turn`` (k, w) of ``columns`` (k,), mostly zeros."""
         first, last, few = np.arange(self.n), self.n + self.width, csr_array(turn)
 

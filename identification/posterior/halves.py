@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.blas import dtrsm
 from scipy.linalg.lapack import dpotrf
 
+from truepose.arrays import Array, Index
 from truepose.identification.posterior.large import LARGE, solve_large
 from truepose.threads import Cached
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 
 class Halves:

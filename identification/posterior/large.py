@@ -10,12 +10,11 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cython_blas
 
+from truepose.arrays import Array
 from truepose.threads import all_done, in_order
 
-Array = NDArray[np.float64]
 T = TypeVar("T")
 R = TypeVar("R")
 LARGE = 5e7

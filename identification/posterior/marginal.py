@@ -16,8 +16,8 @@ which costs no more than the member is wide.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index, Mask
 from truepose.identification.posterior.design import Design, GridPoint, Unknowns
 from truepose.identification.posterior.halves import Halves, cholesky, half_log_det, solved, taken
 from truepose.identification.posterior.large import map_large
@@ -25,8 +25,6 @@ from truepose.identification.posterior.terms import SameSize, Terms
 from truepose.identification.prior import LONG
 from truepose.threads import Cached
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 ROUNDING = 1e-13
 """Of columns scaled to one length. Added to their diagonal, for columns without a prior may depend on each other; a share of
 the largest eigenvalue below which nothing determines a direction."""
@@ -93,7 +91,7 @@ class Own:
         return np.asarray(out)
 
 
-def _without(found: Array, *seen: NDArray[np.bool_]) -> Array:
+def _without(found: Array, *seen: Mask) -> Array:
     """With zeros for columns that cannot be seen, in place."""
     for one in seen:
         if not one.all():
@@ -286,7 +284,7 @@ def marginal(design: Design, unknowns: Unknowns, terms: Terms, point: GridPoint)
     return Marginal(terms, own, Halves(factor, beside, turned), log_evidence + unknowns.log_prior(point))
 
 
-def _sigma(design: Design, unknowns: Unknowns, point: GridPoint) -> tuple[Array, NDArray[np.bool_]]:
+def _sigma(design: Design, unknowns: Unknowns, point: GridPoint) -> tuple[Array, Mask]:
     """(n,) 1-sigmas of A at a point, and which columns are there at all: without a size the remainder is not."""
     always, tau = design.always, unknowns.size.values[point.remainder]
     factors = np.array([*unknowns.widening[point.widening], 1.0])  # part -1: none

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truepose.identification.posterior.conditional import log_gains_together
 from truepose.identification.posterior.design import GridPoint
@@ -18,7 +17,6 @@ from truepose.identification.posterior.spike_slab import Member, Members, SpikeS
 from truepose.identification.posterior.state import State, best_point, log_posterior, slot_odds
 from truepose.identification.prior import Richness
 
-Array = NDArray[np.float64]
 ROUNDS = 30
 """Most rounds of an ascent: each adds one term at most."""
 OFTEN = 1.25

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Mask
 from truepose.identification.posterior.design import GridPoint, Unknowns
 from truepose.identification.posterior.large import map_large
 from truepose.identification.posterior.marginal import Marginal
@@ -25,7 +25,7 @@ class Plausible:
     """What chains draw from: ``terms`` (c,) that are not hopeless in some slot, and such values of the grid; ``certain``:
     members that nothing can replace."""
 
-    terms: NDArray[np.bool_]
+    terms: Mask
     reach: Reach
     certain: Members
 

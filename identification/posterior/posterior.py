@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index
 from truepose.identification.posterior.chains import Chains
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.mode import tops
@@ -19,7 +19,6 @@ from truepose.identification.posterior.spike_slab import Member, Members, SpikeS
 from truepose.identification.posterior.state import State
 from truepose.identification.prior import Richness
 
-Array = NDArray[np.float64]
 AGREED = 0.03
 """Largest difference of a cause's probability between two chains that is none."""
 BURN, ROUND, ROUNDS = 25, 40, 8
@@ -136,7 +135,7 @@ class Sampling:
         return _gathered(self._part, self._index, self._chains, cut=False)
 
 
-def _gathered(part: SpikeSlab, index: NDArray[np.intp], chains: Chains, *, cut: bool) -> Posterior:
+def _gathered(part: SpikeSlab, index: Index, chains: Chains, *, cut: bool) -> Posterior:
     weights, tallies = chains.weights, chains.tallies
     shares, points = Counter[tuple[Members, GridPoint]](), Counter[GridPoint]()
     for weight, tally in zip(weights.tolist(), tallies, strict=True):

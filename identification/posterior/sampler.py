@@ -19,14 +19,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import gammaln, softmax
 
+from truepose.arrays import Array
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.spike_slab import Conditional, Member, Members, SpikeSlab
 from truepose.identification.prior import Richness
 
-Array = NDArray[np.float64]
 JOINT, OTHERS = 0.2, 4
 """Share of the slots that are drawn together with an axis of the grid, and how many other values of it are weighed."""
 

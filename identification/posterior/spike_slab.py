@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from truepose.arrays import Array, Index, Mask
 from truepose.identification.posterior.conditional import log_gains, plausibility
 from truepose.identification.posterior.design import Design, GridPoint, Unknowns
 from truepose.identification.posterior.large import map_large
@@ -19,8 +19,6 @@ from truepose.identification.posterior.terms import Term, Terms
 from truepose.identification.posterior.work import Work
 from truepose.identification.prior import LONG, Sizes
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 Member = tuple[int, int]
 """A term and the index of its size."""
 Members = tuple[Member, ...]
@@ -98,7 +96,7 @@ class SpikeSlab:
         self._evidences = Memory[float](SETS)
         self.work = Work()
 
-    def restricted(self, wanted: NDArray[np.bool_]) -> tuple[SpikeSlab, Index]:
+    def restricted(self, wanted: Mask) -> tuple[SpikeSlab, Index]:
         """The problem with the terms wanted (c,) only, and their numbers in this one."""
         index = np.flatnonzero(wanted)
         own = [self.terms.columns[k] for k in index]
@@ -171,7 +169,7 @@ class SpikeSlab:
         return GridPoint(noise, 0, 0)
 
     @cached_property
-    def noticeable(self) -> NDArray[np.bool_]:
+    def noticeable(self) -> Mask:
         """(s, c) which terms would be noticed at which size, at the stated noise; what nobody would notice is nothing."""
         root = self.root(self._stated)
         information = np.zeros(len(self.terms))

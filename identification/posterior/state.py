@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dpotri
 
+from truepose.arrays import Array, Index
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.marginal import ROUNDING
 from truepose.identification.posterior.spike_slab import Members, SpikeSlab
 from truepose.identification.prior import Richness
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 _STEPS = (2 ** np.arange(5)).tolist()
 MANY, SAFE = 200, 1e4
 """Columns from which on Cholesky pays, and how far above rounding its smallest pivot has to be."""
@@ -32,7 +30,7 @@ class State:
     log_posterior: float
 
 
-def supports(spike_slab: SpikeSlab, state: State, parts: Sequence[NDArray[np.intp]]) -> list[float]:
+def supports(spike_slab: SpikeSlab, state: State, parts: Sequence[Index]) -> list[float]:
     """Log Bayes factor of a state against it without some of its columns, noise adapting: for each of ``parts``.
 
     parts: places (k,) among the columns of all members. Without them the noise can only be larger.

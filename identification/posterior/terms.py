@@ -7,12 +7,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index, Mask
 from truepose.identification.posterior.urn import Counts, Urn
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -51,7 +48,7 @@ class SameSize:
     lower: Array
     upper: Array
     bounded: bool
-    there: NDArray[np.bool_]
+    there: Mask
 
 
 class Terms:
@@ -116,7 +113,7 @@ class Terms:
         return SameSize(np.array(members), np.maximum(columns, 0), lower, upper, bounded, columns >= 0)
 
     @cached_property
-    def excludes(self) -> NDArray[np.bool_]:
+    def excludes(self) -> Mask:
         """(c, c) pairs that cannot stand together: the same term, columns in common, or a cause that takes one alone."""
         alone = np.array([t.alone for t in self.all], dtype=bool)
         same = self.cause[:, None] == self.cause[None, :]

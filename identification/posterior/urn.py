@@ -16,11 +16,9 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import gammaln
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
+from truepose.arrays import Array, Index, Mask
 
 
 class Counts(NamedTuple):
@@ -50,7 +48,7 @@ class Urn:
     log_place: Array
 
     @cached_property
-    def grows(self) -> NDArray[np.bool_]:
+    def grows(self) -> Mask:
         """(g,) kinds of several causes."""
         return np.asarray(self.number > 1)
 
@@ -100,6 +98,3 @@ def polya(counts: Index, base: Array, weight: float) -> float:
     some = np.flatnonzero(counts)
     drawn = float(np.sum(gammaln(base[some] + counts[some]) - gammaln(base[some])))
     return drawn - float(gammaln(weight + counts.sum()) - gammaln(weight))
-
-
-__all__ = ["Counts", "Urn", "polya"]

@@ -30,6 +30,3 @@ class Work:
         for group in groups:
             count, k = group.columns.shape
             self.done += CALL + count * k**2 * sizes * (SMALL + DENSE * k)
-
-
-__all__ = ["Work"]

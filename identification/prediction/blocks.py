@@ -6,14 +6,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index, Mask
 from truepose.identification.prediction.by_ports import ByPorts, Part
 from truepose.threads import Cached
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Index = NDArray[np.intp]
 TOGETHER = 16_384
 """Rows of which wide matrices are held at a time, where one block after another would be slow. Cost alone."""
 
@@ -105,6 +102,3 @@ def joined(rows: slice, parts: Sequence[Block]) -> Block:
         return np.concatenate([part.changes(piece) for part, piece in pieces], axis=1)
 
     return Block(rows, residual, dense, compare, lost)
-
-
-__all__ = ["TOGETHER", "Block", "joined", "written_out"]

@@ -13,10 +13,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
+from truepose.arrays import Array, Index, Mask
 
 
 @dataclass(frozen=True)
@@ -36,7 +34,7 @@ class ByPorts:
         """Of some rows."""
         return replace(self, slopes=self.slopes[rows], values=self.values[rows])
 
-    def of_columns(self, kept: NDArray[np.bool_]) -> ByPorts:
+    def of_columns(self, kept: Mask) -> ByPorts:
         """Some of the coefficients."""
         return replace(self, port=self.port[kept], column=self.column[kept], values=self.values[:, kept])
 
@@ -77,6 +75,3 @@ class Part:
         if self.ports is not None:
             there |= np.any(self.ports.slopes[:, list(channels)] != 0.0, axis=2)
         return int(np.sum(there))
-
-
-__all__ = ["ByPorts", "Part"]

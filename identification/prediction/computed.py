@@ -15,6 +15,3 @@ def computed_displacements(model: SymbolicModel) -> ca.SX:
     q = model.moved if laws else {}
     own = {name: displacement_of(machine, name, values, q) for name in q}
     return ca.vertcat(ca.SX(0, 1), *(law.value(own, values, bounded=False) for law in laws))
-
-
-__all__ = ["computed_displacements"]

@@ -13,12 +13,11 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models.yaml_document import LongText
 
-Array = NDArray[np.float64]
 Quantity = tuple[float, str]
 """A value in mm or rad, and which of the two."""
 UNSEEN = 1e-6

@@ -6,13 +6,10 @@ from collections.abc import Sequence
 from itertools import combinations, combinations_with_replacement, pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index
 from truepose.identification.prediction.by_ports import Part
 from truepose.threads import all_done
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 
 class GramSum:
@@ -71,6 +68,3 @@ def _factors(
     other, _, first = groups[g - 1]
     both = np.einsum("nm,nm->n", slopes[:, :, other], slopes[:, :, port])
     return first, both[:, None] * values
-
-
-__all__ = ["GramSum"]

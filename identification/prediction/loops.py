@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from truepose.arrays import Array, Index, Mask
 from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.identification.prediction.blocks import TOGETHER
 from truepose.models.closure import ROUNDS, closed
@@ -16,8 +16,6 @@ from truepose.models.home import coordinate_scale, slides_of
 from truepose.models.kinematics import SymbolicModel
 from truepose.threads import in_order
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 _STEPS = 8
 _FEW = 12
 """Rounds of Newton's method for rows that are given up where it does not get there."""
@@ -74,7 +72,7 @@ class Loops:
             own = slice(first, first + TOGETHER)
             some_q, some_z = q[own], z[own]
 
-            def equations(x: Array, rows: NDArray[np.intp]) -> tuple[Array, Array, Array]:
+            def equations(x: Array, rows: Index) -> tuple[Array, Array, Array]:
                 g, gx, gap = self.closure(x, some_q[rows], some_z[rows], p)
                 return g, gx, gap
 
@@ -83,9 +81,7 @@ class Loops:
         found = list(in_order(some, range(0, max(len(x), 1), TOGETHER)))
         return np.concatenate([x for x, _ in found]), np.concatenate([good for _, good in found])
 
-    def _continue(
-        self, x: Array, good: Mask, at: tuple[Array, Array, Array], origin: NDArray[np.intp] | None
-    ) -> None:
+    def _continue(self, x: Array, good: Mask, at: tuple[Array, Array, Array], origin: Index | None) -> None:
         """Follow the rows that are not good from the row ``origin`` names, or from home."""
         (q, z, p), rows = at, np.flatnonzero(~good)
         here = np.tile(self._model.home, (len(rows), 1)) if origin is None else x[origin]
@@ -96,7 +92,7 @@ class Loops:
         x[rows[reached]], good[rows[reached]] = here[reached], True
 
 
-def _nearest(q: Array, good: Mask) -> NDArray[np.intp]:
+def _nearest(q: Array, good: Mask) -> Index:
     """For each row that is not good the good one with the closest readings."""
     span = np.ptp(q, axis=0)
     scaled = q / np.where(span > 0, span, 1.0)

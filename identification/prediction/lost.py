@@ -10,14 +10,11 @@ from collections.abc import Sequence
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Mask
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
 from truepose.models.sensors.base import Sensor
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 def all_lost(machine: Machine, parts: Sequence[Mask | None], rows: int) -> Mask | None:
@@ -53,6 +50,3 @@ def _depends(sensor: Sensor) -> Mask:
     residual = sensor.residual(world, {name: ca.SX.sym(name) for name in names}, reading)
     pattern = ca.jacobian(residual, reading).sparsity()
     return np.asarray(ca.DM(pattern, 1.0).full() != 0, dtype=np.bool_)
-
-
-__all__ = ["all_lost", "lost_of", "told"]

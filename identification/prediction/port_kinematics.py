@@ -6,16 +6,14 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index
 from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.identification.prediction.by_ports import ByPorts
 from truepose.identification.prediction.sensor_rows import Sight
 from truepose.models import lie
 from truepose.models.kinematics import SymbolicModel
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 MANY = 100
 """Coefficients from which on it pays; fewer are written out."""
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index, Mask
 from truepose.errors import InputError
 from truepose.identification.prediction.blocks import TOGETHER
 from truepose.identification.prediction.covariance import Covariance
@@ -28,8 +28,6 @@ from truepose.models.mechanism import AXIS_UNITS
 from truepose.models.units import convert
 from truepose.wording import joined
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 POSE = ("pose.x", "pose.y", "pose.z", "pose.rx", "pose.ry", "pose.rz")
 
 
@@ -101,7 +99,7 @@ def predicted(predictor: Predictor, *, with_std: bool = True) -> Prediction:
     )
 
 
-def _parted(machine: Machine, rows: int) -> list[NDArray[np.intp]]:
+def _parted(machine: Machine, rows: int) -> list[Index]:
     """Rows that are predicted together: all where a reading compares rows, else some at a time, for their derivatives."""
     step = max(rows, 1) if any(s.compares or s.differs_from_row for s in machine.sensors) else TOGETHER
     return [np.arange(start, min(start + step, rows)) for start in range(0, max(rows, 1), step)]
@@ -165,15 +163,3 @@ def _complete(machine: Machine, recording: Recording, good: Mask) -> Mask:
     if recording.from_row is not None and any(sensor.differs_from_row for sensor in machine.sensors):
         return good & good[recording.from_row]
     return good
-
-
-__all__ = [
-    "POSE",
-    "Prediction",
-    "predict",
-    "predicted",
-    "predictor_for",
-    "unassembled",
-    "unheard",
-    "unknown_frames",
-]

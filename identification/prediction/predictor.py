@@ -12,8 +12,8 @@ from copy import copy
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index, Mask
 from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.codegen.evaluation.gram import GramFunction
 from truepose.errors import InputError
@@ -32,8 +32,6 @@ from truepose.models.sensors.base import Channel, Comparison, Rows
 from truepose.models.statics import load_scale
 from truepose.threads import in_order
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 BLOCK = 1024
 """Rows that are worked out together."""
 WAVES_KEPT = 30_000_000
@@ -177,7 +175,7 @@ class Predictor:
         """(n, m) channels that read nothing, because a reading was lost; None where none was."""
         return all_lost(self.machine, self._lost, len(self.q))
 
-    def of_rows(self, rows: NDArray[np.intp]) -> Predictor:
+    def of_rows(self, rows: Index) -> Predictor:
         """The same for some rows, whose readings stand for themselves; what was compiled is shared."""
         part = copy(self)
         part.recording = self.recording.subset(rows)
@@ -302,7 +300,7 @@ class Predictor:
         return Sight.over(poses, shift[..., 0], sp if by_p is None else sp - sx @ by_p)
 
 
-def _origin(recording: Recording) -> NDArray[np.intp]:
+def _origin(recording: Recording) -> Index:
     """(n,) the row that each row's ``from`` names, among the rows at hand."""
     where = ", ".join(recording.files)
     if recording.from_row is None:

@@ -8,8 +8,8 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index, Mask
 from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.errors import InputError
 from truepose.identification.prediction.blocks import Block, joined, written_out
@@ -19,10 +19,6 @@ from truepose.models import lie
 from truepose.models.machine import Machine
 from truepose.models.sensors.base import Comparison, Sensor
 from truepose.models.view import TOOL_IN_WORLD, View
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Index = NDArray[np.intp]
 
 
 @dataclass(frozen=True)

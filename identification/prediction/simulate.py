@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.prediction.predict import predicted, predictor_for
 from truepose.identification.recording.load import Sources, as_recording
@@ -18,8 +18,6 @@ from truepose.models.effects.base import PlacedEffect
 from truepose.models.given import MachineLike, as_machine
 from truepose.models.machine import Machine
 from truepose.models.units import convert
-
-Array = NDArray[np.float64]
 
 
 def simulate(
@@ -75,6 +73,3 @@ def with_inputs(path: Path | str, simulated: pd.DataFrame) -> pd.DataFrame:
             header = column.name if column.unit is None else f"{column.name} [{column.unit}]"
             kept[header] = list(table.cells[column.name])
     return pd.concat([pd.DataFrame(kept), simulated], axis=1)
-
-
-__all__ = ["simulate", "with_inputs"]

@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.prediction.predictor import Predictor
@@ -23,7 +23,6 @@ from truepose.models.effects.empirical import Empirical
 from truepose.models.machine import Machine
 from truepose.models.sensors.base import Sensor
 
-Array = NDArray[np.float64]
 LEAST_RANGE = 1e-6
 """Half of a range that is taken for a driver that was never varied."""
 

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats.qmc import Halton
 
+from truepose.arrays import Array, Index, Mask
 from truepose.errors import InputError
 from truepose.identification.compensation.inverse import PoseSolver
 from truepose.identification.programs.configurations import Configuration
@@ -21,8 +21,6 @@ from truepose.identification.programs.shape import ArmShape
 from truepose.models.couplings import turns_freely
 from truepose.models.machine import Machine
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Numbers = tuple[float, ...]
 STARTS = 48
 """Places that Newton's method starts from. Of 600 random poses of an IRB 120 and a UR5e it found the
@@ -111,7 +109,7 @@ class Branches:
             return np.ones(len(q), dtype=bool)
         return configuration.decides(numbers, self._shape.of(q))
 
-    def _attempt(self, poses: Array, rows: NDArray[np.intp], start: Array, out: list[list[Array]]) -> None:
+    def _attempt(self, poses: Array, rows: Index, start: Array, out: list[list[Array]]) -> None:
         """Add what Newton's method finds for poses ``rows`` (k,) from ``start`` (k, nq)."""
         found = self._solver.inverse(poses[rows], start, restarts=0)
         for k in np.flatnonzero(found.solved):

@@ -11,10 +11,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from truepose.arrays import Array, Mask
+
 SLACK = math.radians(0.05)
 """rad: a joint so near a sign's or a quadrant's border counts as on either side: targets are rounded."""
 _QUARTER = math.pi / 2
@@ -88,6 +87,3 @@ class Quadrants:
             stays = low - 1e-12 <= q[k] <= low + _QUARTER + 1e-12
             now.append(quadrant if stays else float(math.floor(q[k] / _QUARTER)))
         return (*now, *numbers[3:])
-
-
-__all__ = ["SLACK", "Configuration", "Quadrants", "StatusTurn"]

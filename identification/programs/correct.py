@@ -12,8 +12,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.compensation.inverse import Reach
 from truepose.identification.programs.forms import written
@@ -36,7 +36,6 @@ from truepose.models.machine import Machine
 from truepose.models.mechanism import AXES
 from truepose.models.units import convert
 
-Array = NDArray[np.float64]
 FARTHEST = 0.1
 """rad, or part of the machine's size: a correction that moves a joint by more is not made. Calibrations move joints by
 thousandths; a tenth is reached next to singular poses only, where a joint swings for nothing."""

@@ -17,16 +17,9 @@ from truepose.identification.recording.languages import other_language, own_lang
 
 DIALECTS: Mapping[str, Dialect] = {d.name: d for d in (Kuka(), Rapid(), UrScript(), Points())}
 _SUFFIXES = {
-    ".src": "kuka",
-    ".dat": "kuka",
-    ".sub": "kuka",
-    ".mod": "rapid",
-    ".modx": "rapid",
-    ".prg": "rapid",
-    ".sys": "rapid",
-    ".sysx": "rapid",
-    ".script": "urscript",
-    ".urscript": "urscript",
+    **dict.fromkeys((".src", ".dat", ".sub"), "kuka"),
+    **dict.fromkeys((".mod", ".modx", ".prg", ".sys", ".sysx"), "rapid"),
+    **dict.fromkeys((".script", ".urscript"), "urscript"),
 }
 _TABLES = {".csv", ".parquet", ".pq", ".xlsx", ".xls"}
 """Endings of tables: what they say is not looked at."""
@@ -84,6 +77,3 @@ def _bytes(path: Path) -> bytes:
         return read_at_most(path, PROGRAM_MOST)
     except OSError as exc:
         raise InputError(f"{path}: cannot read the file: {exc.strerror}") from exc
-
-
-__all__ = ["DIALECTS", "beside", "dialect_of", "text_of"]

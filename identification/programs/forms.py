@@ -10,13 +10,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose.arrays import Array
 from truepose.models import lie
 from truepose.models.units import convert
 
-Array = NDArray[np.float64]
 _LOCKED = 1e-9
 """Cosine of the middle angle below which the other two only count together."""
 
@@ -48,7 +47,7 @@ class Euler:
 
     def poses(self, numbers: Array) -> Array:
         turn = Rotation.from_euler("ZYX", numbers[:, 3:], degrees=True).as_matrix()
-        return _poses(turn, numbers[:, :3])
+        return lie.pose_of(turn, numbers[:, :3])
 
     def numbers(self, poses: Array, near: Array) -> Array:
         angles = np.array([_euler(pose[:3, :3], old) for pose, old in zip(poses, near[:, 3:], strict=True)])
@@ -64,7 +63,7 @@ class Quaternion:
 
     def poses(self, numbers: Array) -> Array:
         turn = Rotation.from_quat(numbers[:, [4, 5, 6, 3]]).as_matrix()
-        return _poses(turn, numbers[:, :3])
+        return lie.pose_of(turn, numbers[:, :3])
 
     def numbers(self, poses: Array, near: Array) -> Array:
         quaternion = Rotation.from_matrix(poses[:, :3, :3]).as_quat()[:, [3, 0, 1, 2]]
@@ -85,7 +84,7 @@ class RotationVector:
     def poses(self, numbers: Array) -> Array:
         place = np.column_stack([convert(numbers[:, k], u, "mm") for k, u in enumerate(self.lengths)])
         turn = np.column_stack([convert(numbers[:, 3 + k], u, "rad") for k, u in enumerate(self.angles)])
-        return _poses(lie.exp_so3(turn), place)
+        return lie.pose_of(lie.exp_so3(turn), place)
 
     def numbers(self, poses: Array, near: Array) -> Array:
         turn = lie.log_so3(poses[:, :3, :3])
@@ -99,10 +98,9 @@ class RotationVector:
         )
 
 
-def _poses(rotations: Array, positions: Array) -> Array:
-    out = np.tile(np.eye(4), (len(positions), 1, 1))
-    out[:, :3, :3], out[:, :3, 3] = rotations, positions
-    return out
+def numbers_of(form: Form, pose: Array) -> tuple[float, ...]:
+    """Return the numbers of one pose (4, 4), mm."""
+    return tuple(form.numbers(pose[None], np.zeros((1, len(form.decimals))))[0].tolist())
 
 
 def _euler(rotation: Array, old: Array) -> Array:
@@ -151,6 +149,3 @@ def written(value: float, before: str, decimals: int) -> str:
     if float(out) == 0.0:
         out = out.lstrip("-")
     return f"+{out}" if before.startswith("+") and not out.startswith("-") else out
-
-
-__all__ = ["Euler", "Form", "Quaternion", "RotationVector", "written"]

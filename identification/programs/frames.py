@@ -6,12 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.programs.program import BASE_ITSELF, LARGEST, Program, Target
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -123,6 +121,3 @@ def _rigid(numbers: tuple[float, ...]) -> bool:
 def shown_name(name: str) -> str:
     """A frame's name as a person knows it: without the place in the text that tells several apart."""
     return name.partition("@")[0]
-
-
-__all__ = ["Cell", "Frames", "Told", "shown_name"]

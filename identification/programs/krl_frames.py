@@ -177,6 +177,3 @@ def _numbered(which: str, number: str | None) -> str | None:
     if number is None or not number.isdigit():
         return None
     return BASE_ITSELF if int(number) == 0 else f"{which}_DATA[{int(number)}]"
-
-
-__all__ = ["WORDS", "Motion", "Stand", "fdats", "frames", "motions", "stated"]

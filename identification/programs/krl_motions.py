@@ -7,15 +7,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.programs.flow import Assignment, Flow
-from truepose.identification.programs.forms import Euler
+from truepose.identification.programs.forms import Euler, numbers_of
 from truepose.identification.programs.krl_frames import WORDS, Motion, Stand, motions, stated
 from truepose.identification.programs.program import Left, Lines, Span, Target, numbers_in, shown
-from truepose.identification.programs.roles import Going, copies_of
+from truepose.identification.programs.roles import SEVERAL, Going, worked_out
 
-Array = NDArray[np.float64]
 FIXED = "#TCP"
 """Name of the tool of motions whose tool stands in the cell."""
 _ASSIGNED = re.compile(
@@ -23,6 +22,7 @@ _ASSIGNED = re.compile(
     r"(?P<part>(?:\.\w+)*)[ \t]*=(?!=)[ \t]*(?P<value>[^\r\n]*)"
 )
 _NAME = re.compile(r"[A-Za-z_]\w*")
+_UNKNOWN = "its value is worked out while the program runs"
 _UNSURE = "its base or its tool may have several values there"
 Key = tuple[bool, int]
 """A literal: whether it is in the file beside, and where it begins."""
@@ -108,7 +108,7 @@ class Motions:
             return name
         own = f"{name}@{'beside:' if other else ''}{at}"
         if pose is not None:
-            self.frames[own] = tuple(Euler().numbers(pose[None], np.zeros((1, 6)))[0].tolist())
+            self.frames[own] = numbers_of(Euler(), pose)
         return own
 
     def _take_name(self, other: bool, span: Span, going: Going) -> bool:
@@ -124,8 +124,13 @@ class Motions:
             mask = self.masks[key[0]]
             if mask.startswith("{", one.start) and ":" not in outside(mask[one.start : one.end]):
                 self.goings.setdefault(key, []).append(going)
-            elif (pose := self._pose(other, span)) is not None and not other and not one.partly:
+            elif other or one.partly:
+                continue
+            elif (pose := self._pose(other, span)) is not None:
                 self._work_out(name, pose, going)
+            else:
+                why = _UNKNOWN if len(reaching) == 1 else SEVERAL
+                self.left.append(Left(self.lines.of(going.place), name, why))
         if not reaching and not other and not going.within:
             why = "its value is in neither this text nor the file beside it"
             self.left.append(Left(self.lines.of(going.place), shown(self.masks[0][slice(*span)]), why))
@@ -134,16 +139,12 @@ class Motions:
     def _work_out(self, name: str, pose: Array, going: Going) -> None:
         """A target that has the value of an expression of constants: the motion gets a copy."""
         self.features.update(self._parts)
-        values = Euler().numbers(pose[None], np.zeros((1, 6)))[0].tolist()
-        literal = "{" + ",".join(f"{axis} {v:.6f}" for axis, v in zip("XYZABC", values, strict=True)) + "}"
-        numbers = tuple(numbers_in(literal, 0, len(literal)))
-        copies = copies_of(literal, (0, len(literal)), numbers, (going.name or (0, 0),))
-        self.worked_out.append(
-            Target(
-                self.lines.of(going.place), name, "pose", numbers, (), going.base, going.tool, going.place,
-                within=going.within, places=(going.place,), copies=copies,
-            )
-        )  # fmt: skip
+        pairs = zip("XYZABC", numbers_of(Euler(), pose), strict=True)
+        literal = "{" + ",".join(f"{axis} {v:.6f}" for axis, v in pairs) + "}"
+        bare = Target(0, name, "pose", tuple(numbers_in(literal, 0, len(literal))))
+        self.worked_out += worked_out(
+            replace(going, loose=False), going.name or (0, 0), bare, literal, self.lines
+        )
 
     def _frame(self, other: bool, span: Span) -> str | None:
         """The name of a pose that another is in, its numbers known; None where they are not, or may be several."""
@@ -151,7 +152,7 @@ class Motions:
         if pose is None:
             return None
         name = f"{shown(self.masks[other][slice(*span)])}@{'beside:' if other else ''}{span[0]}"
-        self.frames[name] = tuple(Euler().numbers(pose[None], np.zeros((1, 6)))[0].tolist())
+        self.frames[name] = numbers_of(Euler(), pose)
         return name
 
     def _pose(self, other: bool, span: Span, depth: int = 0) -> Array | None:
@@ -208,6 +209,3 @@ def outside(text: str) -> str:
 def _constant(text: str) -> Array | None:
     numbers = stated(text)
     return None if numbers is None else np.asarray(Euler().poses(np.array([numbers]))[0])
-
-
-__all__ = ["FIXED", "Key", "Motions", "factors", "outside"]

@@ -32,7 +32,7 @@ from truepose.identification.programs.program import (
     parts,
     shown,
 )
-from truepose.identification.programs.roles import SEVERAL, Going, Way, copies_of, ways_to
+from truepose.identification.programs.roles import Going, Way, targets_of, unsure, ways_to
 from truepose.models.machine import Machine
 
 _COMMENT = r";[^\r\n]*|(?m:^[ \t]*&[^\r\n]*)"
@@ -202,46 +202,31 @@ class _Reader:
             self._leave(begin, span[1], f"external axes are in use ({used})")
             return
         stand = self.taught.get(name.partition("[")[0], Stand(None, None))
-        bare = Going(stand.base, (), FIXED if stand.fixed else stand.tool, begin)
+        by_itself = Going(stand.base, (), FIXED if stand.fixed else stand.tool, begin, elsewhere=True)
         numbers = tuple(fields[f] for f in names)
         configured = {"S", "T"} <= set(fields) and kind == "pose"
         configuration = (fields["S"], fields["T"]) if configured else ()
         is_frame = (self.beside, span[0]) in self.went.features
-        ways = ways_to(goings, is_frame=is_frame, in_frames=kind == "pose") or [Way((bare,), None)]
+        ways = ways_to(goings, is_frame=is_frame, in_frames=kind == "pose") or [Way((by_itself,), None)]
         for way in ways:
             if way.names is not None or not self.beside:
-                self._way(way, Target(0, name, kind, numbers, configuration), goings, begin, span)
+                self._way(way, Target(0, name, kind, numbers, configuration, place=begin), span)
         if not self.beside and ways[0].names is not None and any(one.elsewhere for one in goings):
             told = sorted({_stand_words(one) for one in goings})
             self._leave(
                 begin, span[1], f"used with several frames ({'; '.join(told)}): its motions get copies"
             )
 
-    def _way(self, way: Way, target: Target, goings: list[Going], begin: int, span: Span) -> None:
+    def _way(self, way: Way, bare: Target, span: Span) -> None:
         """Motions to a constant in the same frames: it is changed itself, or each of them gets a copy."""
-        own = [one for one in way.goings if not one.elsewhere]
-        if way.names is not None:
-            lost = [one for one in own if one.span is None]
-            self.found.left += [Left(self.lines.of(one.place), target.name, SEVERAL) for one in lost]
-            own = [one for one in own if one.span is not None]
-            if not own:
-                return
-        first = way.goings[0] if way.names is None else own[0]
-        at = begin if way.names is None else first.place
-        if first.tool == FIXED and target.kind == "pose":
-            why = "the tool is fixed in the cell and the robot holds the part (#TCP)"
-            self.found.left.append(Left(self.lines.of(at), shown(self.mask[begin : span[1]]), why))
-            return
-        tool = None if first.tool == FIXED else first.tool
-        copies = copies_of(self.mask, span, [*target.numbers, *target.configuration], way.names)
-        line = self.lines.of(span[0] if way.names is None else at)
-        places = tuple(one.place for one in own) if goings else ()
-        self.found.targets.append(
-            replace(
-                target, line=line, base=first.base, tool=tool, place=places[0] if places else begin,
-                loose=bool(goings) and all(one.loose for one in way.goings), within=first.within, places=places, copies=copies,
-            )
-        )  # fmt: skip
+        self.found.left += unsure(way, bare.name, self.lines)
+        for target in targets_of(way, bare, self.mask, span, self.lines):
+            if target.tool == FIXED and target.kind == "pose":
+                why = "the tool is fixed in the cell and the robot holds the part (#TCP)"
+                at = bare.place if way.names is None else target.place
+                self.found.left.append(Left(self.lines.of(at), shown(self.mask[bare.place : span[1]]), why))
+            else:
+                self.found.targets.append(replace(target, tool=None if target.tool == FIXED else target.tool))
 
     def _axes(self, fields: dict[str, Number]) -> tuple[str, ...]:
         """Names of the robot's axes; a robot of fewer than six has no others, or they are 0."""
@@ -278,6 +263,3 @@ def _fields(mask: str, start: int, end: int) -> dict[str, Number] | None:
             return None
         out[m.group(1).upper()] = Number(m.start(2), m.end(2), m.group(2))
     return out
-
-
-__all__ = ["Kuka"]

@@ -6,16 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.programs.branches import Branches
 from truepose.identification.programs.configurations import Configuration
 from truepose.identification.programs.frames import Told
 from truepose.identification.programs.program import Left, Program, Target
 from truepose.identification.programs.robot import Robot
 from truepose.models.units import convert
-
-Array = NDArray[np.float64]
 
 _OTHER = 1e-3
 """rad, mm: joints that differ by more are another solution."""
@@ -137,6 +135,3 @@ def joint_values(robot: Robot, program: Program, values: Sequence[float]) -> Arr
     """(nq,) joints, mm and rad, of a text's numbers."""
     units = joint_units(robot, program)
     return np.array([convert(v, unit, inside) for v, (inside, unit) in zip(values, units, strict=True)])
-
-
-__all__ = ["Meant", "by_tool", "joint_units", "joint_values", "meant_of"]

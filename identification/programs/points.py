@@ -55,7 +55,7 @@ class Points:
                 f"table: missing column {missing[0]!r}, expected the joints {', '.join(readings)}, or the tool's poses in "
                 f"{', '.join(AXIS_UNITS)}"
             )
-        kinds = _kinds(machine) if joints else AXIS_UNITS
+        kinds = machine.mechanism.reading_units if joints else AXIS_UNITS
         own = {n: _unit(machine, n, kinds[n], units[n], joints=joints) for n in wanted}
         targets, left = _targets(text, rows, [place[n] for n in wanted], "joints" if joints else "pose")
         again = functools.partial(self.read, machine=machine)
@@ -115,10 +115,6 @@ def _number(text: str, start: int, end: int) -> Number | None:
         return None
     at = start + cell.index(bare)
     return Number(at, at + len(bare), bare)
-
-
-def _kinds(machine: Machine) -> Mapping[str, str]:
-    return {a.reading: a.reading_unit for a in machine.mechanism.actuators}
 
 
 def _unit(machine: Machine, name: str, kind: str, stated: str | None, *, joints: bool) -> str:

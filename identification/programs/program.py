@@ -196,28 +196,3 @@ def replaced(text: str, edits: Iterable[tuple[int, int, str]]) -> str:
 def in_order(left: Sequence[Left]) -> tuple[Left, ...]:
     """By line, each once."""
     return tuple(sorted(dict.fromkeys(left), key=lambda one: one.line))
-
-
-__all__ = [
-    "BASE_ITSELF",
-    "LARGEST",
-    "NUMBER",
-    "PROGRAM_MOST",
-    "WHOLE_NUMBER",
-    "Copies",
-    "Dialect",
-    "Kind",
-    "Left",
-    "Lines",
-    "Number",
-    "Program",
-    "Span",
-    "Target",
-    "closing",
-    "in_order",
-    "masked",
-    "numbers_in",
-    "parts",
-    "replaced",
-    "shown",
-]

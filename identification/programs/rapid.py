@@ -30,7 +30,7 @@ from truepose.identification.programs.program import (
 from truepose.identification.programs.rapid_frames import Cell, Move, Moves, cell_of, moves
 from truepose.identification.programs.rapid_offsets import Offset, offset_of
 from truepose.identification.programs.rapid_statements import Statement, literals, statements
-from truepose.identification.programs.roles import SEVERAL, Going, Way, copies_of, ways_to
+from truepose.identification.programs.roles import Going, Way, targets_of, unsure, ways_to, worked_out
 from truepose.models.machine import Machine
 
 _COMMENT = r"![^\r\n]*"
@@ -141,32 +141,23 @@ class _Reader:
             self._leave(m.start(), f"{name} := {shown(m.group(), 40)}", why)
             return
         kind: Kind = "pose" if is_pose else "joints"
-        bare = Way((Going(None, (), None, m.start()),), None)
-        for way in ways_to(goings, is_frame=False, in_frames=is_pose) or [bare]:
-            first = way.goings[0]
-            if way.names is not None:
-                self.left += [Left(self.lines.of(g.place), name, SEVERAL) for g in way.goings if not g.sure]
-            if way.names == ():
-                continue
-            at = m.start() if way.names is None else first.place
-            if is_pose and (why := self._held(first)) is not None:
-                self._leave(at, f"{name} := {shown(m.group(), 40)}", why)
-                continue
-            places = tuple(g.place for g in way.goings if way.names is None or g.sure) if goings else ()
-            copies = copies_of(self.mask, m.span(), [*own, *configuration], way.names)
-            self.targets.append(
-                Target(
-                    self.lines.of(at), name, kind, tuple(own), tuple(configuration), first.base, first.tool, first.place,
-                    loose=bool(goings) and all(g.loose for g in way.goings), places=places, copies=copies,
-                )
-            )  # fmt: skip
+        bare = Target(0, name, kind, tuple(own), tuple(configuration), place=m.start())
+        by_itself = Way((Going(None, (), None, m.start(), elsewhere=True),), None)
+        for way in ways_to(goings, is_frame=False, in_frames=is_pose) or [by_itself]:
+            self.left += unsure(way, name, self.lines)
+            for target in targets_of(way, bare, self.mask, m.span(), self.lines):
+                at = m.start() if way.names is None else target.place
+                if is_pose and (why := self._held(target)) is not None:
+                    self._leave(at, f"{name} := {shown(m.group(), 40)}", why)
+                else:
+                    self.targets.append(target)
 
     def _axes(self, numbers: list[Number]) -> list[Number]:
         """Values of the robot's axes; of a robot of fewer than six the others are not in use."""
         unused = all(n.value in _NOT_IN_USE for n in numbers[self.count :])
         return numbers[: self.count] if unused else numbers
 
-    def _held(self, going: Going) -> str | None:
+    def _held(self, going: Going | Target) -> str | None:
         """Why nobody knows where the frames of a motion are."""
         names = [name for name in (going.base, going.tool) if name in self.cell.moved]
         return f"{names[0]}: {self.cell.moved[names[0]]}" if names and names[0] else None
@@ -196,13 +187,8 @@ class _Reader:
             return False
         literal = offset.literal(m.group(), numbers_in(m.group(), 0, len(m.group())))
         new = numbers_in(literal, 0, len(literal))
-        self.targets.append(
-            Target(
-                self.lines.of(going.place), shown(self.mask[slice(*move.span)]), "pose", tuple(new[:7]), tuple(new[7:11]),
-                going.base, going.tool, going.place, loose=going.loose, places=(going.place,),
-                copies=copies_of(literal, (0, len(literal)), new[:11], (move.span,)),
-            )
-        )  # fmt: skip
+        bare = Target(0, shown(self.mask[slice(*move.span)]), "pose", tuple(new[:7]), tuple(new[7:11]))
+        self.targets += worked_out(going, move.span, bare, literal, self.lines)
         return True
 
     def _leave(self, place: int, what: str, why: str) -> None:
@@ -240,6 +226,3 @@ def _computed(mask: str, lines: Lines, statements: Iterable[Statement], followed
         if one.partly:
             why = "the program changes a target while it runs; what it writes is not corrected"
             yield Left(lines.of(one.start), shown(mask[one.start : one.end].rstrip("; ")), why, computed=True)
-
-
-__all__ = ["Rapid"]

@@ -8,12 +8,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose.arrays import Array
 from truepose.identification.programs.program import LARGEST, NUMBER, Span, parts
 
-Array = NDArray[np.float64]
 _TEXT = r'(?:"(?:[^"]|"")*"|\w+)'
 _POSE = (
     r"\[\s*\[\s*"
@@ -62,9 +61,6 @@ class Moves:
     ends: list[int]
     moves: list[Move]
     others: list[Move]
-
-    def of_name(self, name: str) -> list[Move]:
-        return self.names.get(name, [])
 
     def of_place(self, start: int) -> list[Move]:
         k = bisect.bisect_right(self.starts, start) - 1
@@ -156,6 +152,3 @@ def _product(first: Array, second: Array) -> tuple[float, ...]:
     place = first[:3] + a.apply(second[:3])
     x, y, z, w = (a * b).as_quat()
     return (*place.tolist(), w, x, y, z)
-
-
-__all__ = ["Cell", "Move", "Moves", "cell_of", "moves"]

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose.arrays import Array
 from truepose.identification.programs.forms import Quaternion
 from truepose.identification.programs.program import NUMBER, Number, Span, replaced
+from truepose.models.lie import pose_of
 
-Array = NDArray[np.float64]
 _CALL = re.compile(
     r"(?i)(?P<how>Offs|RelTool)\s*\(\s*(?P<name>\w+)"
     + "".join(rf"\s*,\s*(?P<{axis}>{NUMBER})" for axis in "xyz")
@@ -46,16 +46,10 @@ def offset_of(mask: str, span: Span) -> Offset | None:
     m = _CALL.fullmatch(mask, *span)
     if m is None:
         return None
-    moved = np.eye(4)
-    moved[:3, 3] = [float(m[axis]) for axis in "xyz"]
     turns = {t["axis"].lower(): float(t["deg"]) for t in _TURN.finditer(m["turns"])}
     of_tool = m["how"].lower() == "reltool"
     if turns and not of_tool:
         return None
-    moved[:3, :3] = Rotation.from_euler(
-        "XYZ", [turns.get(axis, 0.0) for axis in "xyz"], degrees=True
-    ).as_matrix()
+    turn = Rotation.from_euler("XYZ", [turns.get(axis, 0.0) for axis in "xyz"], degrees=True).as_matrix()
+    moved = pose_of(turn, [float(m[axis]) for axis in "xyz"])
     return Offset(m["name"].lower(), moved, of_tool)
-
-
-__all__ = ["Offset", "offset_of"]

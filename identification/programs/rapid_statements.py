@@ -70,6 +70,3 @@ def literals(mask: str, statement: Statement) -> Iterator[tuple[re.Match[str], b
     for pattern in (_ROBTARGET, _JOINTTARGET):
         for m in pattern.finditer(mask, statement.start, statement.end):
             yield m, pattern is _ROBTARGET
-
-
-__all__ = ["Statement", "literals", "statements"]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.compensation.compiled import base_frame
 from truepose.identification.compensation.inverse import PoseSolver
@@ -17,8 +17,6 @@ from truepose.models.machine import Machine
 from truepose.models.mechanism import AXES
 from truepose.models.task import WHOLE
 from truepose.wording import close_matches
-
-Array = NDArray[np.float64]
 
 
 class Robot:
@@ -95,6 +93,3 @@ class Robot:
         return np.array(
             [told.get(name, value) for name, value in zip(self.solver.model.names, p, strict=True)]
         )
-
-
-__all__ = ["Robot"]

@@ -7,9 +7,9 @@ same frames and nothing takes it for a frame. Otherwise it stays, and each motio
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-from truepose.identification.programs.program import Copies, Number, Span
+from truepose.identification.programs.program import Copies, Left, Lines, Span, Target
 
 SEVERAL = "motions go to it in several ways, and what they name may have several values there"
 
@@ -59,14 +59,30 @@ def ways_to(goings: Sequence[Going], *, is_frame: bool, in_frames: bool) -> list
     ]
 
 
-def copies_of(
-    text: str, literal: Span, numbers: Sequence[Number], names: tuple[Span, ...] | None
-) -> Copies | None:
-    """Return what is written at ``names`` for a literal of a text; None where it is changed itself."""
-    if names is None:
-        return None
-    start, end = literal
-    return Copies(text[start:end], tuple((n.start - start, n.end - start) for n in numbers), names)
+def targets_of(way: Way, bare: Target, text: str, literal: Span, lines: Lines) -> list[Target]:
+    """Return the target that motions of one way go to, given what ``literal`` in a text says of it; none where none may get a
+    copy."""
+    own = [one for one in way.goings if not one.elsewhere and (way.names is None or one.span is not None)]
+    if way.names is not None and not own:
+        return []
+    (start, end), first = literal, way.goings[0] if way.names is None else own[0]
+    spans = tuple((n.start - start, n.end - start) for n in (*bare.numbers, *bare.configuration))
+    places = tuple(one.place for one in own)
+    target = replace(
+        bare, line=lines.of(start if way.names is None else first.place), base=first.base, tool=first.tool,
+        place=places[0] if places else bare.place, near=first.near, loose=all(one.loose for one in way.goings),
+        within=first.within, places=places, copies=None if way.names is None else Copies(text[start:end], spans, way.names),
+    )  # fmt: skip
+    return [target]
 
 
-__all__ = ["SEVERAL", "Going", "Way", "copies_of", "ways_to"]
+def worked_out(going: Going, name: Span, bare: Target, literal: str, lines: Lines) -> list[Target]:
+    """Return the target of a motion to what the text works out: a ``literal`` that is written where the motion names it."""
+    way = Way((replace(going, name=name, sure=True),), (name,))
+    return targets_of(way, bare, literal, (0, len(literal)), lines)
+
+
+def unsure(way: Way, name: str, lines: Lines) -> list[Left]:
+    """Return the motions of a way that should get a copy and may not."""
+    lost = [one for one in way.goings if one.span is None and not one.elsewhere]
+    return [] if way.names is None else [Left(lines.of(one.place), name, SEVERAL) for one in lost]

@@ -11,15 +11,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError, ReadBackError
 from truepose.identification.programs.frames import Frames, Told
 from truepose.identification.programs.meaning import Meant, by_tool, joint_values
 from truepose.identification.programs.program import Program, Target, replaced
 from truepose.identification.programs.robot import Robot
 
-Array = NDArray[np.float64]
 MISSED = 0.01
 """mm, and as an angle at the reach of the machine: no motion of a corrected program may end farther from where it should.
 Written numbers are rounded to a tenth of a micrometre."""
@@ -173,6 +172,3 @@ def _commands(
         if target.kind == "joints":
             q[row] = joint_values(robot, program, values[row])
     return q
-
-
-__all__ = ["MISSED", "Solved", "edits_of", "read_again", "run"]

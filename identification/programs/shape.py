@@ -9,13 +9,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Mask
 from truepose.models.export.tree import Tree, TreeJoint, tree_of, turn
 from truepose.models.machine import Machine
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 class ArmShape:
@@ -74,6 +71,3 @@ def _nearest(line: tuple[Array, Array], other: tuple[Array, Array]) -> Array:
         return a
     out: Array = a + u * float(np.linalg.det(np.array([b - a, v, across]))) / square
     return out
-
-
-__all__ = ["ArmShape"]

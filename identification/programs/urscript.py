@@ -24,7 +24,7 @@ from truepose.identification.programs.program import (
     numbers_in,
     shown,
 )
-from truepose.identification.programs.roles import SEVERAL, Way, copies_of, ways_to
+from truepose.identification.programs.roles import targets_of, unsure, ways_to
 from truepose.identification.programs.urscript_motions import IN_FORCE, LITERAL, SET_TCP, Motions
 from truepose.models.machine import Machine
 
@@ -63,16 +63,11 @@ class UrScript:
             goings = motions.goings.get(m.start(), [])
             if not goings and m.start() not in motions.features:
                 left += _unused(mask, m, name, lines)
-            is_pose = m["pose"] is not None
-            for way in ways_to(goings, is_frame=m.start() in motions.features, in_frames=is_pose):
-                if way.names != ():
-                    targets.append(_target(mask, m, name or "literal", way, lines))
-                if way.names is not None:
-                    left += [
-                        Left(lines.of(one.place), name or "literal", SEVERAL)
-                        for one in way.goings
-                        if not one.sure
-                    ]
+            for way in ways_to(
+                goings, is_frame=m.start() in motions.features, in_frames=m["pose"] is not None
+            ):
+                targets += targets_of(way, _bare(mask, m, name or "literal"), mask, m.span(), lines)
+                left += unsure(way, name or "literal", lines)
         left += _changed(mask, {t.name for t in targets}, lines)
         return Program(
             text, tuple(targets), in_order(left), _FORM, {"rad": "rad", "mm": "m"}, motions.frames,
@@ -80,19 +75,10 @@ class UrScript:
         )  # fmt: skip
 
 
-def _target(mask: str, m: re.Match[str], name: str, way: Way, lines: Lines) -> Target:
-    is_pose = m["pose"] is not None
-    numbers = tuple(numbers_in(mask, m.end("pose") if is_pose else m.start(), m.end()))
-    kind: Kind = "pose" if is_pose else "joints"
-    first, places = way.goings[0], tuple(one.place for one in way.goings)
-    line = lines.of(m.start() if way.names is None else first.place)
-    copies = copies_of(mask, m.span(), numbers, way.names)
-    if copies is not None:
-        places = tuple(one.place for one in way.goings if one.sure)
-    return Target(
-        line, name, kind, numbers, (), first.base, first.tool, first.place, first.near, within=first.within,
-        places=places, copies=copies,
-    )  # fmt: skip
+def _bare(mask: str, m: re.Match[str], name: str) -> Target:
+    """Return what a literal says of a target by itself."""
+    kind: Kind = "joints" if m["pose"] is None else "pose"
+    return Target(0, name, kind, tuple(numbers_in(mask, max(m.start(), m.end("pose")), m.end())))
 
 
 def _assignments(mask: str) -> Iterator[Assignment]:
@@ -130,6 +116,3 @@ def _changed(mask: str, names: set[str], lines: Lines) -> Iterator[Left]:
         if m["name"] in names:
             why = "the program changes a target while it runs; what it writes is not corrected"
             yield Left(lines.of(m.start("what")), shown(m["what"]), why, computed=True)
-
-
-__all__ = ["UrScript"]

@@ -6,10 +6,10 @@ import re
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.programs.flow import Flow
-from truepose.identification.programs.forms import RotationVector
+from truepose.identification.programs.forms import RotationVector, numbers_of
 from truepose.identification.programs.program import (
     NUMBER,
     Left,
@@ -21,9 +21,8 @@ from truepose.identification.programs.program import (
     parts,
     shown,
 )
-from truepose.identification.programs.roles import SEVERAL, Going, copies_of
+from truepose.identification.programs.roles import SEVERAL, Going, worked_out
 
-Array = NDArray[np.float64]
 _SIX = r"\[\s*" + r"\s*,\s*".join([NUMBER] * 6) + r"\s*\]"
 LITERAL = re.compile(rf"(?:(?P<pose>(?<!\w)p[ \t]*)|(?<![\w\]])){_SIX}")
 _CALL = re.compile(r"\b(?P<what>movej|movel|movep|movec|servoj|servoc|get_inverse_kin)\s*\(")
@@ -127,16 +126,10 @@ class Motions:
         if not going.sure or going.name is None:
             self._leave(going, name, SEVERAL)
             return
-        values = self.form.numbers(pose[None], np.zeros((1, 6)))[0]
-        literal = f"p[{', '.join(f'{v:.1f}' if v == 0 else f'{v:.10f}' for v in values.tolist())}]"
-        numbers = tuple(numbers_in(literal, 1, len(literal)))
-        copies = copies_of(literal, (0, len(literal)), numbers, (going.name,))
-        self.worked_out.append(
-            Target(
-                self.lines.of(going.place), name, "pose", numbers, (), going.base, going.tool, going.place,
-                within=going.within, places=(going.place,), copies=copies,
-            )
-        )  # fmt: skip
+        values = numbers_of(self.form, pose)
+        literal = f"p[{', '.join(f'{v:.1f}' if v == 0 else f'{v:.10f}' for v in values)}]"
+        bare = Target(0, name, "pose", tuple(numbers_in(literal, 1, len(literal))))
+        self.worked_out += worked_out(going, going.name, bare, literal, self.lines)
 
     def _leave(self, going: Going, what: str, why: str) -> None:
         self.left.append(Left(self.lines.of(going.place), shown(what), why))
@@ -151,7 +144,7 @@ class Motions:
             return None if len(reaching) > 1 else shown(piece)
         alone = named and len(self.flow.assigned(piece)) == 1
         name = piece if alone else f"{shown(piece)}@{reaching[0].start if reaching else span[0]}"
-        self.frames[name] = tuple(self.form.numbers(pose[None], np.zeros((1, 6)))[0].tolist())
+        self.frames[name] = numbers_of(self.form, pose)
         return name
 
     def _pose(self, span: Span, depth: int = 0) -> Array | None:
@@ -209,7 +202,7 @@ class Motions:
             pose = self._pose(span)
             out[m.start()] = name = shown(self.mask[slice(*span)]) if pose is None else f"set_tcp@{m.start()}"
             if pose is not None:
-                self.frames[name] = tuple(self.form.numbers(pose[None], np.zeros((1, 6)))[0].tolist())
+                self.frames[name] = numbers_of(self.form, pose)
         return out
 
     def _bare(self, span: Span) -> Span:
@@ -217,6 +210,3 @@ class Motions:
         piece = self.mask[slice(*span)]
         start = span[0] + len(piece) - len(piece.lstrip())
         return start, max(start, span[1] - len(piece) + len(piece.rstrip()))
-
-
-__all__ = ["IN_FORCE", "LITERAL", "SET_TCP", "Motions"]

@@ -14,13 +14,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.recording.recording import Recording, frozen
 from truepose.models.couplings import turns_freely
 from truepose.models.home import home_readings
 from truepose.models.machine import Machine
 from truepose.models.units import convert
 
-Array = NDArray[np.float64]
 TURN = 2.0 * np.pi
 WHOLE_ARC = 0.9
 """Share of the arc about home below which the arc from home on is the one that was travelled."""

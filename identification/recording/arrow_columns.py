@@ -15,7 +15,7 @@ import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.compute as pc  # type: ignore[import-untyped]
 import pyarrow.parquet as pq  # type: ignore[import-untyped]
 
-from truepose.models.units import FloatArray
+from truepose.arrays import Array
 
 
 class ArrowCells(Sequence[object]):
@@ -48,7 +48,7 @@ class ArrowCells(Sequence[object]):
         text = pa.types.is_string(told.type) or pa.types.is_large_string(told.type)
         return not len(told) or (text and not pc.any(pc.not_equal(pc.utf8_trim_whitespace(told), "")).as_py())
 
-    def numbers(self, *, lost: bool = False) -> FloatArray | None:
+    def numbers(self, *, lost: bool = False) -> Array | None:
         """(n,) values if every cell is a finite number or the plain text of one, else None.
 
         Where cells may be ``lost``, an empty one is NaN, and so is NaN itself unless it is a text.
@@ -69,7 +69,7 @@ class ArrowCells(Sequence[object]):
             values = pc.cast(cells, pa.float64(), safe=False)
         except pa.ArrowException:
             return None
-        out: FloatArray = np.array(values, dtype=np.float64)
+        out: Array = np.array(values, dtype=np.float64)
         return out if np.count_nonzero(~np.isfinite(out)) == cells.null_count else None
 
 
@@ -100,7 +100,7 @@ class StackedCells(ArrowCells):
         """Whether no cell holds anything but blanks."""
         return all(part.empty for part in self._parts())
 
-    def numbers(self, *, lost: bool = False) -> FloatArray | None:
+    def numbers(self, *, lost: bool = False) -> Array | None:
         """(n,) as of ``ArrowCells``, filled part by part."""
         return _stacked(self._parts(), self._rows, lost=lost)
 
@@ -115,13 +115,13 @@ class TextCells(StackedCells):
         self,
         rows: int,
         written: Callable[[], Iterable[ArrowCells]],
-        kept: Sequence[ArrowCells | FloatArray | None],
+        kept: Sequence[ArrowCells | Array | None],
     ) -> None:
         labels = [part for part in kept if isinstance(part, ArrowCells)]
         super().__init__(rows, written if len(labels) < len(kept) else lambda: labels)
         self._kept = kept
 
-    def numbers(self, *, lost: bool = False) -> FloatArray | None:
+    def numbers(self, *, lost: bool = False) -> Array | None:
         """(n,) as of ``ArrowCells``; the file is not read again."""
         kept = [part for part in self._kept if part is not None]
         if len(kept) < len(self._kept):
@@ -141,7 +141,7 @@ def parquet_cells(path: Path, name: str, rows: int) -> StackedCells:
     return StackedCells(rows, parts)
 
 
-def _stacked(parts: Iterable[ArrowCells], rows: int, *, lost: bool) -> FloatArray | None:
+def _stacked(parts: Iterable[ArrowCells], rows: int, *, lost: bool) -> Array | None:
     """(rows,) numbers of all parts, None where one has none."""
     out, at = np.empty(rows), 0
     for part in parts:
@@ -151,6 +151,3 @@ def _stacked(parts: Iterable[ArrowCells], rows: int, *, lost: bool) -> FloatArra
         out[at : at + len(own)] = own
         at += len(own)
     return out
-
-
-__all__ = ["ArrowCells", "StackedCells", "TextCells", "parquet_cells"]

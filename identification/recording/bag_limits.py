@@ -131,6 +131,3 @@ def _ros1_chunk(stream: Any, fields: dict[bytes, bytes], length: int, at: int, p
 
 def _wrong(path: Path, found: str, expected: str) -> InputError:
     return InputError(f"{path}: cannot read the bag: found {found}, expected {expected}")
-
-
-__all__ = ["FILES_MOST", "METADATA_MOST", "check_bag"]

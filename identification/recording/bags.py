@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.recording.arrow_columns import ArrowCells
 from truepose.identification.recording.bag_limits import check_bag
@@ -24,7 +24,6 @@ from truepose.identification.recording.settled import BAND, SECONDS, Average, St
 from truepose.identification.recording.text import SI, TextTable
 from truepose.wording import cut, joined, shortened
 
-Array = NDArray[np.float64]
 _AXES: Final = (("x", "m"), ("y", "m"), ("z", "m"), ("rx", "rad"), ("ry", "rad"), ("rz", "rad"))
 _POINT, _FRAME = "PointStamped", "TFMessage"
 _TYPES: Final = {

@@ -14,12 +14,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import correlate
 
+from truepose.arrays import Array, Index, Mask
 from truepose.errors import InputError
 
-Array = NDArray[np.float64]
 Joints = Callable[[Array], Array]
 """Joints (k, nj) at times (k,) of the log: rad of those that turn, any unit of those that slide."""
 _GRID = 1 << 16
@@ -67,7 +66,7 @@ class Motion:
     place: Array
     joints: Joints
     span: tuple[float, float]
-    slides: NDArray[np.bool_]
+    slides: Mask
     step: float
 
 
@@ -168,7 +167,7 @@ def _least(motion: Motion) -> int:
     return 2 * max(features, _BLOCKS)
 
 
-def _settled(motion: Motion, lag: float, step: float, rows: NDArray[np.intp]) -> tuple[Clock, float]:
+def _settled(motion: Motion, lag: float, step: float, rows: Index) -> tuple[Clock, float]:
     """The clock from a start ``lag`` by samples ``rows``, and the rms (mm or whatever the place is in) that is left of those
     not fitted."""
     time, place = motion.time[rows], motion.place[rows]
@@ -185,7 +184,7 @@ def _settled(motion: Motion, lag: float, step: float, rows: NDArray[np.intp]) ->
     return clock, _held_out(motion, clock.of_log(time), place).rms
 
 
-def _moving(motion: Motion, lag: float, step: float) -> NDArray[np.intp]:
+def _moving(motion: Motion, lag: float, step: float) -> Index:
     """Samples at which the probe moves and the log has joints, at most ``_ROWS`` of them."""
     with np.errstate(all="ignore"):  # samples at next to the same time tell no speed
         speed = np.linalg.norm(np.gradient(motion.place, motion.time, axis=0), axis=1)

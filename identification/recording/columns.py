@@ -46,210 +46,110 @@ def _missing(name: str) -> str:
     return f"{driver.default:g} {driver.unit({})}".strip()
 
 
+def _number(name: str, unit: str, text: str, default: str = "", *sensors: str) -> KnownColumn:
+    return KnownColumn(name, "number", unit, text, default, sensors)
+
+
+def _reading(name: str, unit: str, text: str, *sensors: str) -> KnownColumn:
+    return _number(name, unit, text, "", *sensors)
+
+
 JOINTS: Final = (
-    KnownColumn(
+    _number(
         "<joint>",
-        "number",
         "reading",
         "Reading of a joint, as commanded or as its encoder says. Every joint of the machine has a column.",
     ),
 )
 READINGS: Final = (
+    *(_reading(axis, "length", f"{axis} of the tool frame's origin.", "pose", "position") for axis in "xyz"),
     *(
-        KnownColumn(
-            axis, "number", "length", f"{axis} of the tool frame's origin.", sensor=("pose", "position")
-        )
+        _reading(f"r{axis}", "angle", f"{axis} of the rotation vector: axis times angle, no Euler angle.", "pose")
         for axis in "xyz"
     ),
     *(
-        KnownColumn(
-            axis,
-            "number",
-            "angle",
-            f"{axis[1]} of the rotation vector: axis times angle, no Euler angle.",
-            sensor=("pose",),
-        )
-        for axis in ("rx", "ry", "rz")
-    ),
-    *(
-        KnownColumn(
-            f"<target>.{axis}",
-            "number",
-            "length",
+        _reading(
+            f"<target>.{axis}", "length",
             f"{axis} of a target, by its name in `points`; of the frame that a sensor with a `name` reads.",
-            sensor=("targets", "pose", "position"),
+            "targets", "pose", "position",
         )
         for axis in "xyz"
     ),
     *(
-        KnownColumn(
-            f"<sensor>.{axis}",
-            "number",
-            "angle",
-            f"{axis[1]} of the rotation vector of a sensor that has a `name`.",
-            sensor=("pose",),
-        )
-        for axis in ("rx", "ry", "rz")
-    ),
-    KnownColumn(
-        "dL",
-        "number",
-        "length",
-        "Change of the distance since the row that `from` names.",
-        sensor=("distance", "irradiance"),
-    ),
-    KnownColumn("length", "number", "length", "Distance between the balls of the bar.", sensor=("ballbar",)),
-    KnownColumn(
-        "<bar>.length",
-        "number",
-        "length",
-        "The same of a bar that has a `name`.",
-        sensor=("ballbar",),
-    ),
-    *(
-        KnownColumn(name, "number", "angle", text, sensor=("direction",))
-        for name, text in (
-            ("azimuth", "First angle of a direction, where `angles` names no other."),
-            ("elevation", "Second angle of a direction, where `angles` names no other."),
-            ("<direction>.<angle>", "Either angle of a direction that has a `name`: `star.ha`."),
-        )
-    ),
-    *(
-        KnownColumn(f"u{axis}", "number", "", f"{axis} of a direction's unit vector.", sensor=("direction",))
+        _reading(f"<sensor>.r{axis}", "angle", f"{axis} of the rotation vector of a sensor that has a `name`.", "pose")
         for axis in "xyz"
     ),
-    *(
-        KnownColumn(
-            f"tilt.{axis}",
-            "number",
-            "angle",
-            f"Angle of the tool's {axis} axis above the horizon.",
-            sensor=("tilt",),
-        )
-        for axis in "xy"
-    ),
-    KnownColumn(
-        "angle.<joint>",
-        "number",
-        "reading",
-        "What an encoder on the load side of a joint, or a scale along a slide, reads; opened by the sensor's `name`.",
-        sensor=("angle",),
+    _reading("dL", "length", "Change of the distance since the row that `from` names.", "distance", "irradiance"),
+    _reading("length", "length", "Distance between the balls of the bar.", "ballbar"),
+    _reading("<bar>.length", "length", "The same of a bar that has a `name`.", "ballbar"),
+    _reading("azimuth", "angle", "First angle of a direction, where `angles` names no other.", "direction"),
+    _reading("elevation", "angle", "Second angle of a direction, where `angles` names no other.", "direction"),
+    _reading("<direction>.<angle>", "angle", "Either angle of a direction that has a `name`: `star.ha`.", "direction"),
+    *(_reading(f"u{axis}", "", f"{axis} of a direction's unit vector.", "direction") for axis in "xyz"),
+    *(_reading(f"tilt.{axis}", "angle", f"Angle of the tool's {axis} axis above the horizon.", "tilt") for axis in "xy"),
+    _reading(
+        "angle.<joint>", "reading",
+        "What an encoder on the load side of a joint, or a scale along a slide, reads; opened by the sensor's `name`.", "angle",
     ),
     KnownColumn("placement", "text", "", "Label of where the sockets stood.", sensor=("socket",)),
     KnownColumn("socket", "text", "", "Label of the socket that held the ball.", sensor=("socket",)),
     KnownColumn("set", "text", "", "Label of a mounting of the tool.", "one set", sensor=("socket",)),
-)
+)  # fmt: skip
 ORDER: Final = (
     KnownColumn(
-        "time",
-        "time",
-        "s",
+        "time", "time", "s",
         "When the row was measured, on one clock: seconds, dates (2026-05-01T10:11:12.125) or times of day. Creep, slow heat "
         "and latency need it; drift is told in hours by it, and in rows without it.",
         "the order of the rows",
     ),
     KnownColumn(
-        "session",
-        "integer",
-        "",
-        "Number of the session: what happened between two homings or mountings.",
+        "session", "integer", "", "Number of the session: what happened between two homings or mountings.",
         "each file is a session",
     ),
     KnownColumn(
-        "pose",
-        "integer",
-        "",
-        "Number of the pose. Rows of one number are repeats of it: they tell the noise.",
-        "no repeats",
+        "pose", "integer", "", "Number of the pose. Rows of one number are repeats of it: they tell the noise.", "no repeats"
     ),
     KnownColumn(
-        "from",
-        "integer",
-        "",
-        "Number of the pose that the reading is a change from: the latest earlier row that has it.",
+        "from", "integer", "", "Number of the pose that the reading is a change from: the latest earlier row that has it.",
         sensor=("distance", "irradiance"),
     ),
     KnownColumn(
-        "role",
-        "text",
-        "",
-        "`validation` keeps a row out of every fit, to judge the result by.",
-        "calibration",
+        "role", "text", "", "`validation` keeps a row out of every fit, to judge the result by.", "calibration",
         values=("calibration", "validation"),
     ),
-)
+)  # fmt: skip
 LOGGED: Final = (
-    KnownColumn(
-        "payload",
-        "number",
-        "kg",
-        "Mass carried: that of the mass called `payload`.",
-        "the machine file's, else 0 kg",
-    ),
-    KnownColumn(
-        "temperature.<place>",
-        "number",
-        "degC",
+    _number("payload", "kg", "Mass carried: that of the mass called `payload`.", "the machine file's, else 0 kg"),
+    _number(
+        "temperature.<place>", "degC",
         "Temperature of a place: `base`, `platform`, `tool`, `link2`, `leg1` ... Thermal expansion needs it.",
         f"temperature.air, else {_missing('temperature.air')}",
     ),
-    KnownColumn(
-        "temperature.air",
-        "number",
-        "degC",
-        "Temperature of the air. It serves every place without a column of its own.",
+    _number(
+        "temperature.air", "degC", "Temperature of the air. It serves every place without a column of its own.",
         _missing("temperature.air"),
     ),
+    _number("pressure", "hPa", "Pressure of the air; refraction needs it.", _missing("pressure")),
+    _number("humidity", "%", "Relative humidity of the air; no effect reads it.", _missing("humidity")),
     KnownColumn(
-        "pressure", "number", "hPa", "Pressure of the air; refraction needs it.", _missing("pressure")
-    ),
-    KnownColumn(
-        "humidity",
-        "number",
-        "%",
-        "Relative humidity of the air; no effect reads it.",
-        _missing("humidity"),
-    ),
-    KnownColumn(
-        "approach.<joint>",
-        "number",
-        "",
+        "approach.<joint>", "number", "",
         "Side that the joint arrived from: +1 moving towards larger readings, -1 towards smaller, 0 unknown.",
-        "the order of the rows, unless they are shuffled",
-        values=(-1, 0, 1),
+        "the order of the rows, unless they are shuffled", values=(-1, 0, 1),
     ),
-    KnownColumn(
-        "torque.<joint>",
-        "number",
-        "N*m",
+    _number(
+        "torque.<joint>", "N*m",
         "Torque that the joint's drive holds, or that pulls at it (a slide: force, N). A compliance is found without masses.",
         "the load computed from `masses`",
     ),
-    KnownColumn(
-        "current.<joint>",
-        "number",
-        "A",
-        "Current of the joint's motor; stands in for its torque.",
-        "the load computed from `masses`",
+    _number(
+        "current.<joint>", "A", "Current of the joint's motor; stands in for its torque.", "the load computed from `masses`"
     ),
-    KnownColumn(
-        "velocity.<joint>",
-        "number",
-        "reading/s",
-        "Velocity of the joint when the sensor read; latency needs it.",
-        "at rest",
-    ),
-)
+    _number("velocity.<joint>", "reading/s", "Velocity of the joint when the sensor read; latency needs it.", "at rest"),
+)  # fmt: skip
 AVERAGED: Final = (
-    KnownColumn("samples", "number", "", "How many samples the row is the average of; a note.", "-"),
-    KnownColumn("<target>.samples", "number", "", "The same of one target; a note.", "-"),
-    KnownColumn(
-        "<column>.sigma",
-        "number",
-        "",
-        "1-sigma of the average, from the scatter of its samples; a note.",
-        "-",
-    ),
+    _number("samples", "", "How many samples the row is the average of; a note.", "-"),
+    _number("<target>.samples", "", "The same of one target; a note.", "-"),
+    _number("<column>.sigma", "", "1-sigma of the average, from the scatter of its samples; a note.", "-"),
 )
 COLUMNS: Final = (*JOINTS, *READINGS, *ORDER, *LOGGED, *AVERAGED)
 

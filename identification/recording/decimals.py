@@ -75,6 +75,3 @@ def _not_grouped(cells: Any) -> bool:
     """Whether there is a number with a comma that does not look like thousands."""
     comma, grouped = (pc.match_substring_regex(cells, pattern) for pattern in (_COMMA, _GROUPED))
     return bool(pc.any(pc.and_not(comma, grouped)).as_py())
-
-
-__all__ = ["DecimalMarks", "with_points"]

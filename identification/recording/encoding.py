@@ -82,6 +82,3 @@ def _blocks(stream: BinaryIO) -> Iterator[bytes]:
 def _among(data: bytes, some: bytes) -> bool:
     """Whether one of ``some`` bytes is there."""
     return len(data.translate(None, some)) < len(data)
-
-
-__all__ = ["MARKS", "decoded", "encoding_of"]

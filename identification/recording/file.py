@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from truepose.arrays import Array, Mask
 from truepose.errors import InputError
 from truepose.identification.recording.arrow_columns import ArrowCells
 from truepose.identification.recording.history import latest_earlier_row
@@ -27,7 +28,7 @@ from truepose.identification.recording.times import Times, read_times
 from truepose.models.column_names import OF_ROWS
 from truepose.models.driver import APPROACH, MEASURED_LOADS, VELOCITY, DeclaredDriver, Driver
 from truepose.models.limits import LATEST
-from truepose.models.units import FloatArray, UnitSystem, convert
+from truepose.models.units import UnitSystem, convert
 from truepose.wording import shortened
 
 IntArray = npt.NDArray[np.int64]
@@ -49,14 +50,14 @@ class RecordingPart:
     """
 
     file: str
-    q: FloatArray  # (n, n_joints)
-    observations: Mapping[str, FloatArray]
+    q: Array  # (n, n_joints)
+    observations: Mapping[str, Array]
     labels: Mapping[str, tuple[str, ...]]
-    drivers: Mapping[str, FloatArray]
-    validation: npt.NDArray[np.bool_]
+    drivers: Mapping[str, Array]
+    validation: Mask
     session: IntArray | None
     pose: IntArray | None
-    time: FloatArray | None
+    time: Array | None
     times: Times | None
     from_row: IntArray | None
     notes: tuple[str, ...]
@@ -91,7 +92,7 @@ def read_part(
     said |= {name: table.unit(name, units.written(unit), unit) for name, unit in readings.items()}
     observations = {n: _reading(table, n, said[n], unit) for n, unit in readings.items()}
     times = read_times(table) if "time" in table else None
-    time = None if times is None else sized(table, "time", times.seconds, times.seconds, LATEST)
+    time = None if times is None else sized(table, "time", times.seconds, largest=LATEST)
     pose = table.integers("pose") if "pose" in table else None
     drivers = _drivers(table, joints, units, declared)
     q = {joint.name: joint_readings(table, joint, said[joint.name]) for joint in joints}
@@ -167,7 +168,7 @@ def _all_empty(table: Table, name: str) -> bool:
     return all(cell is None or (isinstance(cell, str) and not cell.strip()) for cell in cells)
 
 
-def _lost(file: str, observations: Mapping[str, FloatArray]) -> list[str]:
+def _lost(file: str, observations: Mapping[str, Array]) -> list[str]:
     """Notes on the readings that were lost, and on rows that have none left."""
     gone = sorted((int(row), name) for name, v in observations.items() for row in np.flatnonzero(np.isnan(v)))
     if not gone:
@@ -181,7 +182,7 @@ def _lost(file: str, observations: Mapping[str, FloatArray]) -> list[str]:
     ]
 
 
-def _unread(file: str, observations: Mapping[str, FloatArray]) -> list[str]:
+def _unread(file: str, observations: Mapping[str, Array]) -> list[str]:
     rows = np.flatnonzero(np.all([np.isnan(values) for values in observations.values()], axis=0)) + 1
     if not rows.size:
         return []
@@ -189,20 +190,20 @@ def _unread(file: str, observations: Mapping[str, FloatArray]) -> list[str]:
     return [f"{file}: no reading is left in row{'s' if rows.size > 1 else ''} {named}: not fitted"]
 
 
-def _converted(table: Table, name: str, default: str, internal: str) -> FloatArray:
+def _converted(table: Table, name: str, default: str, internal: str) -> Array:
     values = table.numbers(name)
     converted = convert(values, table.unit(name, default, internal), internal, table.where(name))
-    return sized(table, name, values, converted, LATEST)
+    return sized(table, name, converted, values, LATEST)
 
 
-def _reading(table: Table, name: str, unit: str, internal: str) -> FloatArray:
+def _reading(table: Table, name: str, unit: str, internal: str) -> Array:
     recorded = table.readings(name)
-    return sized(table, name, recorded, convert(recorded, unit, internal, table.where(name)))
+    return sized(table, name, convert(recorded, unit, internal, table.where(name)), recorded)
 
 
 def _drivers(
     table: Table, joints: Sequence[JointColumn], units: UnitSystem, declared: Sequence[DeclaredDriver]
-) -> dict[str, FloatArray]:
+) -> dict[str, Array]:
     written, internal = {j.name: j.written_in(units) for j in joints}, {j.name: j.unit for j in joints}
     temperatures = [name for name in table.names if Driver.of(name).thermal]
     out = {d.name: _declared(table, d) for d in declared if d.name in table}
@@ -212,14 +213,14 @@ def _drivers(
             out[name] = _converted(table, name, driver.unit(written), driver.unit(internal))
     for name, values in out.items():
         if Driver.of(name).kind == APPROACH:
-            _check_approach(table, name, values)
+            _refuse_sides(table, name, values)
     return out
 
 
-def _declared(table: Table, driver: DeclaredDriver) -> FloatArray:
+def _declared(table: Table, driver: DeclaredDriver) -> Array:
     """A declared column; one whose unit nobody stated stays as it was recorded."""
     if not driver.unit:
-        return sized(table, driver.name, numbers := table.numbers(driver.name), numbers, LATEST)
+        return sized(table, driver.name, table.numbers(driver.name), largest=LATEST)
     return _converted(table, driver.name, driver.written, driver.unit)
 
 
@@ -227,14 +228,11 @@ def _of_joints(joints: Sequence[JointColumn]) -> list[str]:
     return [Driver(kind, joint.name).name for joint in joints for kind in OF_JOINTS]
 
 
-def _check_approach(table: Table, name: str, values: FloatArray) -> None:
-    bad = np.flatnonzero(~np.isin(values, (-1.0, 0.0, 1.0)))
-    if bad.size:
-        row = int(bad[0])
-        raise InputError(f"{table.where(name, row)}: found {values[row]:g}, expected -1, 0 or 1")
+def _refuse_sides(table: Table, name: str, values: Array) -> None:
+    table.refuse(name, ~np.isin(values, (-1.0, 0.0, 1.0)), lambda row: f"{values[row]:g}", "-1, 0 or 1")
 
 
-def _validation(table: Table) -> npt.NDArray[np.bool_]:
+def _validation(table: Table) -> Mask:
     if "role" not in table:
         return np.zeros(table.n_rows, dtype=np.bool_)
     roles = table.texts("role")
@@ -244,15 +242,10 @@ def _validation(table: Table) -> npt.NDArray[np.bool_]:
     return np.array([role == "validation" for role in roles])
 
 
-def _from_row(table: Table, pose: IntArray | None, time: FloatArray | None) -> IntArray:
+def _from_row(table: Table, pose: IntArray | None, time: Array | None) -> IntArray:
     if pose is None:
         raise InputError(f"{table.file}: missing column 'pose', which the numbers in column 'from' mean")
     origin = table.integers("from")
     rows = latest_earlier_row(pose, origin, time)
-    bad = np.flatnonzero(rows < 0)
-    if bad.size:
-        row = int(bad[0])
-        raise InputError(
-            f"{table.where('from', row)}: found {origin[row]}, expected the pose of this or of an earlier row"
-        )
+    table.refuse("from", rows < 0, lambda row: f"{origin[row]}", "the pose of this or of an earlier row")
     return rows

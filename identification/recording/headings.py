@@ -20,41 +20,10 @@ _NO_PLACE: Final = frozenset("rqwvafmu")
 """Letters before x, y and z in names of rotations, velocities, forces and directions."""
 _NUMBERED: Final = re.compile(r"(?:[a-z]|axis|joint|theta)[ _.]?\d+|(?:[a-z_/]*[\[(]\d+[\])])", re.IGNORECASE)
 _NUMBER: Final = re.compile(r"[-+]?[\d.,]+")
-_USUAL: Final = frozenset(
-    (
-        *(
-            "hz",
-            "v",
-            "az",
-            "el",
-            "azimuth",
-            "elevation",
-            "horizontal",
-            "vertical",
-            "zenith",
-            "distance",
-            "dist",
-            "range",
-        ),
-        *(
-            "roll",
-            "pitch",
-            "yaw",
-            "rx",
-            "ry",
-            "rz",
-            "qw",
-            "qx",
-            "qy",
-            "qz",
-            "time",
-            "timestamp",
-            "name",
-            "point",
-            "target",
-        ),
-    )
-)
+_USUAL: Final = {
+    "hz", "v", "az", "el", "azimuth", "elevation", "horizontal", "vertical", "zenith", "distance", "dist", "range", "roll",
+    "pitch", "yaw", "rx", "ry", "rz", "qw", "qx", "qy", "qz", "time", "timestamp", "name", "point", "target",
+}  # fmt: skip
 """Names of columns that titles do not hold."""
 
 
@@ -150,15 +119,3 @@ def chosen_columns(text: str | None) -> Mapping[str, str]:
             )
         chosen[new] = old
     return chosen
-
-
-__all__ = [
-    "XYZ",
-    "asked_columns",
-    "asked_numbers",
-    "chosen_columns",
-    "is_asked",
-    "length_or_angle",
-    "names_columns",
-    "read_column",
-]

@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from truepose.arrays import Array, Mask
 from truepose.identification.recording.scan import affine, clipped
-from truepose.models.units import FloatArray
 
 IntArray = npt.NDArray[np.int64]
 MANY = 4000
@@ -18,13 +18,13 @@ EXPONENTS = 0.4
 """Step between the logarithms of the rates of these exponentials."""
 
 
-def order_in_time(time: FloatArray | None, file: IntArray, row: IntArray) -> IntArray:
+def order_in_time(time: Array | None, file: IntArray, row: IntArray) -> IntArray:
     """(n,) indices that put rows in order of acquisition, by time, file and row (n,)."""
     keys = (row, file) if time is None else (row, file, time)
     return np.lexsort(keys).astype(np.int64)
 
 
-def exponential_lag(time: FloatArray, values: FloatArray, seconds: float) -> FloatArray:
+def exponential_lag(time: Array, values: Array, seconds: float) -> Array:
     """(n,) first-order response y' = (x - y)/seconds to values x (n,) at ordered times (n,), s; y = x at the first.
 
     Exact for an input that runs straight from one sample to the next.
@@ -40,12 +40,12 @@ def exponential_lag(time: FloatArray, values: FloatArray, seconds: float) -> Flo
 
 
 def stop_operator(
-    readings: FloatArray,
-    approach: FloatArray,
+    readings: Array,
+    approach: Array,
     piece: IntArray,
     half_width: float,
     overshoot: float = float("inf"),
-) -> FloatArray:
+) -> Array:
     """(n,) how far ordered readings (n,) lead the play operator of a half width, from minus to plus that width.
 
     The stop operator of Prandtl: it follows every move until it slips. It starts at 0 in every ``piece`` (n,). Where
@@ -64,7 +64,7 @@ def stop_operator(
     return clipped((away, np.where(returning != 0.0, returning, step)), begins, half_width)
 
 
-def side_of_arrival(readings: FloatArray, piece: IntArray, band: float) -> FloatArray:
+def side_of_arrival(readings: Array, piece: IntArray, band: float) -> Array:
     """(n,) direction of the last motion that led to ordered readings (n,): 1, -1, or 0 while a ``piece`` (n,) has none.
 
     A joint has turned round when it stands further than ``band`` behind where it was furthest; a shorter way back is
@@ -84,7 +84,7 @@ def side_of_arrival(readings: FloatArray, piece: IntArray, band: float) -> Float
     return out
 
 
-def last_steps(readings: FloatArray, piece: IntArray, bands: FloatArray) -> FloatArray:
+def last_steps(readings: Array, piece: IntArray, bands: Array) -> Array:
     """(n, m) last motion of each joint that led to ordered readings (n, m): 0 at the first row of a ``piece`` (n,).
 
     Rows at which no joint moved by more than its band (m,) were read while the machine stood: nothing moved.
@@ -95,7 +95,7 @@ def last_steps(readings: FloatArray, piece: IntArray, bands: FloatArray) -> Floa
     return steps
 
 
-def line_of_full_loop(readings: FloatArray, half_width: float, low: float, high: float) -> FloatArray:
+def line_of_full_loop(readings: Array, half_width: float, low: float, high: float) -> Array:
     """(n,) the straight line that fits the stop operator best over a full loop from low to high, at readings (n,).
 
     Its slope is 3 t^2 - 2 t^3, t = half width / half range (least squares over both branches).
@@ -104,9 +104,7 @@ def line_of_full_loop(readings: FloatArray, half_width: float, low: float, high:
     return t**2 * (3.0 - 2.0 * t) * (readings - (low + high) / 2)
 
 
-def creep_sum(
-    time: FloatArray, readings: FloatArray, piece: IntArray, t0: float, dwell: float = 0.0
-) -> FloatArray:
+def creep_sum(time: Array, readings: Array, piece: IntArray, t0: float, dwell: float = 0.0) -> Array:
     """(n,) sum over past moves of step * log10(1 + age / t0) at ordered times (n,), s; in the unit of the readings (n,).
 
     A move ends ``dwell`` s before the row that it leads to; moves of other pieces (n,) do not count.
@@ -127,9 +125,7 @@ def creep_sum(
     return out
 
 
-def _creep_by_exponentials(
-    time: FloatArray, steps: FloatArray, fresh: npt.NDArray[np.bool_], t0: float, dwell: float
-) -> FloatArray:
+def _creep_by_exponentials(time: Array, steps: Array, fresh: Mask, t0: float, dwell: float) -> Array:
     """The same by a sum of exponentials, each of which follows from the row before.
 
     ln(1 + t / t0) is the integral of (1 - exp(-s t)) exp(-s t0) over u = ln s; even steps of u converge as exp(-pi^2 / step)
@@ -147,7 +143,7 @@ def _creep_by_exponentials(
     return out
 
 
-def latest_earlier_row(pose: IntArray, origin: IntArray, time: FloatArray | None) -> IntArray:
+def latest_earlier_row(pose: IntArray, origin: IntArray, time: Array | None) -> IntArray:
     """(n,) for each row of one file, the latest earlier row whose `pose` is its `origin`; all are (n,).
 
     Without such a row, a row whose origin is its own pose refers to itself; any other gets -1.

@@ -46,6 +46,3 @@ def _varies(table: Table, name: str) -> bool:
         return bool(np.ptp(table.numbers(name)) > 0.0)
     except InputError:
         return False
-
-
-__all__ = ["ignored_columns", "untried_columns"]

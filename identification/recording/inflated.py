@@ -56,6 +56,3 @@ def _zstd() -> Any:
         return importlib.import_module("compression.zstd")
     except ImportError:
         return importlib.import_module("backports.zstd")
-
-
-__all__ = ["inflated_size"]

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from truepose.arrays import Array, Mask
 from truepose.errors import InputError
 from truepose.identification.recording.angle_range import fold
 from truepose.identification.recording.table import Table
 from truepose.models.limits import LARGEST
-from truepose.models.units import COUNT_WORDS, FloatArray, UnitSystem, convert
+from truepose.models.units import COUNT_WORDS, UnitSystem, convert
 
 SLACK: Final = 0.05
 """Share of a range's width that readings may be beyond it: commands overshoot a little."""
@@ -41,26 +41,22 @@ class JointColumn:
         return self.written or units.of_joint(self.unit)
 
 
-def joint_readings(table: Table, joint: JointColumn, unit: str) -> FloatArray:
+def joint_readings(table: Table, joint: JointColumn, unit: str) -> Array:
     """Return the readings (n,) of a joint in its unit, in its range. Raises InputError for those that are not."""
     recorded = table.numbers(joint.name)
-    readings = sized(table, joint.name, recorded, convert(recorded, unit, joint.unit))
+    readings = sized(table, joint.name, convert(recorded, unit, joint.unit), recorded)
     if joint.range is None:
         return readings
     low, high = joint.range
     readings = _folded(readings, joint, low, high)
-    bad = np.flatnonzero(_beyond(readings, low, high))
-    if bad.size:
-        row = int(bad[0])
-        low, high = convert(low, joint.unit, unit), convert(high, joint.unit, unit)
-        raise InputError(
-            f"{table.where(joint.name, row)}: found {recorded[row]:.6g} {unit}, "
-            f"expected a value in the joint's range [{low:.6g}, {high:.6g}] {unit}"
-        )
+    ends = (convert(end, joint.unit, unit) for end in (low, high))
+    expected = f"a value in the joint's range [{', '.join(f'{end:.6g}' for end in ends)}] {unit}"
+    beyond = _beyond(readings, low, high)
+    table.refuse(joint.name, beyond, lambda row: f"{recorded[row]:.6g} {unit}", expected)
     return readings
 
 
-def _folded(readings: FloatArray, joint: JointColumn, low: float, high: float) -> FloatArray:
+def _folded(readings: Array, joint: JointColumn, low: float, high: float) -> Array:
     """Readings (n,) brought into a range of a turn or less, where they are stated or seen to come modulo a turn."""
     period = joint.wrap or joint.turn
     if period is None or high - low > period * (1.0 + 1e-9):
@@ -72,7 +68,7 @@ def _folded(readings: FloatArray, joint: JointColumn, low: float, high: float) -
 
 
 def turned_notes(
-    table: Table, joints: Sequence[JointColumn], q: Mapping[str, FloatArray], said: Mapping[str, str]
+    table: Table, joints: Sequence[JointColumn], q: Mapping[str, Array], said: Mapping[str, str]
 ) -> list[str]:
     """A note on joints whose readings were brought into their ranges."""
     recorded = {j.name: convert(table.numbers(j.name), said[j.name], j.unit) for j in joints}
@@ -81,14 +77,14 @@ def turned_notes(
     return [f"{table.file}: {', '.join(moved)}: readings {what}"] if moved else []
 
 
-def _beyond(readings: FloatArray, low: float, high: float) -> npt.NDArray[np.bool_]:
+def _beyond(readings: Array, low: float, high: float) -> Mask:
     slack = SLACK * (high - low)
     return np.asarray((readings < low - slack) | (readings > high + slack))
 
 
 def column_unit(table: Table, joint: JointColumn, units: UnitSystem) -> str:
     """The unit that a joint's column is in. Raises InputError for counts where the machine file states none."""
-    stated = next(column.unit for column in table.columns if column.name == joint.name)
+    stated = table.stated_units[joint.name]
     if isinstance(stated, str) and stated.lower() in COUNT_WORDS:
         if joint.counted:
             return joint.written
@@ -100,16 +96,10 @@ def column_unit(table: Table, joint: JointColumn, units: UnitSystem) -> str:
 
 
 def sized(
-    table: Table, name: str, recorded: FloatArray, values: FloatArray, largest: float = LARGEST
-) -> FloatArray:
-    """The values of a column, none of them so large that no instrument reads it; as ``recorded`` in messages."""
-    bad = np.flatnonzero(np.abs(values) > largest)
-    if bad.size:
-        row = int(bad[0])
-        raise InputError(
-            f"{table.where(name, row)}: found {recorded[row]:g}, expected at most {largest:g} by size in the program's units"
-        )
+    table: Table, name: str, values: Array, recorded: Array | None = None, largest: float = LARGEST
+) -> Array:
+    """The values of a column, none of them so large that no instrument reads it; in messages as they are ``recorded``."""
+    shown = values if recorded is None else recorded
+    expected = f"at most {largest:g} by size in the program's units"
+    table.refuse(name, np.abs(values) > largest, lambda row: f"{shown[row]:g}", expected)
     return values
-
-
-__all__ = ["SLACK", "JointColumn", "column_unit", "joint_readings", "sized", "turned_notes"]

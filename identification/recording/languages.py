@@ -90,6 +90,3 @@ def own_language(text: str) -> str | None:
     """Return the name of the dialect that a text is written in, or None."""
     head = text[:HEAD_MOST]
     return next((name for name, pattern in _OURS.items() if pattern.search(head)), None)
-
-
-__all__ = ["HEAD_MOST", "other_language", "own_language", "refuse_languages"]

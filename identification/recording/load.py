@@ -137,6 +137,3 @@ def as_recording(
     if isinstance(source, Recording):
         return source
     return load_recording(machine, source, need_observations=need_observations)
-
-
-__all__ = ["Source", "Sources", "as_recording", "joint_columns", "load_recording", "tables"]

@@ -172,14 +172,3 @@ def _largest_at_once(spans: Mapping[int, tuple[int, int]], chunks: Mapping[int, 
 
 def _wrong(path: Path, found: str, expected: str) -> InputError:
     return InputError(f"{path}: cannot read the bag: found {found}, expected {expected}")
-
-
-__all__ = [
-    "AT_ONCE_MOST",
-    "CHUNK_MOST",
-    "DEFINITIONS_MOST",
-    "INFLATED_LEAST",
-    "INFLATED_TIMES",
-    "MAGIC",
-    "check_mcap",
-]

@@ -15,6 +15,7 @@ from typing import Final, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from truepose.arrays import Array
 from truepose.identification.recording.history import (
     creep_sum,
     exponential_lag,
@@ -24,7 +25,6 @@ from truepose.identification.recording.history import (
     stop_operator,
 )
 from truepose.models.driver import APPROACH, STEP, TREMBLING, Driver
-from truepose.models.units import FloatArray
 
 IntArray = npt.NDArray[np.int64]
 _NUMBERS: Final = {"stop": (1, 2), "loop": (3, 4), "creep": (1, 2)}
@@ -36,11 +36,11 @@ class Logged(Protocol):
     @property
     def joints(self) -> tuple[str, ...]: ...
     @property
-    def moved(self) -> FloatArray: ...
+    def moved(self) -> Array: ...
     @property
-    def drivers(self) -> Mapping[str, FloatArray]: ...
+    def drivers(self) -> Mapping[str, Array]: ...
     @property
-    def time(self) -> FloatArray | None: ...
+    def time(self) -> Array | None: ...
     @property
     def session(self) -> IntArray: ...
     @property
@@ -49,11 +49,11 @@ class Logged(Protocol):
     def order(self) -> IntArray: ...
     @property
     def shuffled(self) -> bool: ...
-    def driver(self, name: str) -> FloatArray | None: ...
+    def driver(self, name: str) -> Array | None: ...
     def __len__(self) -> int: ...
 
 
-def remembered(whole: Logged, driver: Driver) -> FloatArray | None:
+def remembered(whole: Logged, driver: Driver) -> Array | None:
     """(n,) values of a driver that remembers; None when the recording lacks a column for it, or its name is unknown.
 
     ``whole`` is a whole recording, not a subset. Numbers are in the internal unit of the reading (mm, rad, turn).
@@ -74,7 +74,7 @@ def remembered(whole: Logged, driver: Driver) -> FloatArray | None:
     return None
 
 
-def from_order(whole: Logged, driver: Driver) -> FloatArray | None:
+def from_order(whole: Logged, driver: Driver) -> Array | None:
     """(n,) what the order of acquisition tells of a joint's last motion; None where it is declared to tell nothing.
 
     ``approach.J``: the side that joint J came from, kept while it rests, 0 until it moves; ``step.J``: how far it went
@@ -109,7 +109,7 @@ def _pieces_of_clock(whole: Logged, order: IntArray) -> IntArray:
     return np.zeros_like(order) if changes < len(np.unique(whole.session)) else _pieces(whole)
 
 
-def _stop(whole: Logged, joint: str, numbers: list[float]) -> FloatArray:
+def _stop(whole: Logged, joint: str, numbers: list[float]) -> Array:
     order = whole.order
     recorded = whole.drivers.get(Driver(APPROACH, joint).name)
     approach = np.zeros(len(whole)) if recorded is None else np.sign(recorded)
@@ -119,13 +119,13 @@ def _stop(whole: Logged, joint: str, numbers: list[float]) -> FloatArray:
     return out
 
 
-def _loop(whole: Logged, joint: str, numbers: list[float]) -> FloatArray:
+def _loop(whole: Logged, joint: str, numbers: list[float]) -> Array:
     half_width, low, high, *overshoot = numbers
     readings = whole.moved[:, whole.joints.index(joint)]
     return _stop(whole, joint, [half_width, *overshoot]) - line_of_full_loop(readings, half_width, low, high)
 
 
-def _creep(whole: Logged, joint: str, numbers: list[float]) -> FloatArray | None:
+def _creep(whole: Logged, joint: str, numbers: list[float]) -> Array | None:
     if whole.time is None:
         return None
     order = whole.order
@@ -137,7 +137,7 @@ def _creep(whole: Logged, joint: str, numbers: list[float]) -> FloatArray | None
     return out
 
 
-def _lagged(whole: Logged, name: str, seconds: float) -> FloatArray | None:
+def _lagged(whole: Logged, name: str, seconds: float) -> Array | None:
     values = whole.driver(name)
     if values is None or whole.time is None:
         return None
@@ -147,7 +147,7 @@ def _lagged(whole: Logged, name: str, seconds: float) -> FloatArray | None:
     return lagged
 
 
-_KINDS: Final[Mapping[str, Callable[[Logged, str, list[float]], FloatArray | None]]] = {
+_KINDS: Final[Mapping[str, Callable[[Logged, str, list[float]], Array | None]]] = {
     "stop": _stop,
     "loop": _loop,
     "creep": _creep,

@@ -57,6 +57,3 @@ def _cells(column: pd.Series[Any]) -> Sequence[object]:
     except pa.ArrowException:  # cells of several kinds
         return [None if cell is None or pd.isna(cell) else cell for cell in column]
     return ArrowCells(found)
-
-
-__all__ = ["columns_of", "is_table"]

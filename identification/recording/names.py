@@ -64,6 +64,3 @@ def _glued(written: str, name: str) -> bool:
         and written[len(name) :][:1] in ("_", "-", ".", "/")
         and is_unit(unit)
     )
-
-
-__all__ = ["in_known_case", "missing_column"]

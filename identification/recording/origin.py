@@ -76,6 +76,3 @@ def _is_day(text: str) -> bool:
 def _is_data(line: str) -> bool:
     """Whether a line has two numbers and more: a heading has none."""
     return sum(_NUMBER.fullmatch(field) is not None for field in _FIELD.split(line)) >= 2
-
-
-__all__ = ["digest_of", "recorded_on", "says_shuffled"]

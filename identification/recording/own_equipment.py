@@ -8,14 +8,12 @@ from fnmatch import fnmatchcase
 from pathlib import PurePath
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Mask
 from truepose.errors import InputError
 from truepose.identification.recording.recording import Recording, frozen
 from truepose.models.machine import Equipment, Machine
 from truepose.wording import joined
-
-Mask = NDArray[np.bool_]
 
 
 def with_own_equipment(machine: Machine, recording: Recording) -> Recording:
@@ -93,6 +91,3 @@ def _refuse_two(kind: str, rows: Mapping[str, Mask], recording: Recording) -> No
         row = int(twice[0])
         names = [f"recordings.{name}" for name, own in rows.items() if own[row]]
         raise InputError(f"{recording.where(row)}: found its {kind} in {joined(names)}, expected one of them")
-
-
-__all__ = ["begun", "with_own_equipment"]

@@ -71,6 +71,3 @@ def _enclosed(data: bytes, delimiter: str) -> bool:
     beside[[ord(c) for c in ('"', "\n", "\r", delimiter)]] = True
     within_line = np.searchsorted(ends, opening) == np.searchsorted(ends, closing)
     return bool(np.all(beside[text[opening - 1]] & beside[text[closing + 1]] & within_line))
-
-
-__all__ = ["SPACES", "counts", "plain_columns"]

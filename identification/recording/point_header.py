@@ -83,6 +83,3 @@ def numbered_header(words: Sequence[str], chosen: Mapping[str, str]) -> Header |
     return Header(
         tuple(Column(str(k)) for k in range(1, len(words) + 1)), tuple(int(number) - 1 for number in numbers)
     )
-
-
-__all__ = ["Header", "are_units", "columns_of_line", "header_of", "numbered_header"]

@@ -8,22 +8,21 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
+from truepose.arrays import Array, Index, Mask
 from truepose.errors import InputError
 from truepose.identification.recording.arrow_columns import ArrowCells
 from truepose.identification.recording.clock_offset import MOVING, Clock, Motion
 from truepose.identification.recording.columns import LOGGED, ORDER
+from truepose.identification.recording.joint_column import sized
 from truepose.identification.recording.names import in_known_case
 from truepose.identification.recording.table import Column, Table
 from truepose.identification.recording.times import read_times
 from truepose.models.driver import VELOCITY
-from truepose.models.limits import LARGEST
 from truepose.models.units import compatible, convert
 from truepose.wording import joined, shortened
 
-Array = NDArray[np.float64]
 _TIMES: Final = ("time", "timestamp", "t", "stamp")
 _GAP: Final = 5.0
 """A pause in the log of more than so many usual steps is a gap, in which nobody knows the joints."""
@@ -43,7 +42,7 @@ class Log:
     names: tuple[str, ...]
     joints: Array
     velocities: Array
-    order: NDArray[np.intp]
+    order: Index
 
     @property
     def step(self) -> float:
@@ -55,7 +54,7 @@ class Log:
         way = CubicHermiteSpline(self.time, self.joints, self.velocities)
         return np.asarray(way(time)), np.asarray(way.derivative()(time))
 
-    def knows(self, time: Array) -> NDArray[np.bool_]:
+    def knows(self, time: Array) -> Mask:
         """(n,) times inside the log that are not in one of its gaps."""
         inside = (time >= self.time[0]) & (time <= self.time[-1])
         after = np.clip(np.searchsorted(self.time, time), 1, len(self.time) - 1)
@@ -91,7 +90,7 @@ class Pairing:
             raise InputError(
                 f"{probe.file}: found no point x y z to compare the clocks by, expected one, or --offset"
             )
-        place = np.column_stack([_sized(probe, name, probe.readings(name)) for name in axes])
+        place = np.column_stack([sized(probe, name, probe.readings(name)) for name in axes])
         order = np.unique(self.time, return_index=True)[1]
         order = order[np.isfinite(place[order]).all(axis=1)]
         radians, slides = _internal(log)
@@ -141,16 +140,7 @@ def _time(table: Table) -> Array:
     name = next((name for name in _TIMES if name in table), None)
     if name is None:
         raise InputError(f"{table.file}: found no column of time, expected one called {joined(_TIMES, 'or')}")
-    return _sized(table, name, read_times(table, name).seconds)
-
-
-def _sized(table: Table, name: str, values: Array) -> Array:
-    """The values (n,) of a column, none of them beyond ``LARGEST``: their squares are numbers, too."""
-    far = np.flatnonzero(np.abs(values) > LARGEST)  # a lost reading is not
-    if far.size:
-        row = int(far[0])
-        raise InputError(f"{table.where(name, row)}: found {values[row]:g}, expected at most {LARGEST:g}")
-    return values
+    return sized(table, name, read_times(table, name).seconds)
 
 
 def _logged(log: Table, joints: Sequence[str]) -> Log:
@@ -167,7 +157,7 @@ def _logged(log: Table, joints: Sequence[str]) -> Log:
     )  # of several at one time, to the nanosecond, the last one counts
     if len(order) < 4:
         raise InputError(f"{log.file}: found {len(order)} different times, expected a log of at least 4")
-    at, values = time[order], np.column_stack([_sized(log, name, log.numbers(name))[order] for name in names])
+    at, values = time[order], np.column_stack([sized(log, name, log.numbers(name))[order] for name in names])
     slopes = np.gradient(values, at, axis=0)
     for k, name in enumerate(names):
         if f"{VELOCITY}.{name}" in log:
@@ -189,8 +179,7 @@ def _may_be_joint(log: Table, name: str) -> bool:
 
 def _velocity(log: Table, name: str) -> Array:
     """(k,) logged velocities in the unit of the joint's column per second."""
-    units = {column.name: column.unit for column in log.columns}
-    own, logged = units[name], units[f"{VELOCITY}.{name}"]
+    own, logged = log.stated_units[name], log.stated_units[f"{VELOCITY}.{name}"]
     values = log.numbers(f"{VELOCITY}.{name}")
     if logged is None or logged == f"{own}/s":
         return values
@@ -212,9 +201,9 @@ def _checked(log: Table, name: str, logged: Array, slope: Array) -> Array:
     )
 
 
-def _internal(log: Log) -> tuple[Array, NDArray[np.bool_]]:
+def _internal(log: Log) -> tuple[Array, Mask]:
     """(nj,) factors to rad, and which joints slide; columns without a unit are in deg if one goes beyond a turn in rad."""
-    units = {column.name: column.unit for column in log.table.columns}
+    units = log.table.stated_units
     bare = [k for k, name in enumerate(log.names) if units[name] is None]
     usual = "deg" if bare and np.abs(log.joints[:, bare]).max() > 2.0 * np.pi else "rad"
     said = [units[name] or usual for name in log.names]
@@ -223,7 +212,7 @@ def _internal(log: Log) -> tuple[Array, NDArray[np.bool_]]:
     return np.array(factors), slides
 
 
-def _thinned(rows: NDArray[np.intp], at: Array, every: float) -> NDArray[np.intp]:
+def _thinned(rows: Index, at: Array, every: float) -> Index:
     """Rows in order of time, at least ``every`` s apart."""
     if every <= 0.0:
         return rows
@@ -235,8 +224,8 @@ def _thinned(rows: NDArray[np.intp], at: Array, every: float) -> NDArray[np.intp
     return np.array(kept, dtype=np.intp)
 
 
-def _rows(probe: Table, log: Log, kept: NDArray[np.intp], at: Array) -> Table:
-    units = {column.name: column.unit for column in log.table.columns}
+def _rows(probe: Table, log: Log, kept: Index, at: Array) -> Table:
+    units = log.table.stated_units
     q, v = log.at(at[kept])
     columns, cells = [Column("time", "s")], {"time": ArrowCells(at[kept])}
     for k, name in enumerate(log.names):
@@ -282,6 +271,3 @@ def clock_words(pairing: Pairing, clock: Clock, told_by: str) -> str:
         drift = 1e3 * clock.rate * float(np.ptp(pairing.time))
         words += f"; they drift apart by {1e6 * clock.rate:.3g} ppm, {drift:.3g} ms in all"
     return words
-
-
-__all__ = ["Log", "Pairing", "clock_words"]

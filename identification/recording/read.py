@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.recording.file import RecordingPart, read_part, written_units
 from truepose.identification.recording.joint_column import JointColumn
@@ -16,7 +17,7 @@ from truepose.identification.recording.origin import digest_of, recorded_on, say
 from truepose.identification.recording.recording import IntArray, Recording, frozen
 from truepose.identification.recording.table import Table
 from truepose.models.driver import DeclaredDriver, Driver
-from truepose.models.units import FloatArray, UnitSystem
+from truepose.models.units import UnitSystem
 
 
 def read_recording(
@@ -69,7 +70,7 @@ def _on_one_clock(parts: Sequence[RecordingPart], begun: Mapping[str, float]) ->
     return list(parts)
 
 
-def _since(part: RecordingPart, begun: float, origin: float) -> FloatArray:
+def _since(part: RecordingPart, begun: float, origin: float) -> Array:
     return np.full(len(part.q), begun - origin) if part.times is None else part.times.since(origin, begun)
 
 
@@ -149,7 +150,7 @@ def _common(
     names: Sequence[str],
     notes: list[str],
     absent: Mapping[str, float] | None = None,
-) -> dict[str, FloatArray]:
+) -> dict[str, Array]:
     """Columns of all files end to end; in a file that has none, what is known to hold then (``absent``)."""
     joined, known = {}, absent or {}
     for name in names:
@@ -163,7 +164,7 @@ def _common(
     return joined
 
 
-def _column(columns: Mapping[str, FloatArray], name: str) -> FloatArray | None:
+def _column(columns: Mapping[str, Array], name: str) -> Array | None:
     return columns.get(Driver.of(name).served_by(columns))
 
 
@@ -183,6 +184,3 @@ def _sessions(parts: Sequence[RecordingPart]) -> list[IntArray]:
         else:
             out.append(part.session)
     return out
-
-
-__all__ = ["read_recording"]

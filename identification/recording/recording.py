@@ -15,17 +15,17 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from truepose.arrays import Array, Mask
 from truepose.identification.recording.history import order_in_time
 from truepose.identification.recording.memory import from_order, remembered
 from truepose.models.driver import MEASURED_LOADS, OF_THE_ORDER, ROW, TIME, Driver
-from truepose.models.units import FloatArray
 from truepose.shown.result import Shown, frame_of
 
 if TYPE_CHECKING:
     import pandas as pd
 
 IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
+BoolArray = Mask
 Rows = IntArray | BoolArray | Sequence[int] | slice
 A = TypeVar("A", bound=npt.NDArray[Any])
 
@@ -50,10 +50,10 @@ class Recording(Shown):
     shown_by: ClassVar[str] = "truepose.identification.recording.recording_view"
 
     joints: tuple[str, ...]
-    q: FloatArray  # (n, n_joints)
-    observations: Mapping[str, FloatArray]
+    q: Array  # (n, n_joints)
+    observations: Mapping[str, Array]
     labels: Mapping[str, tuple[str, ...]]
-    drivers: Mapping[str, FloatArray]
+    drivers: Mapping[str, Array]
     files: tuple[str, ...]
     source_file: IntArray  # index into files
     source_row: IntArray  # 1-based row of data in its file
@@ -61,7 +61,7 @@ class Recording(Shown):
     session_recorded: BoolArray  # False where a file has no such column and got a number of its own
     validation: BoolArray
     pose: IntArray | None = None
-    time: FloatArray | None = None  # s
+    time: Array | None = None  # s
     from_row: IntArray | None = None  # index into `whole`
     notes: tuple[str, ...] = ()
     written: Mapping[str, tuple[str, str]] = field(default_factory=dict)
@@ -70,11 +70,11 @@ class Recording(Shown):
     dates: tuple[str, ...] = ()
     untried: tuple[str, ...] = ()
     shuffled: bool = False
-    reading_errors: FloatArray | None = None  # (n, n_joints)
-    uncoupling: FloatArray | None = None  # (n_joints, n_joints)
+    reading_errors: Array | None = None  # (n, n_joints)
+    uncoupling: Array | None = None  # (n_joints, n_joints)
     _whole: Recording | None = None
     _rows: IntArray | None = None
-    _told: dict[str, FloatArray | None] = field(default_factory=dict, init=False)
+    _told: dict[str, Array | None] = field(default_factory=dict, init=False)
     """What the order of the rows told so far, by driver: (n,) of a whole recording."""
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:
@@ -89,12 +89,12 @@ class Recording(Shown):
         return len(self.q)
 
     @property
-    def positions(self) -> FloatArray:
+    def positions(self) -> Array:
         """Joint readings without their estimated errors, shape (n, n_joints): where a model is evaluated."""
         return self.q if self.reading_errors is None else self.q - self.reading_errors
 
     @property
-    def moved(self) -> FloatArray:
+    def moved(self) -> Array:
         """Own motions of the joints in the units of their readings, shape (n, n_joints)."""
         return self.q if self.uncoupling is None else frozen(self.q @ self.uncoupling.T)
 
@@ -142,7 +142,7 @@ class Recording(Shown):
         return frozen(order_in_time(self.time, self.source_file, self.source_row))
 
     @property
-    def place_in_order(self) -> FloatArray | None:
+    def place_in_order(self) -> Array | None:
         """(n,) place of each row in its session's order of acquisition: from minus so many as follow the first to 0 in the
         longest session.
 
@@ -172,7 +172,7 @@ class Recording(Shown):
         order = self.order
         return order[rows[order]]
 
-    def columns(self, *, smooth: bool = False) -> dict[str, FloatArray]:
+    def columns(self, *, smooth: bool = False) -> dict[str, Array]:
         """(n,) values of all that was varied, by name: the joints' own motions, then every logged driver, time last.
 
         smooth: of the drivers only those that an error may be a smooth function of (`Driver.smooth`). In the units of `q`
@@ -187,7 +187,7 @@ class Recording(Shown):
         """Whether any part may err as a smooth function of it; what a joint's drive holds bends that joint alone."""
         return driver.smooth or (driver.kind in MEASURED_LOADS and driver.place not in self.joints)
 
-    def driver(self, name: str, sessions: Sequence[int] | None = None) -> FloatArray | None:
+    def driver(self, name: str, sessions: Sequence[int] | None = None) -> Array | None:
         """(n,) values that the recording has for a driver; None when it has none.
 
         Units are in `truepose.models.driver`. `temperature.air` stands in for places without a column; names with
@@ -210,7 +210,7 @@ class Recording(Shown):
             return self._of_whole(driver)
         return recorded
 
-    def _of_whole(self, driver: Driver) -> FloatArray | None:
+    def _of_whole(self, driver: Driver) -> Array | None:
         """(n,) values that follow from the order of all rows of the whole recording; worked out once."""
         whole = self.whole
         if driver.name not in whole._told:

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from truepose.arrays import Array
 from truepose.identification.recording.recording import Recording
-from truepose.models.units import FloatArray, convert
+from truepose.models.units import convert
 from truepose.shown.drawing import strips
 from truepose.shown.view import View
 from truepose.wording import joined, shortened
@@ -73,9 +74,9 @@ def _index(recording: Recording) -> pd.Index[Any]:
     return pd.MultiIndex.from_arrays([names, rows], names=["file", "row"])
 
 
-def _numbers(recording: Recording) -> dict[str, tuple[FloatArray, str]]:
+def _numbers(recording: Recording) -> dict[str, tuple[Array, str]]:
     """Joints, readings and drivers with their units, as a file has them."""
-    internal: Mapping[str, FloatArray] = {
+    internal: Mapping[str, Array] = {
         **dict(zip(recording.joints, recording.q.T, strict=True)),
         **recording.observations,
         **recording.drivers,
@@ -87,13 +88,13 @@ def _numbers(recording: Recording) -> dict[str, tuple[FloatArray, str]]:
     return out
 
 
-def _range_row(name: str, values: FloatArray, unit: str) -> tuple[str, ...]:
+def _range_row(name: str, values: Array, unit: str) -> tuple[str, ...]:
     finite = values[np.isfinite(values)]
     ends = (f"{finite.min():.6g}", f"{finite.max():.6g}") if finite.size else ("", "")
     return name, *ends, "" if unit == "1" else unit
 
 
-def _picture(recording: Recording, columns: Mapping[str, tuple[FloatArray, str]]) -> str:
+def _picture(recording: Recording, columns: Mapping[str, tuple[Array, str]]) -> str:
     drawn = {name: columns[name][0] for name in recording.joints[:MOST]}
     ends = {name: (float(values.min()), float(values.max())) for name, values in drawn.items()}
     units = joined(list(dict.fromkeys(columns[name][1] for name in drawn)))

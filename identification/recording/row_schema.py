@@ -49,6 +49,3 @@ def _cell(column: KnownColumn) -> Schema:
     out: Schema = {"title": column.name, "description": f"{column.text}{missing}"}
     out |= {"enum": list(column.values)} if column.values else {"type": [*kinds, *lost]}
     return out | ({"unit": column.unit} if column.unit else {})
-
-
-__all__ = ["row_schema"]

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from truepose.models.units import FloatArray
+from truepose.arrays import Array
 
 
 class _Segments:
@@ -21,18 +21,18 @@ class _Segments:
         self._rows, self._count = rows, max(int(np.sqrt(rows)), 1)
         self._length = -(-rows // self._count)
 
-    def cut(self, values: FloatArray, padding: float) -> FloatArray:
+    def cut(self, values: Array, padding: float) -> Array:
         """(length, count) of values (n,)."""
         out = np.full(self._length * self._count, padding)
         out[: self._rows] = values
         return np.ascontiguousarray(out.reshape(self._count, self._length).T)
 
-    def joined(self, values: FloatArray) -> FloatArray:
+    def joined(self, values: Array) -> Array:
         """(n,) of (length, count)."""
         return np.ascontiguousarray(values.T).reshape(-1)[: self._rows]
 
 
-def affine(factor: FloatArray, added: FloatArray, start: float) -> FloatArray:
+def affine(factor: Array, added: Array, start: float) -> Array:
     """(n,) y = factor * y + added (both (n,)), from ``start`` before the first row."""
     segments = _Segments(len(factor))
     factors, sums = segments.cut(factor, 1.0), segments.cut(added, 0.0)
@@ -48,7 +48,7 @@ def affine(factor: FloatArray, added: FloatArray, start: float) -> FloatArray:
     return segments.joined(out)
 
 
-def clipped(steps: tuple[FloatArray, FloatArray], begins: FloatArray, limit: float) -> FloatArray:
+def clipped(steps: tuple[Array, Array], begins: Array, limit: float) -> Array:
     """(n,) a state that takes two steps (n,) a row, one after the other, and is held from -limit to limit after each.
 
     ``begins`` (n,): where the state begins anew, its value after that row; NaN elsewhere. It is 0 before the first row.
@@ -74,14 +74,11 @@ def clipped(steps: tuple[FloatArray, FloatArray], begins: FloatArray, limit: flo
 
 
 def _rows(
-    first: FloatArray, second: FloatArray, begun: FloatArray, anew: FloatArray
-) -> Iterator[tuple[tuple[FloatArray, FloatArray], FloatArray, FloatArray]]:
+    first: Array, second: Array, begun: Array, anew: Array
+) -> Iterator[tuple[tuple[Array, Array], Array, Array]]:
     for a, b, new, value in zip(first, second, begun, anew, strict=True):
         yield (a, b), new, value
 
 
-def _held(state: FloatArray, limit: float) -> FloatArray:
+def _held(state: Array, limit: float) -> Array:
     return np.minimum(np.maximum(state, -limit), limit)
-
-
-__all__ = ["affine", "clipped"]

@@ -10,11 +10,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index
 from truepose.models import lie
 
-Array = NDArray[np.float64]
 BAND = 2e-4
 """rad, or m of a prismatic joint: more than an encoder's noise, far less than a move."""
 SECONDS = 0.5
@@ -76,7 +75,7 @@ def _still(stream: Stream, band: float, seconds: float) -> list[tuple[float, flo
     return [(float(time[a]), float(time[b])) for a, b in zip(starts, ends, strict=True) if still[a]]
 
 
-def _spreads(values: Array, first: NDArray[np.intp], last: NDArray[np.intp]) -> Array:
+def _spreads(values: Array, first: Index, last: Index) -> Array:
     """(k,) largest minus smallest of ``values[first:last]``, none of which is empty.
 
     Two windows of a power of two cover one of any length, so that windows of thousands of samples cost no more than short ones.
@@ -120,6 +119,3 @@ def average(values: Array) -> Average:
     if count < 2:
         return Average(mean, np.full(values.shape[1], np.nan), count)
     return Average(mean, np.sqrt(np.sum(off**2, axis=0) / (count - 1) / count), count)
-
-
-__all__ = ["BAND", "SECONDS", "Average", "Stream", "average", "stretches"]

@@ -33,6 +33,3 @@ def check_line(file: str, line: str) -> str:
     if len(line) > LINE:
         raise InputError(f"{file}: found a line of more than {LINE:,} characters, expected rows of cells")
     return line
-
-
-__all__ = ["check_file", "check_line", "check_size"]

@@ -59,6 +59,3 @@ def _told(row: Sequence[object]) -> bool:
     """Whether a row is neither empty nor a comment."""
     first = next((str(cell) for cell in row if str(cell).strip()), "#")
     return not first.lstrip().startswith("#")
-
-
-__all__ = ["MAGIC", "read_spreadsheet"]

@@ -20,13 +20,14 @@ import numpy.typing as npt
 import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.parquet as pq  # type: ignore[import-untyped]
 
+from truepose.arrays import Array, Mask
 from truepose.errors import InputError
 from truepose.identification.recording.arrow_columns import ArrowCells, parquet_cells
 from truepose.identification.recording.memory_tables import columns_of
 from truepose.identification.recording.size import check_file, check_size
 from truepose.identification.recording.spreadsheet import MAGIC, read_spreadsheet
 from truepose.identification.recording.text import SI, TextTable, read_text
-from truepose.models.units import FloatArray, is_unit, parse_unit
+from truepose.models.units import is_unit, parse_unit
 
 _SI_UNITS: Final = {"mm": "m", "rad": "rad"}
 _PARQUET_MAGIC: Final = b"PAR1"
@@ -61,6 +62,11 @@ class Table:
         """Names of the columns, without units."""
         return tuple(column.name for column in self.columns)
 
+    @property
+    def stated_units(self) -> dict[str, str | None]:
+        """Units that headers give, by the columns' names; None without one."""
+        return {column.name: column.unit for column in self.columns}
+
     def __contains__(self, name: str) -> bool:
         return name in self.cells
 
@@ -71,25 +77,31 @@ class Table:
         line = "" if self.line is None else f" (line {self.line(row)})"
         return f"{self.file}: row {row + 1}{line}, column {name!r}"
 
+    def refuse(self, name: str, wrong: Mask, found: Callable[[int], str], expected: str) -> None:
+        """Raise InputError about the first row (0-based) of a column that is ``wrong`` (n,), if there is one."""
+        rows = np.flatnonzero(wrong).tolist()
+        if rows:
+            raise InputError(f"{self.where(name, rows[0])}: found {found(rows[0])}, expected {expected}")
+
     def unit(self, name: str, default: str, dimension: str) -> str:
         """The unit a column is in: its suffix, else `default`. Checked to be a `dimension`."""
-        unit = next(column.unit for column in self.columns if column.name == name)
+        unit = self.stated_units[name]
         if unit == SI:
             return _SI_UNITS.get(dimension, default)
         return default if unit is None else parse_unit(unit, dimension, self.where(name))
 
-    def numbers(self, name: str) -> FloatArray:
+    def numbers(self, name: str) -> Array:
         """(n,) finite numbers of a column. Raises InputError for text, an empty cell, NaN or infinity."""
         return self._numbers(name, lost=False)
 
-    def readings(self, name: str) -> FloatArray:
+    def readings(self, name: str) -> Array:
         """(n,) numbers of a column, NaN where its cell is empty: a reading that was lost.
 
         Outside of texts NaN is an empty cell. Raises InputError for text, infinity, and `nan` as a text.
         """
         return self._numbers(name, lost=True)
 
-    def _numbers(self, name: str, *, lost: bool) -> FloatArray:
+    def _numbers(self, name: str, *, lost: bool) -> Array:
         cells = self.cells[name]
         plain = cells.numbers() if isinstance(cells, ArrowCells) else None
         if plain is None and lost and isinstance(cells, ArrowCells):
@@ -107,10 +119,8 @@ class Table:
     def integers(self, name: str) -> npt.NDArray[np.int64]:
         """(n,) whole numbers of a column."""
         values = self.numbers(name)
-        bad = np.flatnonzero((values != np.round(values)) | (np.abs(values) > _LARGEST_INTEGER))
-        if bad.size:
-            row = int(bad[0])
-            raise InputError(f"{self.where(name, row)}: found {values[row]:g}, expected a whole number")
+        wrong = (values != np.round(values)) | (np.abs(values) > _LARGEST_INTEGER)
+        self.refuse(name, wrong, lambda row: f"{values[row]:g}", "a whole number")
         return values.astype(np.int64)
 
     def texts(self, name: str) -> tuple[str, ...]:
@@ -120,7 +130,7 @@ class Table:
             raise InputError(f"{self.where(name, labels.index(''))}: found an empty cell, expected a label")
         return labels
 
-    def with_numbers(self, added: Mapping[str, FloatArray]) -> Table:
+    def with_numbers(self, added: Mapping[str, Array]) -> Table:
         """The table with further columns (n,) at its end."""
         columns = (*self.columns, *(Column(name) for name in added))
         cells = {name: ArrowCells(values) for name, values in added.items()}

@@ -16,6 +16,7 @@ from typing import Any, Final
 
 import pyarrow.compute as pc  # type: ignore[import-untyped]
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.recording.arrow_columns import ArrowCells, TextCells
 from truepose.identification.recording.decimals import DecimalMarks, with_points
@@ -25,7 +26,6 @@ from truepose.identification.recording.plain_text import SPACES, counts
 from truepose.identification.recording.size import check_line, check_size
 from truepose.identification.recording.text_rows import TextRows, open_text
 from truepose.models.limits import LINE
-from truepose.models.units import FloatArray
 
 SI: Final = "SI"
 """Unit of a column in the SI unit of whatever is in it, as ROS logs: metres for lengths, radians for angles."""
@@ -64,7 +64,7 @@ def read_text(path: Path) -> TextTable:
     with path.open("rb") as stream:
         encoding, notes = encoding_of(stream, str(path))
     rows, marks = _rows_of(path, encoding), DecimalMarks()
-    kept: list[list[ArrowCells | FloatArray | None]] = [[] for _ in rows.headers]
+    kept: list[list[ArrowCells | Array | None]] = [[] for _ in rows.headers]
     count = 0
     for columns in rows.blocks():
         marks.add(columns)
@@ -82,7 +82,7 @@ def _written(rows: TextRows, column: int) -> Iterator[ArrowCells]:
     return (ArrowCells(with_points(columns[column])) for columns in rows.blocks())
 
 
-def _kept(cells: Any) -> ArrowCells | FloatArray | None:
+def _kept(cells: Any) -> ArrowCells | Array | None:
     """What is kept of some rows of a column of texts: few distinct ones as they stand, else numbers; None for others."""
     if len(pc.unique(cells[:_PROBED])) <= _REPEATED:
         told = cells.dictionary_encode()
@@ -130,6 +130,3 @@ def _count(line: str, separator: str) -> int:
         return len(next(csv.reader([line], delimiter=separator), []))
     except csv.Error:
         return 0
-
-
-__all__ = ["SI", "TextTable", "read_text"]

@@ -12,10 +12,11 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.recording.table import Table
 from truepose.models.moments import seconds_since_1970
-from truepose.models.units import FloatArray, convert
+from truepose.models.units import convert
 from truepose.wording import cut
 
 _DAY: Final = 86400.0
@@ -53,10 +54,10 @@ class Clock(Enum):
 class Times:
     """Seconds (n,) of rows and what they count from: an unknown start, 1970, or the first row's midnight."""
 
-    seconds: FloatArray
+    seconds: Array
     clock: Clock
 
-    def since(self, origin: float, begun: float) -> FloatArray:
+    def since(self, origin: float, begun: float) -> Array:
         """Return the seconds since ``origin`` of a file that was ``begun`` at a date, both s since 1970."""
         starts = {Clock.START: begun, Clock.MIDNIGHT: math.floor(begun / _DAY) * _DAY}
         return starts.get(self.clock, 0.0) - origin + self.seconds
@@ -167,7 +168,7 @@ def _seconds_of_day(found: re.Match[str]) -> float | None:
     return 3600.0 * hour + 60.0 * int(found["minute"]) + float(found["second"].replace(",", "."))
 
 
-def _across_midnights(seconds: FloatArray) -> FloatArray:
+def _across_midnights(seconds: Array) -> Array:
     """Return seconds (n,) since the first midnight: where a clock falls by more than half a day, the next day has begun."""
     if np.any(seconds >= _DAY):  # a duration
         return seconds
@@ -183,6 +184,3 @@ def _clock_of(moment: _Moment) -> Clock:
 
 def _shown(cell: object) -> str:
     return "an empty cell" if cell is None or not str(cell).strip() else repr(cut(str(cell).strip()))
-
-
-__all__ = ["Clock", "Times", "read_times"]

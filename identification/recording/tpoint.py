@@ -21,14 +21,13 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.recording.arrow_columns import ArrowCells
 from truepose.identification.recording.table import Column, Table
 from truepose.wording import cut
 
-Array = NDArray[np.float64]
 DISTANCE: Final = 1000.0
 """mm: a direction's error of 1 mrad is one of 1 mm."""
 _OPTION: Final = re.compile(r"^\s*:\s*([A-Za-z]+)", re.MULTILINE)

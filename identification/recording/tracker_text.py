@@ -260,6 +260,3 @@ def _first_number(words: Sequence[str]) -> int:
     elif first == 1 and len(words) == 3:  # no name at all
         first = 0
     return first
-
-
-__all__ = ["ANY", "DIALECTS", "Dialect", "dialect_of", "read_points"]

@@ -62,6 +62,3 @@ def _with(machine: Machine, added: Sequence[DeclaredDriver]) -> Machine:
         drivers=(*machine.drivers, *(driver.name for driver in added)),
         declared_drivers=(*machine.declared_drivers, *added),
     )
-
-
-__all__ = ["tried", "try_columns", "with_measured_loads"]

@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.recording.arrow_columns import ArrowCells
 from truepose.identification.recording.names import in_known_case
@@ -17,7 +17,6 @@ from truepose.identification.recording.table import Column, Table
 from truepose.models.units import convert
 from truepose.wording import joined
 
-Array = NDArray[np.float64]
 FORMS: Final = ("auto", "vector", "quaternion", "rpy")
 _VECTOR: Final = ("rx", "ry", "rz")
 _QUATERNION: Final = ("qx", "qy", "qz", "qw")
@@ -55,12 +54,8 @@ def _of_quaternions(table: Table) -> Array:
     values = np.column_stack([table.readings(name) for name in _QUATERNION])
     with np.errstate(over="ignore"):  # it is then no unit quaternion
         length = np.linalg.norm(values, axis=1)
-    bad = np.flatnonzero(np.isfinite(values).all(axis=1) & ~(np.abs(length - 1.0) <= _UNIT_LENGTH))
-    if bad.size:
-        row = int(bad[0])
-        raise InputError(
-            f"{table.where('qx', row)}: found a quaternion of length {length[row]:.4g}, expected 1"
-        )
+    wrong = np.isfinite(values).all(axis=1) & ~(np.abs(length - 1.0) <= _UNIT_LENGTH)
+    table.refuse("qx", wrong, lambda row: f"a quaternion of length {length[row]:.4g}", "1")
     return _vectors(Rotation.from_quat, values)
 
 
@@ -82,6 +77,3 @@ def _replaced(table: Table, names: tuple[str, ...], vectors: Array) -> Table:
     cells = {name: ArrowCells(vectors[:, k]) for k, name in enumerate(_VECTOR)}
     columns = (*rest.columns, *(Column(name, "deg") for name in _VECTOR))
     return replace(rest, columns=columns, cells={**rest.cells, **cells})
-
-
-__all__ = ["FORMS", "with_rotation_vector"]

@@ -100,6 +100,3 @@ def _column(letters: bytes) -> int:
     for letter in letters.upper():
         out = 26 * out + letter - ord("A") + 1
     return out
-
-
-__all__ = ["CELLS_MOST", "INFLATED_MOST", "PARTS_MOST", "check_workbook"]

@@ -120,6 +120,3 @@ def _baselines(applied: Applied) -> str:
 
 def _pose(error: PoseError) -> str:
     return f"{measure(error.plain, 'mm')} with plain calibration, {measure(error.model, 'mm')}"
-
-
-__all__ = ["applied_words", "check_applicable", "expected_pose", "expected_words", "pose_json", "rows_words"]

@@ -52,6 +52,3 @@ def nothing_against(summary: FitSummary) -> bool:
     """Whether misfit and farthest parameter are those of a true model."""
     within = not summary.worst_parameter_sigma > summary.worst_allowed
     return within and not summary.chi2_per_dof > HIGH
-
-
-__all__ = ["calibrated_headline", "calibrated_words", "figures", "nothing_against"]

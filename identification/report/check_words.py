@@ -92,6 +92,3 @@ def frame(check: Check) -> pd.DataFrame:
     columns = ("kind", "where", "verdict", "before", "after", "unit", "says", "fix")
     told = [{**f.document(), "where": ", ".join(f.where)} for f in check.found]
     return pd.DataFrame([[one[name] for name in columns] for one in told], columns=list(columns))
-
-
-__all__ = ["caution", "caution_lines", "check_lines", "checked", "found_words", "frame", "refusal", "view"]

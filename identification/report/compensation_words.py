@@ -5,15 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.compensation.compensate import Compensation
 
 
 def compensation_json(found: Compensation) -> dict[str, object]:
     """Rows, largest pose errors as the calibrated model predicts them, largest change of each command."""
 
-    def largest(twists: NDArray[np.float64]) -> dict[str, object]:
+    def largest(twists: Array) -> dict[str, object]:
         norms = [np.linalg.norm(twists[:, part], axis=1) for part in (slice(0, 3), slice(3, 6))]
         return {
             "position": {"value": float(np.max(norms[0])), "unit": "mm"},
@@ -40,7 +40,7 @@ def compensation_lines(found: Compensation, output: Path) -> list[str]:
 def error_sentence(found: Compensation) -> str:
     """The largest pose error with the path's commands and with the corrected ones."""
 
-    def words(twists: NDArray[np.float64]) -> str:
+    def words(twists: Array) -> str:
         position = np.max(np.linalg.norm(twists[:, :3], axis=1))
         rotation = np.degrees(np.max(np.linalg.norm(twists[:, 3:], axis=1)))
         return f"{position:.4g} mm, {rotation:.4g} deg"

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index
 from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.identification.diagnosis.result import Diagnosis, Finding
 from truepose.identification.prediction.predictor import Predictor
@@ -24,7 +24,6 @@ from truepose.models.driver import Driver
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 
-Array = NDArray[np.float64]
 POINTS = 721
 MOST_PORTS, FEW, MANY = 3, 6, 20
 """Most ports of a finding that are drawn where there are few findings, else one; of many findings the first are drawn."""
@@ -54,7 +53,7 @@ class Curve:
     rows: Array | None = None
     fitted: Array | None = None
 
-    def thinned(self, rows: NDArray[np.intp]) -> Curve:
+    def thinned(self, rows: Index) -> Curve:
         """With some rows of the recording alone."""
         said, fitted = (None if v is None else v[rows] for v in (self.rows, self.fitted))
         return replace(self, measured=self.measured[rows], rows=said, fitted=fitted)
@@ -66,7 +65,7 @@ def curves(diagnosis: Diagnosis, finding: Finding) -> list[Curve]:
 
 
 def all_curves(
-    diagnosis: Diagnosis, findings: Sequence[Finding], rows: NDArray[np.intp] | None = None
+    diagnosis: Diagnosis, findings: Sequence[Finding], rows: Index | None = None
 ) -> list[list[Curve]]:
     """The same of several findings, whose readings are evaluated once for all of them, in some ``rows`` or in all."""
     known, machine, fit = set(diagnosis.after.prior.names), diagnosis.nominal, diagnosis.after

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.numbers import unit_symbol
 from truepose.models.driver import ROW
@@ -23,7 +23,7 @@ class Column:
 
     name: str
     title: str
-    values: NDArray[np.float64]
+    values: Array
 
 
 def columns(machine: Machine, recording: Recording, first: Sequence[str] = ()) -> list[Column]:

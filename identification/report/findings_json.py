@@ -112,6 +112,3 @@ def _replication(halves: Replication) -> Json:
 
 def _quantity(quantity: Quantity) -> Json:
     return {"value": quantity.value, "std": quantity.std, "unit": quantity.unit}
-
-
-__all__ = ["alternative_json", "finding_json", "law_of", "levels_json", "outliers_json", "untestable_json"]

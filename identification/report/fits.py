@@ -6,14 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Mask
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.summary import FitSummary, rms_by_kind
 from truepose.models.machine import Machine
 
-Mask = NDArray[np.bool_]
 NAMES = {
     "free": ("free fit", "ordinary fit, parameters free"),
     "before": ("tolerances", "under tolerances, no effects"),
@@ -63,6 +62,6 @@ def stated_noise(machine: Machine) -> dict[str, float]:
     return rms_by_kind(np.ones((1, len(machine.channels))), machine.channels)
 
 
-def _rms(residual: NDArray[np.float64]) -> float | None:
+def _rms(residual: Array) -> float | None:
     values = residual[np.isfinite(residual) & (residual != 0.0)]  # a row that refers to itself reads nothing
     return float(np.sqrt(np.mean(values**2))) if values.size else None

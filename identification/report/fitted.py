@@ -92,6 +92,3 @@ def _drawn(result: Fitted) -> Mapping[str, Estimate]:
     if isinstance(result, Diagnosis):
         return {"before": result.before, "after": result.after}
     return {"fit": file_of(result)["estimate"]}
-
-
-__all__ = ["file_of", "machine_of", "residual_figure", "residual_frame"]

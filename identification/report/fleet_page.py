@@ -42,18 +42,9 @@ from truepose.identification.report.numbers import NONE, significant, unit_symbo
 OPENING = 5
 """Most lines of a list on the first screen."""
 _HEAD = (
-    "machine",
-    "status",
-    "verdict",
-    "findings",
-    "chi2 before",
-    "chi2 after",
-    "rms before",
-    "rms after",
-    "unit",
-    "held out",
-    "oddness",
-)
+    "machine", "status", "verdict", "findings", "chi2 before", "chi2 after", "rms before", "rms after", "unit",
+    "held out", "oddness",
+)  # fmt: skip
 
 
 def fleet_html(fleet: Fleet) -> str:

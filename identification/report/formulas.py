@@ -7,14 +7,12 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.diagnosis.result import Diagnosis, Finding
 from truepose.models.effects.base import PlacedEffect, Site
 from truepose.models.machine import Machine
 from truepose.models.states import asked, state_names
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -73,6 +71,3 @@ def coupling_matrix(diagnosis: Diagnosis, finding: Finding) -> tuple[list[str], 
         ca.Function("slope", [readings, found.coefficients], [slope])(middle, found.amplitudes).full()
     )
     return (list(found.shifts), value) if np.count_nonzero(np.any(value != 0.0, axis=0)) > 1 else None
-
-
-__all__ = ["Formula", "coupling_matrix", "formula", "terms_of"]

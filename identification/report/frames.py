@@ -22,41 +22,15 @@ from truepose.identification.report.diagnosis_words import explanation, separati
 from truepose.identification.report.pose_tables import experiment_table, plan_table
 from truepose.identification.report.results import drawing_of, unbounded
 
-CONSTANTS = [
-    "parameter",
-    "value",
-    "std",
-    "nominal",
-    "unit",
-    "tolerance",
-    "in_tolerances",
-    "identifiable",
-]
+CONSTANTS = ["parameter", "value", "std", "nominal", "unit", "tolerance", "in_tolerances", "identifiable"]
 FINDINGS = [
-    "effect",
-    "place",
-    "probability",
-    "place_probability",
-    "driver",
-    "driver_probability",
-    "or_else",
-    "amplitudes",
-    "explanation",
-    "experiment",
-]
+    "effect", "place", "probability", "place_probability", "driver", "driver_probability", "or_else",
+    "amplitudes", "explanation", "experiment",
+]  # fmt: skip
 MOVEMENTS = [
-    "parameter",
-    "status",
-    "probability",
-    "change",
-    "std",
-    "unit",
-    "rate",
-    "rate_std",
-    "steady",
-    "hidden",
+    "parameter", "status", "probability", "change", "std", "unit", "rate", "rate_std", "steady", "hidden",
     "extrinsic",
-]
+]  # fmt: skip
 
 
 @singledispatch

@@ -6,15 +6,14 @@ import re
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Mask
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.report.diagnosis_words import several
 from truepose.models.machine import FRAME_OF, FRAMES
 from truepose.models.mechanism import AXES
 from truepose.wording import shortened
 
-Array = NDArray[np.float64]
 TAKES_PART = 1e-2
 UNTOUCHED = 0.9
 ZERO = 1e-6
@@ -77,7 +76,7 @@ def _blind_words(fit: Estimate, blind: Array) -> list[str]:
     return out
 
 
-def still(blind: Array, fixed: NDArray[np.bool_]) -> Array:
+def still(blind: Array, fixed: Mask) -> Array:
     """(k, n) orthonormal rows spanning the directions of ``blind`` (b, n) along which ``fixed`` (n,) parameters stand still."""
     if not fixed.any() or not len(blind):
         return blind
@@ -97,7 +96,7 @@ def _beyond(rows: Array, inner: Array) -> Array:
     return out
 
 
-def _participants(rows: Array, names: Sequence[str], among: NDArray[np.bool_]) -> list[str]:
+def _participants(rows: Array, names: Sequence[str], among: Mask) -> list[str]:
     part = np.linalg.norm(rows, axis=0)
     limit = TAKES_PART * float(np.max(part[among], initial=0.0))
     return [

@@ -16,6 +16,3 @@ def diagnosis_judgement(diagnosis: Diagnosis) -> Judgement:
     """The judgement of the model that a diagnosis ends with."""
     named = any(not finding.nameless for finding in diagnosis.findings)
     return judged_diagnosis(diagnosis.before, diagnosis.after, named=named)
-
-
-__all__ = ["diagnosis_judgement", "judgement_json"]

@@ -39,6 +39,3 @@ def mount_blocks(fit: Estimate) -> list[Block]:
         " points: h hour angle, d declination, A azimuth from the north by the east, E altitude, z zenith distance."
     )
     return [Table(head, rows, caption)] if rows else []
-
-
-__all__ = ["mount_blocks", "mount_words", "terms_of_fit"]

@@ -8,14 +8,8 @@ from collections.abc import Mapping
 NONE = "-"
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _SYMBOLS: Mapping[str, str] = {
-    "um": "µm",
-    "urad": "µrad",
-    "nm": "nm",
-    "nrad": "nrad",
-    "1": "",
-    "degC": "°C",
-    "deg": "°",
-}
+    "um": "µm", "urad": "µrad", "nm": "nm", "nrad": "nrad", "1": "", "degC": "°C", "deg": "°",
+}  # fmt: skip
 _FINER: Mapping[str, tuple[tuple[float, float, str], ...]] = {
     "mm": ((1e-4, 1e6, "nm"), (1.0, 1e3, "um")),
     "rad": ((1e-7, 1e9, "nrad"), (1e-2, 1e6, "urad"), (1.0, 1e3, "mrad")),

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index
 from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.prediction.covariance import UNSEEN
@@ -22,9 +22,6 @@ from truepose.identification.prediction.sensor_rows import Block
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
-
-Array = NDArray[np.float64]
-Rows = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -44,7 +41,7 @@ def all_port_shifts(
     fit: Estimate,
     recording: Recording,
     wanted: Sequence[tuple[Sequence[PlacedEffect], Sequence[str]]],
-    rows: Rows | None = None,
+    rows: Index | None = None,
 ) -> list[list[PortShift]]:
     """What groups of terms of a fit shift at some ports each, row by row; readings are evaluated once for all of them.
 
@@ -85,7 +82,7 @@ class _Group:
         slopes = _slopes(predictor, own, ports)
         return cls(predictor, fit, ports, own, at, _covariance(fit, own), slopes, found)
 
-    def take(self, rows: Rows, residual: Array, jacobian: Array, p: Array) -> None:
+    def take(self, rows: Index, residual: Array, jacobian: Array, p: Array) -> None:
         """What some rows say."""
         fit, q, z, own = self.fit, self.predictor.q[rows], self.predictor.z[rows], self.own
         count = len(fit.nominal.parameters)
@@ -124,9 +121,9 @@ def _slopes(predictor: Predictor, own: Sequence[int], ports: Sequence[str]) -> B
 
 
 def _blocks(
-    predictor: Predictor, fit: Estimate, p: Array, wanted: Rows | None
-) -> Iterator[tuple[Rows, Array, Array]]:
-    """Rows, residuals and Jacobians, of rows that are wanted and could be assembled."""
+    predictor: Predictor, fit: Estimate, p: Array, wanted: Index | None
+) -> Iterator[tuple[Index, Array, Array]]:
+    """Index, residuals and Jacobians, of rows that are wanted and could be assembled."""
     good = np.flatnonzero(np.isfinite(fit.residual).all(axis=1))
     if wanted is not None:
         good = np.intersect1d(good, wanted)
@@ -162,6 +159,3 @@ def _covariance(fit: Estimate, own: Sequence[int]) -> Array:
     at = [place[own[k]] for k in known]
     out[np.ix_(known, known)] = fit.covariance_among(np.array(at))
     return out
-
-
-__all__ = ["PortShift", "all_port_shifts"]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truepose.identification.compensation.rows import Compensation
 from truepose.identification.diagnosis.result import Diagnosis
@@ -16,7 +15,6 @@ from truepose.identification.planning.plan import Plan
 from truepose.models.units import convert
 from truepose.shown.drawing import bars, dots, strips
 
-Array = NDArray[np.float64]
 SHOWN = 12
 
 

@@ -22,6 +22,3 @@ def plain_term(term: PlacedEffect) -> str:
 
 def _pairs(term: PlacedEffect) -> list[tuple[str, Coefficient]]:
     return list(zip(term.parameter_names, term.coefficients, strict=True))
-
-
-__all__ = ["plain_names", "plain_term"]

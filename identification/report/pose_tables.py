@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.planning.discriminate.result import Experiment
 from truepose.identification.planning.plan import Plan
 from truepose.identification.planning.rounding import decimals
@@ -13,7 +14,6 @@ from truepose.models.driver import APPROACH, SESSION, TIME, Driver
 from truepose.models.machine import Machine
 from truepose.models.units import convert
 
-Array = NDArray[np.float64]
 _FINEST = 1e-12
 BETWEEN = 30.0
 """Seconds from one row to the next, where time is planned."""
@@ -25,7 +25,7 @@ def plan_table(plan: Plan) -> pd.DataFrame:
     Rows of the same joint values share a ``pose`` number: they are repeats.
     """
     n = len(plan.q)
-    data: dict[str, NDArray[np.float64] | NDArray[np.int64]] = {}
+    data: dict[str, Array | NDArray[np.int64]] = {}
     if plan.origin is None:
         data["pose"] = _numbered(plan.q)
     else:  # the number says which row a change counts from
@@ -41,7 +41,7 @@ def experiment_table(experiment: Experiment) -> pd.DataFrame:
     """
     rows, machine = experiment.rows, experiment.machine
     q, drivers = rows.q, dict(rows.drivers)
-    data: dict[str, NDArray[np.float64] | NDArray[np.int64]] = {}
+    data: dict[str, Array | NDArray[np.int64]] = {}
     if experiment.reference is None:
         held = [values for name, values in drivers.items() if Driver.of(name).kind not in (APPROACH, TIME)]
         data["pose"] = _numbered(np.column_stack([q, *held]))
@@ -64,9 +64,9 @@ def experiment_table(experiment: Experiment) -> pd.DataFrame:
     return pd.DataFrame(data)
 
 
-def _joints(q: Array, machine: Machine) -> dict[str, NDArray[np.float64] | NDArray[np.int64]]:
+def _joints(q: Array, machine: Machine) -> dict[str, Array | NDArray[np.int64]]:
     """Joint values (n, nq) by column, in the units of the machine file."""
-    data: dict[str, NDArray[np.float64] | NDArray[np.int64]] = {}
+    data: dict[str, Array | NDArray[np.int64]] = {}
     for k, actuator in enumerate(machine.mechanism.actuators):
         written = convert(q[:, k], actuator.reading_unit, machine.column_unit(actuator.reading))
         # what is left of the conversion's rounding would make long numbers of short ones

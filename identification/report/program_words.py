@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.programs.correct import NEARBY, Corrected, Correction
 from truepose.models.machine import Machine
 
-Array = NDArray[np.float64]
 _LISTED = 5
 """Lines that a note names; ``--json`` names all."""
 
@@ -161,6 +160,3 @@ def _json(norm: Array) -> dict[str, object]:
 def _listed(items: list[str]) -> str:
     more = [f"and {len(items) - _LISTED} more"] if len(items) > _LISTED else []
     return ", ".join([*items[:_LISTED], *more])
-
-
-__all__ = ["Limit", "correction_json", "correction_lines", "correction_notes"]

@@ -39,6 +39,3 @@ def excluded_words(rows: Sequence[int], most: int) -> str:
     if len(rows) == 1:
         return f"1 row excluded as an outlier: row {numbers}"
     return f"{len(rows)} rows excluded as outliers: rows {numbers}"
-
-
-__all__ = ["excluded_words", "far_row_words"]

@@ -53,23 +53,11 @@ _VERDICTS = {
 def diagnosis_summary(result: Diagnosis, command: str, files: list[str]) -> dict[str, object]:
     """What ``--json`` prints of a diagnosis: its document's main parts, and the files."""
     whole = diagnosis_json(result)
-    kept = {
-        key: whole[key]
-        for key in (
-            "judgement",
-            "verdict",
-            "concealed",
-            "alarms",
-            "findings",
-            "leading",
-            "sets",
-            "remainder",
-            "untestable",
-            "fit",
-            "proof",
-            "applied",
-        )
-    }
+    main = (
+        "judgement", "verdict", "concealed", "alarms", "findings", "leading", "sets", "remainder", "untestable", "fit",
+        "proof", "applied",
+    )  # fmt: skip
+    kept = {key: whole[key] for key in main}
     return {"command": command, **kept, "files": files}
 
 

@@ -182,6 +182,3 @@ def _write(task: Task, record: Record, result: _Result | None) -> None:
         if result is not None:
             put_both(result.calibration, result.diagnosis, result.check, partial, brief=task.options.brief)
         atomic_write_text(partial / RECORD, record.text() + "\n")
-
-
-__all__ = ["RESULTS", "Options", "Task", "done"]

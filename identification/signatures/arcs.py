@@ -12,13 +12,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.prior import LONG
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.empirical import Empirical
 
-Array = NDArray[np.float64]
 Layout = Sequence[tuple[list[str], slice]]
 """Of each candidate: the ports that it moves, and where its shifts (ports times coefficients) stand."""
 Turns = Mapping[str, Array]
@@ -48,6 +47,3 @@ def turned(
         places.append((names, slice(at, at := at + own.shape[1])))
         out.append(own)
     return (np.concatenate(out, axis=1) if out else shifts), places
-
-
-__all__ = ["Layout", "Turns", "series_ports", "turned"]

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.learned_prior import FleetPrior
 from truepose.identification.prior import ELSEWHERE, TOGETHER
 from truepose.identification.recording.recording import Recording
@@ -42,8 +42,6 @@ from truepose.models.effects.empirical_sources import (
 from truepose.models.effects.sights import XYZ, point_names
 from truepose.models.machine import FRAMES, Machine
 from truepose.models.placed import EffectAtPlace
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

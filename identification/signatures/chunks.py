@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any, overload
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Index
 from truepose.errors import InputError
 from truepose.identification.prediction.predictor import BLOCK
 from truepose.identification.recording.recording import Recording
@@ -27,8 +27,6 @@ from truepose.models.registry import load_once, loaded_plugins
 from truepose.pool import numbered, present
 from truepose.threads import one_thread
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 CHUNK = 32 * BLOCK
 """Rows of a chunk: some megabytes to send, and seconds of work."""
 KEPT = 4

@@ -10,16 +10,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index, Mask
 from truepose.identification.prior import FORM_ERROR
 from truepose.identification.recording.recording import Recording
 from truepose.models.smooth import chebyshev, scaled
 
-Array = NDArray[np.float64]
 PAIR = 2
 """Modulations of a source: its first two polynomials."""
-Signal = tuple[NDArray[np.intp], Array]
+Signal = tuple[Index, Array]
 """Columns of G of one cause's terms, and their fitted coefficients."""
 
 
@@ -38,7 +37,7 @@ class Forms:
         return cls(np.zeros((0, 0)), ())
 
     @classmethod
-    def of(cls, recording: Recording, used: NDArray[np.bool_], signals: Sequence[Signal]) -> Forms:
+    def of(cls, recording: Recording, used: Mask, signals: Sequence[Signal]) -> Forms:
         """Of the signals, over the ranges of the rows ``used`` (n,)."""
         if not signals:
             return cls.none()
@@ -54,11 +53,11 @@ class Forms:
         """Number of columns."""
         return len(self.signals) * int(self.modulations.shape[1])
 
-    def of_rows(self, rows: NDArray[np.intp]) -> Array:
+    def of_rows(self, rows: Index) -> Array:
         """(k, u) modulations of some rows."""
         return self.modulations[rows] if self.signals else np.zeros((len(rows), 0))
 
-    def columns(self, signature: Array, rows: NDArray[np.intp]) -> Array:
+    def columns(self, signature: Array, rows: Index) -> Array:
         """(k, m, width) of rows (k,) with signatures (k, m, w), each N(0, 1)."""
         out = [
             (signature[:, :, at] @ amplitude)[:, :, None] * self.modulations[rows][:, None, :]
@@ -67,10 +66,7 @@ class Forms:
         return np.concatenate(out, axis=2) if out else np.zeros((*signature.shape[:2], 0))
 
 
-def _chebyshev(values: Array, used: NDArray[np.bool_]) -> Array:
+def _chebyshev(values: Array, used: Mask) -> Array:
     """(n, PAIR) the first two polynomials over the range of the used rows."""
     t = scaled(values, float(values[used].min()), float(values[used].max()))
     return np.column_stack(chebyshev(np.clip(t, -1.0, 1.0), PAIR)[1:])
-
-
-__all__ = ["PAIR", "Forms", "Signal"]

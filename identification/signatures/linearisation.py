@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index
 from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.models.effects.base import PlacedEffect
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -51,7 +49,7 @@ class Linearisation:
         """All kinds of channels together."""
         return np.asarray(sum(self.grams[1:], self.grams[0]))
 
-    def among(self, rows: NDArray[np.intp], columns: NDArray[np.intp] | None = None) -> Array:
+    def among(self, rows: Index, columns: Index | None = None) -> Array:
         """(k, l) entries of ``gram``, (k, k) where no columns are given."""
         at = np.ix_(rows, rows if columns is None else columns)
         return np.asarray(sum((gram[at] for gram in self.grams[1:]), self.grams[0][at]))
@@ -80,6 +78,3 @@ class Linearisation:
     def indices(self, chosen: Sequence[int]) -> list[int]:
         """Columns of G of the chosen candidates."""
         return [k for i in chosen for k in range(self.columns[i].start, self.columns[i].stop)]
-
-
-__all__ = ["Linearisation"]

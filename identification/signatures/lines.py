@@ -13,8 +13,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.signatures import Signatures
@@ -23,7 +23,6 @@ from truepose.models.effects.series import over_arc
 from truepose.models.effects.transmission_error import HIGHEST_ORDER, SERIES, TransmissionError
 from truepose.models.setting_range import HARMONIC
 
-Array = NDArray[np.float64]
 FINEST = 4096
 """Highest order that is looked for: 2^12, twenty cycles of a motor behind a gear of 200."""
 BINS = 16

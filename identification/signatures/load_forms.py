@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.driver import MEASURED_LOADS, Driver
@@ -15,7 +15,6 @@ from truepose.models.effects.empirical import TURNS
 from truepose.models.effects.empirical_sources import LOAD, LOAD_CURVE, MOMENT, seen_over
 from truepose.models.machine import FRAMES, Machine
 
-Array = NDArray[np.float64]
 SAME = 1e-6
 """Share of a load (N, N m) below which its changes are rounding."""
 

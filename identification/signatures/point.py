@@ -6,13 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index, Mask
 from truepose.identification.fit.estimate import Estimate
 from truepose.models.effects.base import PlacedEffect
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -25,7 +22,7 @@ class Point:
     free: Index
     scale: Array
     x: Array
-    used: NDArray[np.bool_]
+    used: Mask
     weights: Array
 
     @classmethod
@@ -40,6 +37,3 @@ class Point:
     def among(self, names: Sequence[str]) -> Array:
         """(k,) p for names that go on with ports behind its own: these are at nothing."""
         return np.concatenate([self.p, np.zeros(len(names) - len(self.p))])
-
-
-__all__ = ["Point"]

@@ -10,13 +10,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index
 from truepose.identification.prediction.by_ports import ByPorts, Part
 from truepose.identification.signatures.arcs import Layout
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -82,6 +79,3 @@ class Columns:
                 moved = np.einsum("ncp,c->np", local, size)
                 out += np.einsum("nmp,np->nm", ports[:, :, [self.place[n] for n in names]], moved)
         return out
-
-
-__all__ = ["Columns"]

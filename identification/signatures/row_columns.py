@@ -11,8 +11,8 @@ from copy import copy
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index
 from truepose.identification.prediction.by_ports import Part
 from truepose.identification.prediction.gram_sum import GramSum
 from truepose.identification.prediction.predictor import BLOCK, Predictor
@@ -28,8 +28,6 @@ from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 from truepose.threads import in_order
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 Sums = tuple[tuple[Array, ...], list[int]]
 """Gram matrices and numbers of readings, by kind of channel."""
 
@@ -163,6 +161,3 @@ class RowColumns:
 def parted(rows: int) -> list[slice]:
     """So many rows, a block at a time."""
     return [slice(start, min(start + BLOCK, rows)) for start in range(0, rows, BLOCK)]
-
-
-__all__ = ["RowColumns", "Sums", "parted"]

@@ -7,16 +7,14 @@ from copy import copy
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index
 from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect, Site
 from truepose.models.kinematics import driver_default
 from truepose.models.machine import Machine
 from truepose.models.states import state_names
-
-Array = NDArray[np.float64]
 
 
 class ShiftFunction:
@@ -64,7 +62,7 @@ class ShiftFunction:
 
     def __call__(
         self, names: Sequence[str], p: Array, loads: Mapping[str, Array], states: Mapping[str, Array],
-        rows: NDArray[np.intp],
+        rows: Index,
     ) -> Array:  # fmt: skip
         """(k, total) shift derivatives for some rows; loads and states (k,) are theirs."""
         at = {name: k for k, name in enumerate(names)}

@@ -10,8 +10,8 @@ from collections.abc import Iterator, Sequence
 from copy import copy
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.tolerance_classes import part_classes
 from truepose.identification.fit.turn import seen_directions
@@ -25,8 +25,6 @@ from truepose.identification.signatures.point import Point
 from truepose.identification.signatures.row_columns import RowColumns, parted
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.placed import EffectAtPlace
-
-Array = NDArray[np.float64]
 
 
 class Signatures(RowColumns):
@@ -57,7 +55,7 @@ class Signatures(RowColumns):
         other.turn({**self.by_label, **directions})
         return other
 
-    def linearise(self, fit: Estimate, *, order: NDArray[np.intp] | None = None) -> Linearisation:
+    def linearise(self, fit: Estimate, *, order: Index | None = None) -> Linearisation:
         """Gram matrices at a fit, whose effects must be among the candidates.
 
         ``order`` (n,) gives effects the drivers of other rows (a placebo).
@@ -104,7 +102,7 @@ class Signatures(RowColumns):
 
     def scores(
         self, fit: Estimate, ports: Sequence[str], noise: Array | None = None
-    ) -> tuple[Array, Array, NDArray[np.intp]]:
+    ) -> tuple[Array, Array, Index]:
         """Of each fitted row (k,) and port: J'r and J'J (k, p) of its shift; by ``noise`` (m,) of each channel in stated
         sigmas, by default what the fit leaves."""
         predictor = self.predictor(fit.effects)
@@ -136,7 +134,7 @@ class Signatures(RowColumns):
         """Columns of G of the chosen candidates."""
         return [k for i in chosen for k in range(self.columns[i].start, self.columns[i].stop)]
 
-    def _geometry(self, fit: Estimate) -> NDArray[np.intp]:
+    def _geometry(self, fit: Estimate) -> Index:
         """Indices of the free parameters, without effect coefficients."""
         free = fit.prior.free
         return free[free < len(self.machine.parameters)]
@@ -152,6 +150,3 @@ class Signatures(RowColumns):
     def rows(self, fit: Estimate) -> Iterator[tuple[slice, Block, Array]]:
         """Row ranges with their block and signatures (n, m, width)."""
         yield from self.blocks_of(self._point(fit), None)
-
-
-__all__ = ["Signatures"]

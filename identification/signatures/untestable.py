@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.constants import g
 
+from truepose.arrays import Array
 from truepose.identification.recording.recording import Recording
 from truepose.models.driver import (
     APPROACH,
@@ -143,7 +143,7 @@ def still_sources(machine: Machine, recording: Recording) -> frozenset[str]:
     return frozenset(still | {name for name, v in measured.items() if np.ptp(v) < STEPS * _resolution(v)})
 
 
-def _resolution(values: NDArray[np.float64]) -> float:
+def _resolution(values: Array) -> float:
     """Return the step of the last decimal digit that any of the values uses; 0 where all are levels that were set."""
     gaps = np.diff(np.unique(values))
     step = next(

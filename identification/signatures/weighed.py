@@ -12,13 +12,10 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.sensor_rows import Block
 from truepose.identification.signatures.point import Point
-
-Array = NDArray[np.float64]
 
 
 def blocks_of_every_set(predictor: Predictor, here: Point) -> Iterator[Block]:
@@ -39,6 +36,3 @@ def blocks_of_every_set(predictor: Predictor, here: Point) -> Iterator[Block]:
         place = np.array(at) if block.at is None else np.searchsorted(block.at, at)  # no mass follows ports
         columns[:, :, place] = plain.dense[:, :, place]
         yield replace(block, dense=columns)
-
-
-__all__ = ["blocks_of_every_set"]

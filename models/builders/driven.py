@@ -89,6 +89,3 @@ def with_encoders(
                 f"{where}.encoders: found {name!r}, expected a joint that is read; {close_matches(name, names)}"
             )
     return [row | dict(encoders.get(row["name"], {})) for row in rows]
-
-
-__all__ = ["Driven", "Encoder", "with_encoders"]

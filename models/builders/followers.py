@@ -60,6 +60,3 @@ def law_of(
     readings = [(name, units.to_internal(1.0, driven[name])) for name in formula.names if name in driven]
     named = [(name, f"{joint}.{name}", units.to_internal(1.0, "length")) for name in lengths]
     return Law(formula, units.to_internal(1.0, dimension), tuple(readings), tuple(named))
-
-
-__all__ = ["Mimic", "check_lengths", "law_of", "ratio_name", "ratio_unit"]

@@ -85,6 +85,3 @@ def _end(part: Part) -> tuple[str, ...]:
 
 def _point(joint: str) -> tuple[str, ...]:
     return tuple(f"{joint}.{axis}" for axis in _XYZ)
-
-
-__all__ = ["limbs_of", "thermal_lengths"]

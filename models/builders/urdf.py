@@ -138,6 +138,3 @@ def _names(section: Urdf, chain: list[str], where: str) -> list[str]:
             f"{where}.joints: found {cut(twice[0])!r} twice, expected every joint to have its own name"
         )
     return names
-
-
-__all__ = ["Urdf", "expanded", "urdf"]

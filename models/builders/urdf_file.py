@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 from xml.etree import ElementTree
 
 from truepose.errors import InputError
@@ -16,6 +16,7 @@ from truepose.models.builders.urdf_xml import read_urdf
 from truepose.models.units import UnitSystem
 from truepose.wording import close_matches, cut, shortened
 
+_T = TypeVar("_T")
 KINDS = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic", "fixed": "fixed"}
 MM_PER_M = 1000.0
 CHAIN_MOST = 500
@@ -97,6 +98,25 @@ class Robot:
                 "expected a link further from the base than base_link"
             )
         return out[::-1]
+
+    def carried(
+        self, link: str, known: dict[str, _T | None], beyond: Callable[[_T, ElementTree.Element], _T]
+    ) -> _T | None:
+        """Return what is known of a link by the joints that carry it from a link in ``known``; None where there is none.
+
+        ``known`` grows, so that long branches are walked once.
+        """
+        way: list[str] = []
+        while link not in known:
+            known[link] = None  # a ring, or another root, unless the walk comes to a link that is known
+            way.append(link)
+            if link in self.above:
+                link = self.end(self.above[link], "parent")
+        found = known[link]
+        for one in reversed(way):
+            found = None if found is None else beyond(found, self.above[one])
+            known[one] = found
+        return found
 
     @cached_property
     def joints(self) -> Mapping[str, ElementTree.Element]:
@@ -221,9 +241,8 @@ class Robot:
 
     def wrong(self, joint: ElementTree.Element, element: str, found: str, expected: str) -> InputError:
         """The error of one element of a joint or link."""
-        return InputError(
-            f"{self.path}: {joint.tag} {cut(self.joint_name(joint))!r}: {element}: {found}, expected {expected}"
-        )
+        where = f"{self.path}: {joint.tag} {cut(self.joint_name(joint))!r}: {element.replace('/', '.')}"
+        return InputError(f"{where}: {found}, expected {expected}")
 
 
 def _check_names(path: Path, what: str, names: list[str]) -> None:
@@ -242,6 +261,3 @@ def _direction(axis: tuple[float, ...]) -> list[float]:
     """An axis as it stands; of one whose length's square no number holds, the same direction."""
     largest = max(map(abs, axis))
     return list(axis) if 1e-6 <= largest <= 1e6 else [v / largest for v in axis]
-
-
-__all__ = ["CHAIN_MOST", "FARTHEST", "KINDS", "MM_PER_M", "NAME_MOST", "Robot"]

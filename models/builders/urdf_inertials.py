@@ -11,14 +11,13 @@ from typing import NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models.builders.urdf_file import FARTHEST, MM_PER_M, Robot
-from truepose.models.lie import rpy_matrix
+from truepose.models.lie import pose_of, rpy_matrix
 from truepose.models.mechanism import Inertial
-from truepose.wording import cut, shortened
+from truepose.wording import shortened
 
-Array = NDArray[np.float64]
 STANDARD_GRAVITY = 9.80665
 _NAMED = 3
 
@@ -29,6 +28,11 @@ class _Hung(NamedTuple):
     body: str
     frame: Array
     moved: bool
+
+    def beyond(self, robot: Robot, joint: ElementTree.Element) -> _Hung:
+        """Return the same of the link that a joint carries."""
+        moved = self.moved or joint.get("type") != "fixed"
+        return _Hung(self.body, self.frame @ _origin(robot, joint), moved)
 
 
 def inertials_of(robot: Robot, chain: Sequence[str]) -> tuple[tuple[Inertial, ...], tuple[str, ...]]:
@@ -43,7 +47,9 @@ def inertials_of(robot: Robot, chain: Sequence[str]) -> tuple[tuple[Inertial, ..
         kg, com = _weight(robot, element)
         if not kg:
             continue
-        found = _carried(robot, robot.joint_name(element), known)
+        found = robot.carried(
+            robot.joint_name(element), known, lambda above, joint: above.beyond(robot, joint)
+        )
         if found is None:
             continue
         body, frame, moved = found
@@ -72,50 +78,19 @@ def gravity_in(robot: Robot, base: str) -> tuple[float, float, float]:
 
 def _weight(robot: Robot, link: ElementTree.Element) -> tuple[float, Array]:
     """Mass of a link, kg, and its centre, mm; 0 where it states none."""
-    inertial = link.find("inertial")
-    mass = None if inertial is None else inertial.find("mass")
-    if inertial is None or mass is None:
+    mass = link.find("inertial/mass")
+    if mass is None:
         return 0.0, np.zeros(3)
-    kg = robot.number(link, "inertial.mass", mass.get("value", "0"))
+    kg = robot.number(link, "inertial/mass", mass.get("value", "0"))
     if not 0.0 <= kg <= FARTHEST:
-        raise robot.wrong(link, "inertial.mass", f"found {kg:g}", f"a number >= 0, at most {FARTHEST:g} (kg)")
-    origin = inertial.find("origin")
-    text = None if origin is None else origin.get("xyz")
-    if text is None:
-        return kg, np.zeros(3)
-    values = [robot.number(link, "inertial.origin", word) for word in text.split(maxsplit=3)]
-    if len(values) != 3 or max(map(abs, values)) > FARTHEST:
-        raise robot.wrong(
-            link, "inertial.origin.xyz", f"found {cut(text)!r}", f"3 numbers of at most {FARTHEST:g}"
-        )
-    return kg, MM_PER_M * np.array(values)
-
-
-def _carried(robot: Robot, link: str, known: dict[str, _Hung | None]) -> _Hung | None:
-    """What a link hangs on; ``known`` of the links seen before, which grows, so that long branches are walked once."""
-    way: list[str] = []
-    while link not in known:
-        known[link] = None  # a ring, or the root, unless the walk comes to a body
-        way.append(link)
-        if link in robot.above:
-            link = robot.end(robot.above[link], "parent")
-    found = known[link]
-    for one in reversed(way):
-        if found is not None:
-            joint = robot.above[one]
-            found = _Hung(
-                found.body, found.frame @ _origin(robot, joint), found.moved or joint.get("type") != "fixed"
-            )
-        known[one] = found
-    return found
+        raise robot.wrong(link, "inertial/mass", f"found {kg:g}", f"a number >= 0, at most {FARTHEST:g} (kg)")
+    return kg, MM_PER_M * np.array(robot.numbers(link, "inertial/origin", "xyz"))
 
 
 def _origin(robot: Robot, joint: ElementTree.Element) -> Array:
     """(4, 4) child frame in the parent's at zero, mm."""
-    out = np.eye(4)
-    out[:3, :3] = rpy_matrix(np.array(robot.numbers(joint, "origin", "rpy")))
-    out[:3, 3] = MM_PER_M * np.array(robot.numbers(joint, "origin", "xyz"))
-    return out
+    xyz, rpy = (np.array(robot.numbers(joint, "origin", part)) for part in ("xyz", "rpy"))
+    return pose_of(rpy_matrix(rpy), MM_PER_M * xyz)
 
 
 __all__ = ["gravity_in", "inertials_of"]

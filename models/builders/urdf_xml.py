@@ -92,6 +92,3 @@ def _check_tags(data: bytes, path: Path) -> None:
                 f"{path}: cannot read the URDF: found a tag of more than {TAG_MOST // MIB} MiB, expected a URDF"
             )
         at = end + 1
-
-
-__all__ = ["DEPTH_MOST", "ELEMENTS_MOST", "TAG_MOST", "URDF_MOST", "parse_own_xml", "parse_urdf", "read_urdf"]

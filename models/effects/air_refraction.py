@@ -6,9 +6,8 @@ from collections.abc import Mapping, Sequence
 from math import pi
 
 import casadi as ca
-import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import sensor_at, sensors_where
 from truepose.models.effects.sights import bent_up, of_stars, optical, stretched
@@ -16,7 +15,6 @@ from truepose.models.effects.thermometers import borrowed, from_settings, others
 from truepose.models.machine import Machine
 from truepose.models.setting_range import ANY, SWITCH, ranges
 
-Array = NDArray[np.float64]
 REFRACTIVITY = 2.7e-4
 """n - 1 of dry air at 20 degC and 1013.25 hPa: 2.72e-4 at 633 nm, 2.69e-4 at 1550 nm."""
 KELVIN, WARM, PRESSURE = 273.15, 20.0, 1013.25

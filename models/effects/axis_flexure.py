@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models.assembly import placed_frame
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
@@ -16,7 +16,6 @@ from truepose.models.machine import Machine
 from truepose.models.mechanism import BASE, Direction, Joint
 from truepose.models.setting_range import SWITCH, ranges
 
-Array = NDArray[np.float64]
 LARGEST = 5e-3
 """rad: 1000 arcsec, a light mount of an amateur; observatories have a hundredth of it."""
 FORK, SHAFT = "fork", "shaft"

@@ -7,8 +7,8 @@ from math import pi
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import (
     actuator_at,
@@ -112,7 +112,7 @@ def _carries_arm(machine: Machine, place: Place) -> bool:
     return actuator_at(machine, place[0]).drives not in looped(machine.mechanism)
 
 
-def _directions(machine: Machine, place: Place) -> dict[str, NDArray[np.float64]]:
+def _directions(machine: Machine, place: Place) -> dict[str, Array]:
     """Unit vectors of displacements in the joint's frame: all for an arm, one for a leg, else two across."""
     eye = np.eye(3)
     if _carries_arm(machine, place):

@@ -6,9 +6,8 @@ from collections.abc import Mapping, Sequence
 from math import hypot, pi
 
 import casadi as ca
-import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import (
     ARCSEC,
@@ -117,7 +116,7 @@ def _offset(machine: Machine, name: str) -> tuple[str, ...]:
     return own_offset(next(joint for joint in machine.mechanism.joints if joint.name == name))
 
 
-def _across(machine: Machine, name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _across(machine: Machine, name: str) -> tuple[Array, Array]:
     """Two unit vectors (3,) across a joint's axis that make a right-handed frame with it."""
     joint = next(joint for joint in machine.mechanism.joints if joint.name == name)
     return across(nominal_axis(machine, joint.axis))

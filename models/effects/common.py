@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models.driver import VELOCITY, Driver
 from truepose.models.effects.base import Coefficient, Observed, Place, Settings, Site
@@ -204,8 +204,8 @@ class Rail:
 
     reading: str
     components: tuple[str | None, str | None, str | None]
-    axis: NDArray[np.float64]
-    across: NDArray[np.float64]
+    axis: Array
+    across: Array
 
 
 def rails(machine: Machine) -> list[Rail]:
@@ -229,7 +229,7 @@ def rails(machine: Machine) -> list[Rail]:
     return out
 
 
-def nominal_axis(machine: Machine, axis: tuple[float, float, float] | Direction) -> NDArray[np.float64]:
+def nominal_axis(machine: Machine, axis: tuple[float, float, float] | Direction) -> Array:
     """(3,) unit vector of a joint's axis as the drawing has it."""
     if not isinstance(axis, Direction):
         return np.array(axis, dtype=float)
@@ -239,7 +239,7 @@ def nominal_axis(machine: Machine, axis: tuple[float, float, float] | Direction)
     return np.array([third if name is None else nominal[name] for name in axis.components])
 
 
-def _on_base(machine: Machine, point: Sequence[float]) -> NDArray[np.float64]:
+def _on_base(machine: Machine, point: Sequence[float]) -> Array:
     """A point of the platform in the base frame, at home."""
     mechanism = machine.mechanism
     home = next((j.home for j in mechanism.joints if j.kind == "free" and j.child == mechanism.platform), ())

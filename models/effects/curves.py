@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models.smooth import chebyshev
 
-Array = NDArray[np.float64]
 LINE_END = 2.0
 """Where a line ends, in halves of the range seen: most that is linear goes on, but not for ever."""
 NOTHING = 1e-9

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models.driver import TIME
 from truepose.models.effects.base import (
     Coefficient,
@@ -44,7 +44,6 @@ from truepose.models.mechanism import AXES, AXIS_UNITS
 from truepose.models.setting_range import COLUMN, COUNT, POSITIVE, ranges
 from truepose.wording import joined
 
-Array = NDArray[np.float64]
 LARGEST = {"mm": 1.0, "rad": 0.01}
 LINES = 0.5
 """How likely a line is beside a curve."""

@@ -24,6 +24,3 @@ class OfRows(Effect):
 
     def shifts(self, site: Site) -> Shifts:
         return {}
-
-
-__all__ = ["OF_ROWS", "OfRows"]

@@ -83,6 +83,3 @@ def over_arc(place: Place, settings: Settings, seen: Mapping[str, tuple[float, f
     if "orders" not in settings or high - low >= 2 * np.pi:
         return settings
     return {**settings, **{end: float(f"{value:.6g}") for end, value in zip(SEEN, (low, high), strict=True)}}
-
-
-__all__ = ["FADE", "SEEN", "over_arc", "series", "series_coefficients"]

@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 import casadi as ca
-import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import clock, limb_at, singly
 from truepose.models.effects.thermometers import FROM, borrowed, from_settings, others, own_columns, span
 from truepose.models.machine import Machine
 from truepose.models.setting_range import ANY, NOT_NEGATIVE, ranges
 
-Array = NDArray[np.float64]
 REFERENCE = 20.0
 LAGS = (300.0, 900.0, 1800.0, 3600.0)
 LAGS_ELSEWHERE = (900.0, 3600.0)

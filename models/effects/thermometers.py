@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models.driver import AIR, TEMPERATURE, TIME, Driver
 from truepose.models.effects.base import Settings
 from truepose.models.machine import Machine
 from truepose.models.units import compatible
 
-Array = NDArray[np.float64]
 FROM = "from."
 """Setting ``from.COLUMN``: the thermometer that is read, and the temperature (degC) from which it counts."""
 ALIKE = 0.99

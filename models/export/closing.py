@@ -6,13 +6,12 @@ from collections.abc import Callable
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models.closure import closed, one_row
 from truepose.models.home import coordinate_scale
 from truepose.models.kinematics import SymbolicModel
 
-Array = NDArray[np.float64]
 Pose = Callable[[Array, Array], Array]
 
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models.assembly import symbols
 from truepose.models.effect import Site
 from truepose.models.export.closing import closed_pose_function
@@ -24,7 +24,6 @@ from truepose.models.machine import Machine
 from truepose.models.placed import PlacedEffect
 from truepose.models.states import state_names
 
-Array = NDArray[np.float64]
 SAMPLES = 64
 """Poses at which the size of what is left out is looked for."""
 _SEED = 1

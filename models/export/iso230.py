@@ -10,12 +10,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models.export.numbers import clean
 from truepose.models.export.volumetric import CHECKED, Axis, Table
 
-Array = NDArray[np.float64]
 _DIRECTIONS = "XYZABC"
 _SLOPES = {
     "X": (("B0X", 2, -1.0), ("C0X", 1, 1.0)),
@@ -111,6 +110,3 @@ def squareness(table: Table) -> dict[str, float]:
 
 def _shown(axis: Axis, value: float) -> str:
     return f"{value:.15g} mm" if axis.unit == "mm" else f"{np.degrees(value):.15g} deg"
-
-
-__all__ = ["isg_text", "iso230_text", "squareness"]

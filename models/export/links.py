@@ -6,14 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models.export.numbers import MM_PER_M
 from truepose.models.export.tree import Tree, TreeJoint, frames_of
 from truepose.models.machine import Machine, Mass
 from truepose.models.mechanism import BASE
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -103,6 +101,3 @@ def lump_of(points: Sequence[tuple[float, Array]]) -> Lump:
         arm = (at - centre) / MM_PER_M
         spread += kg * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     return Lump(total, centre / MM_PER_M, spread)
-
-
-__all__ = ["Links", "Lump", "Names", "links_of", "lump_of"]

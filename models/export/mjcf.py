@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models.export.links import Links, Lump, links_of
 from truepose.models.export.numbers import MM_PER_M, cleaned, quaternion, text
 from truepose.models.export.tree import Tree, TreeJoint
@@ -18,7 +18,6 @@ from truepose.models.export.urdf import in_comment
 from truepose.models.machine import Machine
 from truepose.models.mechanism import BASE
 
-Array = NDArray[np.float64]
 _STATED = (
     "m, rad and kg. Masses are points; boundmass and boundinertia give those links something that have none, as MuJoCo asks.",
 )
@@ -106,6 +105,3 @@ def _following(joint: TreeJoint, slides: Mapping[str, bool]) -> ElementTree.Elem
     factor = ratio / unit * (MM_PER_M if slides[other] else 1.0)
     told = {"joint1": joint.name, "joint2": other, "polycoef": text(0.0, factor, 0.0, 0.0, 0.0)}
     return ElementTree.Element("joint", told)
-
-
-__all__ = ["body_in", "inertial", "mjcf_text", "model_head", "model_text"]

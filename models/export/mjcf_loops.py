@@ -12,17 +12,15 @@ from dataclasses import dataclass, field
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models.export.links import Names, lump_of
 from truepose.models.export.mjcf import body_in, inertial, model_head, model_text
 from truepose.models.export.numbers import MM_PER_M, cleaned, text
 from truepose.models.export.standing import Standing
-from truepose.models.lie import inverse_pose
+from truepose.models.lie import inverse_pose, pose_of
 from truepose.models.machine import Machine
 from truepose.models.mechanism import BASE, Actuator, Joint, Rod
-
-Array = NDArray[np.float64]
 
 
 @dataclass
@@ -131,8 +129,7 @@ def _rod(model: _Model, rod: Rod) -> None:
     """A rod from ball to ball; where an actuator sets its length, it slides in itself."""
     start, end = model.at.rods[rod.name]
     length = float(np.linalg.norm(end - start))
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = _along((end - start) / length), start
+    pose = pose_of(_along((end - start) / length), start)
     name = model.names.free(rod.name)
     body = _body(model, name, rod.body_a, pose)
     for a in ("x", "y"):
@@ -156,6 +153,3 @@ def _along(direction: Array) -> Array:
     x = np.cross(other, direction)
     x /= np.linalg.norm(x)
     return np.column_stack([x, np.cross(direction, x), direction])
-
-
-__all__ = ["mjcf_loops_text"]

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from truepose.arrays import Array
+
 MM_PER_M = 1000.0
 _NOISE = 1e-15
 """m or rad: what is smaller came from rounding a cosine of a right angle."""

@@ -13,8 +13,8 @@ from xml.etree.ElementTree import ParseError
 import casadi as ca
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError, ReadBackError
 from truepose.models.export.closing import closed_pose_function
 from truepose.models.export.held import held, sample_readings
@@ -31,9 +31,7 @@ from truepose.models.kinematics import symbolic_model
 from truepose.models.machine import Machine
 from truepose.models.mechanism import BASE
 
-Array = NDArray[np.float64]
 Frames = Mapping[str, Array]
-Ranges = Mapping[str, tuple[float, float] | None]
 ROWS = 10
 """Rows of readings at which poses are compared."""
 SAME = 1e-10
@@ -79,7 +77,7 @@ def _compare_urdf(text: str, machine: Machine, meant: Tree) -> Iterator[str]:
     links = links_of(machine, meant)
     carrying = {joint.parent for joint in links.joints} | {links.tool}
     read = read_urdf(text, [links.tool, *(j.child for j in links.joints if j.child not in carrying)])
-    yield from _compare_ranges({a.reading: a.range for a in read.mechanism.actuators}, machine)
+    yield from _compare_ranges(read, machine)
     yield from _compare_frames({BASE: read_base(text)}, {BASE: meant.world})
     found = tree_of(read, held(read).values, "URDF")
     for readings in _sample_rows(machine):
@@ -90,7 +88,7 @@ def _compare_mjcf(text: str, machine: Machine, meant: Tree) -> Iterator[str]:
     """Yield how the bodies of an MJCF, and its site, differ from a tree in the world."""
     links, mjcf = links_of(machine, meant), read_mjcf(text)
     read, graph = mjcf.machine()
-    yield from _compare_ranges({a.reading: a.range for a in read.mechanism.actuators}, machine)
+    yield from _compare_ranges(read, machine)
     found = tree_of(read, held(read).values, "MJCF")
     still = {body.name: mjcf.parts.poses[k] for k, body in enumerate(mjcf.parts.bodies)}
     for readings in _sample_rows(machine):
@@ -116,7 +114,7 @@ def _compare_loops(text: str, machine: Machine) -> Iterator[str]:
     values, names = held(machine).values, machine.mechanism.readings
     at, mjcf = standing(machine, values, "MJCF"), read_mjcf(text)
     read, graph = mjcf.machine()
-    yield from _compare_ranges({a.reading: a.range for a in read.mechanism.actuators}, machine)
+    yield from _compare_ranges(read, machine)
     start = {a.reading: a.home for a in read.mechanism.actuators}
     home, begun = (np.array([where[name] for name in names], dtype=float) for where in (at.readings, start))
     if not np.allclose(begun, home, rtol=SAME, atol=NONE):
@@ -175,9 +173,9 @@ def _sample_rows(machine: Machine) -> Iterator[dict[str, float]]:
         yield dict(zip(machine.mechanism.readings, row, strict=True))
 
 
-def _compare_ranges(found: Ranges, machine: Machine) -> Iterator[str]:
+def _compare_ranges(read: Machine, machine: Machine) -> Iterator[str]:
     """Yield what joints differ, or their ranges (mm, rad); where the machine states none a format may have a wide one."""
-    stated = {a.reading: a.range for a in machine.mechanism.actuators}
+    found, stated = ({a.reading: a.range for a in one.mechanism.actuators} for one in (read, machine))
     if found.keys() != stated.keys():
         yield f"its joints are {', '.join(found)}, expected {', '.join(stated)}"
     for name, ends in stated.items():

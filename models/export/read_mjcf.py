@@ -11,11 +11,11 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models.builders.urdf_xml import parse_own_xml
 from truepose.models.export.numbers import MM_PER_M
-from truepose.models.lie import inverse_pose, unit_vector
+from truepose.models.lie import inverse_pose, pose_of, unit_vector
 from truepose.models.load import build_machine
 from truepose.models.machine import Machine
 from truepose.models.machine_file import SCHEMA, checked_machine
@@ -25,7 +25,6 @@ from truepose.models.starting.mjcf_graph import MjcfGraph
 from truepose.models.starting.mjcf_model import placed_frame
 from truepose.models.starting.mjcf_parts import Coupling, PartBody, PartJoint, Parts, Tie
 
-Array = NDArray[np.float64]
 _KINDS: dict[str, JointKind] = {"hinge": "revolute", "slide": "prismatic", "ball": "spherical"}
 
 
@@ -102,13 +101,9 @@ def _tie(element: Element, numbers: Mapping[str, int], poses: Array) -> Tie:
         frames = (placed_frame(place[:3], place[3:]), np.eye(4))
         return Tie(element.get("name", ""), "fixed", (one, other), frames)
     here = placed_frame(_numbers(element, "anchor", "0 0 0"), straight)
-    there = np.eye(4)
-    there[:3, 3] = (inverse_pose(poses[other]) @ poses[one] @ here)[:3, 3]
+    there = pose_of(np.eye(3), (inverse_pose(poses[other]) @ poses[one] @ here)[:3, 3])
     return Tie(element.get("name", ""), "spherical", (one, other), (here, there))
 
 
 def _numbers(element: Element, attribute: str, usual: str) -> list[float]:
     return [float(word) for word in element.get(attribute, usual).split()]
-
-
-__all__ = ["Mjcf", "read_mjcf"]

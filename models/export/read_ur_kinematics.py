@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models.export.numbers import MM_PER_M
 from truepose.models.export.ur_kinematics import FIELDS, LINKS
-from truepose.models.lie import rpy_matrix
+from truepose.models.lie import pose_of, rpy_matrix
 
-Array = NDArray[np.float64]
 _NUMBERS = ", ".join(rf"{field} (\S+)" for field in FIELDS)
 _NOT_HELD = re.compile(rf"^# Not held: (.+?) to (.+?): {_NUMBERS}$", re.MULTILINE)
 
@@ -24,9 +23,8 @@ def read_ur_kinematics(text: str, angles: Sequence[float]) -> dict[str, Array]:
     noted = {found[2]: _frame(map(float, found.groups()[2:])) for found in _NOT_HELD.finditer(text)}
     at = np.eye(4)
     for link, angle in zip(LINKS, angles, strict=True):
-        turned = np.eye(4)
-        turned[:3, :3] = rpy_matrix(np.array([0.0, 0.0, angle]))
-        at = at @ _frame(_entry(section[link])) @ turned
+        fixed = _frame(section[link][field] for field in FIELDS)
+        at = at @ fixed @ pose_of(rpy_matrix([0.0, 0.0, angle]), np.zeros(3))
     return {
         "base": noted.get("base", np.eye(4)),
         "flange": at @ noted.get("flange", np.eye(4)),
@@ -34,15 +32,7 @@ def read_ur_kinematics(text: str, angles: Sequence[float]) -> dict[str, Array]:
     }
 
 
-def _entry(link: Mapping[str, float]) -> list[float]:
-    return [link[field] for field in FIELDS]
-
-
 def _frame(numbers: Iterable[float]) -> Array:
     """Return a pose (4, 4) mm of x, y, z (m) and roll, pitch, yaw (rad)."""
-    values, out = np.array(list(numbers)), np.eye(4)
-    out[:3, :3], out[:3, 3] = rpy_matrix(values[3:]), MM_PER_M * values[:3]
-    return out
-
-
-__all__ = ["read_ur_kinematics"]
+    values = np.array(list(numbers))
+    return pose_of(rpy_matrix(values[3:]), MM_PER_M * values[:3])

@@ -6,22 +6,20 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models.builders.urdf import Urdf, expanded
 from truepose.models.builders.urdf_file import Robot
 from truepose.models.builders.urdf_inertials import inertials_of
 from truepose.models.builders.urdf_xml import parse_own_xml, parse_urdf
 from truepose.models.export.numbers import MM_PER_M
-from truepose.models.lie import rpy_matrix
+from truepose.models.lie import pose_of, rpy_matrix
 from truepose.models.load import build_machine
 from truepose.models.machine import Machine
 from truepose.models.machine_file import SCHEMA, checked_machine
 from truepose.models.mechanism import BASE
 from truepose.models.units import UnitSystem
-
-Array = NDArray[np.float64]
 
 
 def read_urdf(text: str, tips: Sequence[str]) -> Machine:
@@ -47,8 +45,5 @@ def read_base(text: str) -> Array:
         child, origin = joint.find("child"), joint.find("origin")
         if child is not None and origin is not None and child.get("link") == BASE:
             xyz, rpy = ([float(v) for v in origin.get(name, "0 0 0").split()] for name in ("xyz", "rpy"))
-            out[:3, :3], out[:3, 3] = rpy_matrix(np.array(rpy)), np.multiply(xyz, MM_PER_M)
+            out = pose_of(rpy_matrix(rpy), np.multiply(xyz, MM_PER_M))
     return out
-
-
-__all__ = ["read_base", "read_urdf"]

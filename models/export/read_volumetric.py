@@ -7,12 +7,11 @@ import re
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models.export.volumetric import Axis, Table
 
-Array = NDArray[np.float64]
 _HEADER = [
     "axis",
     "joint",

@@ -36,6 +36,3 @@ def expand_xacro(text: str) -> str:
 def _evaluate(text: str, known: Mapping[str, str]) -> str:
     """Return an attribute as xacro leaves it. Raises KeyError for a property that is not ``known``."""
     return _WORK.sub(lambda found: "$" if found[1] is None else known[found[1]], text)
-
-
-__all__ = ["expand_xacro"]

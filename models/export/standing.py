@@ -7,16 +7,14 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models.assembly import assemble, axis_of, frame_of, placed_frame, rod_ends, tool_on_flange
 from truepose.models.export.tree import check_links
 from truepose.models.kinematics import assembled_home, symbolic_model
 from truepose.models.machine import Machine
 from truepose.models.mechanism import Joint
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -86,6 +84,3 @@ def _check(machine: Machine, values: Mapping[str, float], what: str) -> None:
             f"{machine.name}: joint {mechanism.followers[0].joint!r}: found a joint that follows others in a machine with "
             f"loops, expected none for {what}"
         )
-
-
-__all__ = ["Standing", "standing"]

@@ -7,15 +7,13 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models import lie
 from truepose.models.assembly import displacements, frame_of, placed_frame
 from truepose.models.machine import Machine
 from truepose.models.mechanism import AXES, BASE, COORDINATES, Actuator, Direction, Joint
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

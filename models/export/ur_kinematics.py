@@ -14,14 +14,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models.export.numbers import xyz_rpy
 from truepose.models.export.tree import Tree, turn
-from truepose.models.lie import inverse_pose
+from truepose.models.lie import inverse_pose, pose_of
 
-Array = NDArray[np.float64]
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 FIELDS = ("x", "y", "z", "roll", "pitch", "yaw")
 
@@ -80,12 +79,10 @@ def _chain(tree: Tree) -> _Chain:
 
 def _onto(axis: Array) -> Array:
     """(4, 4) rotation of least angle that takes z onto a unit vector (3,)."""
-    out = np.eye(4)
     across = np.array([-axis[1], axis[0], 0.0])
     sine = float(np.linalg.norm(across))
     direction = across / sine if sine > 0.0 else np.array([1.0, 0.0, 0.0])
-    out[:3, :3] = turn(direction, float(np.arctan2(sine, axis[2])))
-    return out
+    return pose_of(turn(direction, float(np.arctan2(sine, axis[2]))), np.zeros(3))
 
 
 def _about_z(pose: Array) -> bool:

@@ -17,17 +17,16 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models.export.tree import check_uncoupled
 from truepose.models.kinematics import SymbolicModel, symbolic_model
-from truepose.models.lie import inverse_pose
+from truepose.models.lie import exp_so3, inverse_pose, pose_of
 from truepose.models.machine import Machine
 from truepose.models.mechanism import Actuator
 
-Array = NDArray[np.float64]
 Poses = Callable[[Array, Array], Array]
 POINTS = 41
 """Positions of each axis in a table, evenly over its range: the 1 m of a machine tool every 25 mm, as it is measured."""
@@ -60,7 +59,7 @@ class Axis:
     def motion(self, q: Array) -> Array:
         """(n, 4, 4) X(q) by the table, interpolated on straight lines; q (n,)."""
         error = np.column_stack([np.interp(q, self.positions, column) for column in self.errors.T])
-        return _nominal(self, q) @ _told_at(self.centre, _transforms(error[:, :3], error[:, 3:]))
+        return _nominal(self, q) @ _told_at(self.centre, pose_of(exp_so3(error[:, 3:]), error[:, :3]))
 
 
 @dataclass(frozen=True)
@@ -224,20 +223,14 @@ def _nominal(axis: Axis, q: Array) -> Array:
     letters = _ROTARY if axis.unit == "rad" else _LINEAR
     along = moved[:, None] * np.eye(3)[letters.index(axis.letter)]
     if axis.unit == "mm":
-        return _transforms(along, np.zeros_like(along))
-    return _told_at(axis.centre, _transforms(np.zeros_like(along), along))
+        return pose_of(np.eye(3), along)
+    return _told_at(axis.centre, pose_of(exp_so3(along), np.zeros(3)))
 
 
 def _told_at(point: Array, motions: Array) -> Array:
     """Motions (n, 4, 4) that are told at a point, as motions of the whole space."""
     out = motions.copy()
     out[:, :3, 3] += point - motions[:, :3, :3] @ point
-    return out
-
-
-def _transforms(positions: Array, vectors: Array) -> Array:
-    out = np.tile(np.eye(4), (len(positions), 1, 1))
-    out[:, :3, :3], out[:, :3, 3] = Rotation.from_rotvec(vectors).as_matrix(), positions
     return out
 
 

@@ -84,6 +84,3 @@ def _word(name: str) -> str:
     """A name as a word of Python, which xacro's expressions are."""
     word = re.sub(r"\W", "_", name, flags=re.ASCII)
     return word if word[:1].isalpha() else f"m_{word}"
-
-
-__all__ = ["xacro_text"]

@@ -55,6 +55,3 @@ def _vector(schema: Schema) -> Schema:
     if not items or any(item != items[0] for item in items):
         return schema
     return {**{key: value for key, value in schema.items() if key != "prefixItems"}, "items": items[0]}
-
-
-__all__ = ["Schema", "plain_schema"]

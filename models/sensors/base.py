@@ -1,8 +1,8 @@
 """What a sensor's file imports: the contract is in ``truepose.models.sensor``."""
 
+from truepose.arrays import Array
 from truepose.models.sensor import (
     TOOL,
-    Array,
     Channel,
     Comparison,
     Difference,

@@ -203,6 +203,3 @@ def _station(station: _Station, prefix: str, context: BuildContext) -> tuple[Par
         )
         for k, axis in enumerate(AXES)
     )
-
-
-__all__ = ["ORIGIN", "Direction"]

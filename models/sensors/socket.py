@@ -8,10 +8,10 @@ from typing import Any, ClassVar, Literal
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 from scipy.sparse import csr_matrix
 
+from truepose.arrays import Index, Mask
 from truepose.errors import InputError
 from truepose.models.context import BuildContext
 from truepose.models.fields import Length, LengthSigma, LengthToleranceVector, LengthVector, Section
@@ -181,10 +181,10 @@ class Seats(Comparison):
     the known distance ``spacing``, mm.
     """
 
-    group: NDArray[np.intp]
+    group: Index
     weight: Array
-    own: NDArray[np.bool_]
-    fitted: NDArray[np.bool_]
+    own: Mask
+    fitted: Mask
     pairs: tuple[tuple[int, int], ...]
     spacing: float
 
@@ -236,6 +236,3 @@ class Seats(Comparison):
         flat = values.reshape(len(values), -1)
         flat = np.where((self.weight > 0)[:, None], flat, 0.0)
         return np.asarray(average @ flat).reshape(len(self.fitted), *values.shape[1:])
-
-
-__all__ = ["Seats", "Socket"]

@@ -49,6 +49,3 @@ def bundled_start(name: str) -> Start:
         sensor=document.get("sensor", "pose"),
         tested=True,
     )
-
-
-__all__ = ["bundled", "bundled_names", "bundled_start"]

@@ -58,6 +58,3 @@ def _units(fields: tuple[str, ...], units: dict[str, str], words: list[str]) -> 
     own = {field: units["angle" if field in ("alpha", "beta", "theta") else "length"] for field in fields}
     slides = any(word.lower() in ("p", "prismatic", "linear") for word in words)
     return own | dict.fromkeys(("min", "max"), units["length" if slides else "angle"])
-
-
-__all__ = ["Ask", "asked_start"]

@@ -124,6 +124,3 @@ def _expected(dimension: str) -> str:
         if dimension == "length"
         else "an angle such as 90, -pi/2 or 90 deg"
     )
-
-
-__all__ = ["UNITS", "Cell", "cell", "has_variable", "interval"]

@@ -167,6 +167,3 @@ def _check(choice: Choice, where: str) -> None:
         raise InputError(
             f"{where}: found no joint that an actuator drives on the way to the tip, expected one"
         )
-
-
-__all__ = ["Choice", "Follow", "choose"]

@@ -13,16 +13,15 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
-from truepose.models.lie import exp_so3, inverse_pose
+from truepose.models.lie import exp_so3, inverse_pose, pose_of
 from truepose.models.mechanism import BASE
 from truepose.models.starting.mjcf_choice import Choice, Follow
 from truepose.models.starting.mjcf_parts import PartJoint, Tie
 from truepose.wording import cut
 
-Array = NDArray[np.float64]
 _SAME = 1e-9
 """mm; points that are no further apart are one."""
 _DEG = 180.0 / np.pi
@@ -137,12 +136,8 @@ class MjcfGraph:
         led = self.choice.follows.get(joint.name)
         if led is None or (led.lead and led.ratio):
             return None
-        out = np.eye(4)
-        if joint.kind == "revolute":
-            out[:3, :3] = exp_so3(led.offset * joint.axis)
-        else:
-            out[:3, 3] = led.offset * joint.axis
-        return out
+        turns, way = joint.kind == "revolute", led.offset * joint.axis
+        return pose_of(exp_so3(way * turns), way * (not turns))
 
     def _moving(self, body: int, joint: PartJoint) -> dict[str, Any]:
         """Return how a joint moves: driven, led by another, or passive."""
@@ -203,9 +198,7 @@ class MjcfGraph:
         while name in self.bodies:
             name += "_"
         self.bodies.append(name)
-        frame = np.eye(4)
-        frame[:3, 3] = at
-        self._join(f"{name}_joint", "fixed", parent, name, frame)
+        self._join(f"{name}_joint", "fixed", parent, name, pose_of(np.eye(3), at))
         return name
 
     def _join(self, name: str, kind: str, parent: str, child: str, frame: Array, **more: Any) -> None:
@@ -229,6 +222,3 @@ def _rpy(rotation: Array) -> Array:
         return np.array([np.arctan2(-rotation[1, 2], rotation[1, 1]), pitch, 0.0])
     roll = np.arctan2(rotation[2, 1], rotation[2, 2])
     return np.array([roll, pitch, np.arctan2(rotation[1, 0], rotation[0, 0])])
-
-
-__all__ = ["MjcfGraph"]

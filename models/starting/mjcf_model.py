@@ -10,16 +10,17 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from truepose.arrays import Array
+from truepose.models.lie import pose_of
 from truepose.models.mechanism import JointKind
 from truepose.models.starting.mjcf_parts import Coupling, PartBody, PartJoint, Parts, Tie
 
 if TYPE_CHECKING:
     import mujoco
 
-Array = NDArray[np.float64]
 MM_PER_M = 1000.0
 _KINDS: tuple[JointKind, ...] = ("free", "spherical", "prismatic", "revolute")
 """In the order of MuJoCo's mjtJoint."""
@@ -131,10 +132,5 @@ def _tie(model: mujoco.MjModel, k: int, name: str) -> Tie:
 
 def placed_frame(position: ArrayLike, quaternion: ArrayLike) -> Array:
     """Return the frame (4, 4) mm of a position (m) and a quaternion (w, x, y, z)."""
-    out = np.eye(4)
-    out[:3, :3] = Rotation.from_quat(np.roll(np.asarray(quaternion), -1)).as_matrix()
-    out[:3, 3] = MM_PER_M * np.asarray(position)
-    return out
-
-
-__all__ = ["MM_PER_M", "body_name", "parts_of", "placed_frame"]
+    turn = Rotation.from_quat(np.roll(np.asarray(quaternion), -1)).as_matrix()
+    return pose_of(turn, MM_PER_M * np.asarray(position))

@@ -10,11 +10,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models.mechanism import JointKind
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +119,3 @@ class Parts:
             for c in self.couplings
         ]
         return replace(self, couplings=tuple(turned))
-
-
-__all__ = ["Coupling", "PartBody", "PartJoint", "Parts", "Tie"]

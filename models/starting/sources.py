@@ -63,6 +63,3 @@ def start_from(source: Source, output: Path) -> Start:
     if described(source.arm):
         return described_start(source.arm, output, source.base, source.tip, written_out=source.written_out)
     return bundled_start(source.arm)
-
-
-__all__ = ["Source", "start_from"]

@@ -71,6 +71,3 @@ def tidy(value: Any) -> Any:
     rounded = float(f"{value:.14g}")
     rounded = 0.0 if abs(rounded) < 1e-13 else rounded
     return int(rounded) if rounded.is_integer() and abs(rounded) < 1e15 else rounded
-
-
-__all__ = ["TOLERANCES", "UPRIGHT", "Start", "readings_of", "tidy", "unranged"]

@@ -32,20 +32,7 @@ _ALIASES = {
     "α": "alpha", "θ": "theta", "β": "beta", "joint": "name", "link": "name", "i": "name", "type": "kind", "lower": "min",
     "upper": "max", "theta_offset": "offset", "θ_offset": "offset", "q_offset": "offset", "limits": "range",
 }  # fmt: skip
-_KNOWN = (
-    "name",
-    "kind",
-    "a",
-    "alpha",
-    "d",
-    "theta",
-    "r",
-    "beta",
-    "offset",
-    "min",
-    "max",
-    "range",
-)
+_KNOWN = ("name", "kind", "a", "alpha", "d", "theta", "r", "beta", "offset", "min", "max", "range")
 _FRAMES = ("base", "flange", "tool", "world")
 """Names of frames, which no row may have."""
 _METRES = 5.0
@@ -223,6 +210,3 @@ def _unit(name: str, unit: str, path: Path) -> str:
             f"{path}: column {name!r}: found the unit {unit!r}, expected one of {', '.join(known)}"
         )
     return unit.lower()
-
-
-__all__ = ["CONVENTIONS", "FIELDS", "Row", "start_of", "table_start"]

@@ -108,10 +108,9 @@ class _Way(NamedTuple):
     following: int = 0
     unknown: int = 0
 
-    def beyond(self, joint: Element | None) -> _Way:
+    def beyond(self, joint: Element) -> _Way:
         """Return the way beyond a further joint."""
-        kind = "fixed" if joint is None else joint.get("type", "")
-        follows = joint is not None and joint.find("mimic") is not None
+        kind, follows = joint.get("type", ""), joint.find("mimic") is not None
         return _Way(
             self.moving + (kind != "fixed" and not follows),
             self.following + (kind != "fixed" and follows),
@@ -141,22 +140,9 @@ def _left_out(robot: Robot, bodies: Sequence[str]) -> tuple[str, ...]:
 def _ways(robot: Robot, base: str) -> dict[str, _Way]:
     """Return the way from ``base`` to each link beyond."""
     known: dict[str, _Way | None] = {base: _Way()}
-    for link in robot.links:
-        way, here = [], link
-        while here not in known:
-            known[here] = None  # a ring, or another root, unless the walk comes to the base
-            way.append(here)
-            if here in robot.above:
-                here = robot.end(robot.above[here], "parent")
-        found = known[here]
-        for one in reversed(way):
-            found = None if found is None else found.beyond(robot.above.get(one))
-            known[one] = found
-    return {link: found for link, found in known.items() if found is not None}
+    ways = ((link, robot.carried(link, known, _Way.beyond)) for link in robot.links)
+    return {link: way for link, way in ways if way is not None}
 
 
 def _named(links: Sequence[str]) -> str:
     return shortened([cut(link, 60) for link in links], 10)
-
-
-__all__ = ["root_of", "urdf_start"]

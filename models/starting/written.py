@@ -192,6 +192,3 @@ def _comment(line: str) -> str:
             break_on_hyphens=False,
         )
     )
-
-
-__all__ = ["Asked", "Written", "verify", "write", "written"]

@@ -20,6 +20,3 @@ def read_at_most(path: Path, most: int) -> bytes:
             f"{path}: cannot read the file: found more than {most // MIB} MiB, expected at most that"
         )
     return data
-
-
-__all__ = ["MIB", "read_at_most"]

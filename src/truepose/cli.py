@@ -62,24 +62,9 @@ def _quietable(command: Callable[..., None]) -> Callable[..., None]:
 
 
 for _command in (
-    demo,
-    init,
-    check,
-    calibrate,
-    diagnose,
-    identifiability,
-    drift,
-    fleet,
-    plan,
-    poses,
-    predict,
-    simulate,
-    compensate,
-    codegen,
-    export,
-    effects,
-    schema,
-):
+    demo, init, check, calibrate, diagnose, identifiability, drift, fleet, plan, poses, predict, simulate, compensate,
+    codegen, export, effects, schema,
+):  # fmt: skip
     app.command(cls=WithTryColumns if _command is diagnose else OneLineCommand)(_quietable(_command))
 app.command("import", cls=OneLineCommand)(_quietable(import_))
 app.command(

@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from support import two_arms
+from support.described_machines import urdf_machine
 from support.generated_c import COMPILER, needs_compiler
 from support.two_arms import pose
 from truepose.cli import app
@@ -49,13 +50,8 @@ SENSOR = "sensor: {type: pose, sigma: {xyz: 0.01, rot: 0.01}}\n"
 
 
 def grip(folder: Path, more: str = "", head: str = "") -> Machine:
-    (folder / "grip.urdf").write_text(GRIP, encoding="utf-8")
-    path = folder / "grip.yaml"
-    mechanism = "mechanism: {type: urdf, file: grip.urdf, base_link: palm, tip_link: finger}\n"
-    path.write_text(
-        f"schema: truepose/machine/1\nname: grip\n{head}{mechanism}{SENSOR}{more}", encoding="utf-8"
-    )
-    return load_machine(path)
+    mechanism = "mechanism: {type: urdf, file: arm.urdf, base_link: palm, tip_link: finger}"
+    return urdf_machine(folder, GRIP, f"{head}{mechanism}", more, sensor=SENSOR)
 
 
 def turned(axis: int, angle: float) -> Array:
@@ -224,11 +220,11 @@ def test_loops_know_that_one_reading_moves_several_joints(tmp_path: Path) -> Non
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", ["grip", "pair"])
+@pytest.mark.parametrize("name", ["arm", "pair"])
 def test_the_c_has_the_same_poses(tmp_path: Path, name: str) -> None:
     """Followers move with their readings, and the other arm's joints stay where the guess has them."""
     text = two_arms.MECHANISM + two_arms.FRAMES + two_arms.TARGETS
-    machine = grip(tmp_path) if name == "grip" else load_machine(two_arms.write(tmp_path, text))
+    machine = grip(tmp_path) if name == "arm" else load_machine(two_arms.write(tmp_path, text))
     generate(machine, tmp_path / "c", "double")
     library = tmp_path / "lib.so"
     arguments = [

@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from support.described_machines import urdf_machine
 from truepose.errors import InputError
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import write_calibrated
@@ -54,11 +55,7 @@ TOLERANCES = "tolerances: {length: 0.3, angle: 0.1}\n"
 
 
 def machine_of(folder: Path, urdf: str = URDF, mechanism: str = MECHANISM, more: str = TOLERANCES) -> Machine:
-    (folder / "arm.urdf").write_text(urdf, encoding="utf-8")
-    path = folder / "arm.yaml"
-    sensor = "sensor: {type: position, sigma: {xyz: 0.02}}\n"
-    path.write_text(f"schema: truepose/machine/1\nname: arm\n{mechanism}\n{sensor}{more}", encoding="utf-8")
-    return load_machine(path)
+    return urdf_machine(folder, urdf, mechanism, more)
 
 
 def written_out(pan: float, lift: float, reach: float) -> Array:

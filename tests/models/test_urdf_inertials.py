@@ -12,6 +12,7 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
+from support.described_machines import urdf_machine
 from truepose.errors import InputError
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import write_calibrated
@@ -54,11 +55,7 @@ MECHANISM = "mechanism: {type: urdf, file: arm.urdf, base_link: world, tip_link:
 
 
 def machine_of(folder: Path, more: str = "", urdf: str = URDF, mechanism: str = MECHANISM) -> Machine:
-    (folder / "arm.urdf").write_text(urdf, encoding="utf-8")
-    sensor = "sensor: {type: position, sigma: {xyz: 0.02}}\n"
-    path = folder / "arm.yaml"
-    path.write_text(f"schema: truepose/machine/1\nname: arm\n{mechanism}\n{sensor}{more}", encoding="utf-8")
-    return load_machine(path)
+    return urdf_machine(folder, urdf, mechanism, more)
 
 
 def test_links_weigh_on_the_bodies_that_carry_them(tmp_path: Path) -> None:

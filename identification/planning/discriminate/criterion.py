@@ -18,10 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
-Array = NDArray[np.float64]
+from truepose.arrays import Array, Index, Mask
+
 Single = NDArray[np.float32]
-Mask = NDArray[np.bool_]
-Index = NDArray[np.intp]
 WORST = 4.0
 """Exponent of the mean that stands for the worst pair: smooth, and of no unit."""
 _LEAST = 1e-12

@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.identifiability.note import Note
 from truepose.identification.planning.discriminate.criterion import Race, chosen
@@ -36,7 +36,6 @@ from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine, Mass
 from truepose.wording import joined
 
-Array = NDArray[np.float64]
 DRAWS = 20
 """Random sets of rows that the plan is compared with."""
 

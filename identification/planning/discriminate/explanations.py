@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.diagnosis.result import UNNAMED
 from truepose.identification.identifiability.note import Note
@@ -25,7 +25,6 @@ from truepose.models.effects.of_rows import OF_ROWS
 from truepose.models.load import resolve_place
 from truepose.models.machine import Machine
 
-Array = NDArray[np.float64]
 EXPECTED = 0.01
 """Share of a coefficient's largest expected size that is taken where no amplitude is named: the middle, in the log, of the
 amplitudes that a diagnosis takes to be equally likely (``evidence.AMPLITUDES`` up to 1)."""

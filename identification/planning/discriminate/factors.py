@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.identifiability.note import Note
 from truepose.models.driver import (
@@ -32,7 +32,6 @@ from truepose.models.kinematics import driver_default
 from truepose.models.machine import Machine
 from truepose.wording import close_matches
 
-Array = NDArray[np.float64]
 SIDES = (1.0, -1.0)
 HOURS = (0.0, 0.5, 1.0, 1.5, 2.0)
 SESSIONS = (1.0, 2.0)

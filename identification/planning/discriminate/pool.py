@@ -6,8 +6,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Mask
 from truepose.identification.planning.discriminate.factors import Factor, settings
 from truepose.identification.planning.discriminate.rows import Rows
 from truepose.identification.planning.information import PoseInformation
@@ -16,8 +16,6 @@ from truepose.identification.planning.supply import Supply
 from truepose.models.driver import Driver
 from truepose.models.machine import Machine
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 ROWS, LEAST_POSES, MORE_POSES = 2400, 120, 120
 """Rows to choose from; poses among them at least; poses at which a factor that was not offered is tried."""
 STEP = 1e-6

@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index, Mask
 from truepose.identification.planning.discriminate.criterion import Contest, Race
 from truepose.identification.planning.discriminate.explanations import EXPECTED, Explanation, Form
 from truepose.identification.planning.discriminate.rows import WIDE, Signals
 from truepose.models.effects.base import PlacedEffect
 
-Array = NDArray[np.float64]
 RIVAL_FORMS = 3
 """Versions of a rival that are followed: those that come closest to what may be true."""
 FOUND = 6.0
@@ -32,9 +31,9 @@ class Hypothesis:
     """
 
     explanation: Explanation
-    true: NDArray[np.intp]
+    true: Index
     amplitude: Array
-    rivals: tuple[NDArray[np.intp], ...]
+    rivals: tuple[Index, ...]
 
 
 class Field:
@@ -56,18 +55,16 @@ class Field:
         """How many constants there are."""
         return len(self.rows.precision)
 
-    def columns(self, form: Form) -> NDArray[np.intp]:
+    def columns(self, form: Form) -> Index:
         """(c,) columns of the effects' signatures that a version has."""
         at = [self.rows.columns[self._labels.index(part.label)] for part in form]
         return np.concatenate([np.arange(a.start, a.stop) for a in at] or [np.zeros(0)]).astype(np.intp)
 
-    def gram(self, mask: NDArray[np.bool_]) -> Array:
+    def gram(self, mask: Mask) -> Array:
         """(k + w, k + w) Gram matrix of [geometry effects] over the rows ``mask`` (n,), one each."""
         return self.rows.take(mask).gram
 
-    def contest(
-        self, rival: NDArray[np.intp], cases: Sequence[tuple[int, Hypothesis]], mask: NDArray[np.bool_]
-    ) -> Contest:
+    def contest(self, rival: Index, cases: Sequence[tuple[int, Hypothesis]], mask: Mask) -> Contest:
         """A rival's version, its columns (c,), against hypotheses, each with the number of its pair, on rows ``mask`` (n,)."""
         inside = np.union1d(rival, self._beside)
         some, k = self.rows.take(mask), self.geometry
@@ -86,14 +83,12 @@ class Field:
             pair=numbers.astype(np.intp),
         )
 
-    def _mixed(self, columns: NDArray[np.intp], amplitude: Array) -> Array:
+    def _mixed(self, columns: Index, amplitude: Array) -> Array:
         out = np.zeros((self.rows.effects.shape[2], amplitude.shape[1]))
         out[columns] = amplitude
         return out
 
-    def imitated(
-        self, gram: Array, true: NDArray[np.intp], amplitude: Array, rival: NDArray[np.intp]
-    ) -> tuple[float, Array]:
+    def imitated(self, gram: Array, true: Index, amplitude: Array, rival: Index) -> tuple[float, Array]:
         """Share of the true signal that a rival leaves on rows of ``gram`` (k + w, k + w), geometry adapting.
 
         Also the rival's coefficients (r, s); ``true`` (t,) and ``rival`` (r,) are columns, ``amplitude`` (t, s).
@@ -149,7 +144,7 @@ def hypotheses(
 
 def _sized(
     field: Field, explanation: Explanation, named: Explanation | None, known: Array
-) -> tuple[NDArray[np.intp], Array]:
+) -> tuple[Index, Array]:
     """Columns of the true version and its coefficients."""
     first = field.columns(explanation.forms[0])
     if explanation.amplitude is not None:
@@ -164,7 +159,7 @@ def _sized(
     return first, EXPECTED * np.eye(len(first))
 
 
-def race(field: Field, found: Sequence[Hypothesis], mask: NDArray[np.bool_]) -> Race:
+def race(field: Field, found: Sequence[Hypothesis], mask: Mask) -> Race:
     """Contests on the rows ``mask`` (n,); pairs are numbered as in ``ordered``."""
     numbers = {pair: k for k, pair in enumerate(ordered(len(found)))}
     contests = []
@@ -177,7 +172,7 @@ def race(field: Field, found: Sequence[Hypothesis], mask: NDArray[np.bool_]) -> 
     return replace(open_race, counted=(told > INSEPARABLE) & ~twins)
 
 
-def shares(field: Field, found: Sequence[Hypothesis], on: Race, mask: NDArray[np.bool_]) -> Array:
+def shares(field: Field, found: Sequence[Hypothesis], on: Race, mask: Mask) -> Array:
     """(p,) of each pair, the share of the true signal on all rows that its rival cannot reproduce; 0 without signal."""
     gram = (
         field.gram(mask)[field.geometry :, field.geometry :] + field.base[field.geometry :, field.geometry :]

@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
+from truepose.arrays import Array
 from truepose.identification.identifiability.note import Note
 from truepose.identification.planning.discriminate.explanations import Explanation
 from truepose.identification.planning.discriminate.factors import Factor
@@ -19,7 +17,6 @@ from truepose.shown.result import Shown, frame_of
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
 SPLIT = 3.0
 """Expected log Bayes factor from which two explanations are told apart: the diagnosis' own threshold."""
 IDENTICAL = 1e-5

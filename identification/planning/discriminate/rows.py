@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index, Mask
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.leastsquares import Solution, Status
 from truepose.identification.fit.problem import prior_of
@@ -26,7 +26,6 @@ from truepose.models.driver import APPROACH, OF_THE_WAY, SESSION, TIME, Driver
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine import Machine
 
-Array = NDArray[np.float64]
 WIDE = 100.0
 """Prior 1-sigma of an effect of any size, in units of its scale: as in the diagnosis."""
 _COMPRESSED = 8
@@ -43,7 +42,7 @@ class Rows:
     def __len__(self) -> int:
         return len(self.q)
 
-    def take(self, rows: Sequence[int] | NDArray[np.intp] | NDArray[np.bool_]) -> Rows:
+    def take(self, rows: Sequence[int] | Index | Mask) -> Rows:
         """Rows by number (k,) or by mask (n,)."""
         chosen = np.asarray(rows)
         return Rows(self.q[chosen], {name: values[chosen] for name, values in self.drivers.items()})
@@ -90,7 +89,7 @@ class Signals:
     precision: Array
     columns: tuple[slice, ...]
 
-    def take(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> Signals:
+    def take(self, rows: Mask | Index) -> Signals:
         """Of rows by number (k,) or by mask (n,)."""
         return replace(self, geometry=self.geometry[rows], effects=self.effects[rows])
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.report.curves import Curve
 from truepose.shown.chart import Axis, Band, Cells, Chart, Layer, Level, Line, Marks
 
-Array = NDArray[np.float64]
 COLUMNS_WITH_NUMBERS = 8
 """Columns of a matrix up to which its numbers stand in the cells."""
 BAND = 1.96

@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index
 from truepose.identification.report.numbers import known
 from truepose.shown.chart import Axis, Cells, Chart, Layer, Level, Marks, Shape, Span, Tone
 
-Array = NDArray[np.float64]
 MOST, PER_PANEL = 60, 20
 LETTERS = 13
 """Most letters of a name beside a map, whose cells need the room."""
@@ -40,7 +39,7 @@ def dot_plot(names: Sequence[str], series: Sequence[Departures], allowed: float 
 
 
 def _panel(
-    names: Sequence[str], series: Sequence[Departures], rows: NDArray[np.intp], reach: float, limit: float
+    names: Sequence[str], series: Sequence[Departures], rows: Index, reach: float, limit: float
 ) -> Chart:
     layers: list[Layer] = [Span(-1.0, 1.0, "accent", "one tolerance")]
     layers.append(Level(0.0, "x", dashed=False, tone="free"))

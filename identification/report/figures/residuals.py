@@ -6,18 +6,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from truepose.arrays import Array, Index, Mask
 from truepose.identification.report.drivers import Column
 from truepose.shown.chart import Axis, Bars, Chart, Layer, Level, Line, Marks, Shape, Tone
 
-Array = NDArray[np.float64]
-Rows = NDArray[np.intp]
 MOVES = 30_000
 """Most points of all panels together: a page stays below a megabyte."""
 FEWEST = 150
-"""Rows that are drawn in any case, where there are as many."""
+"""Index that are drawn in any case, where there are as many."""
 WIDEST = 4.5
 """Sigmas to which a histogram reaches."""
 QUANTILES = 300
@@ -31,11 +29,11 @@ class Drawn:
     name: str
     tone: Tone
     residual: Array
-    counts: NDArray[np.bool_]
+    counts: Mask
 
 
-def picked(rows: int, series: int) -> Rows:
-    """Rows that are drawn, evenly spread, where each is drawn in so many series."""
+def picked(rows: int, series: int) -> Index:
+    """Index that are drawn, evenly spread, where each is drawn in so many series."""
     most = max(FEWEST, MOVES // max(series, 1))
     return np.arange(rows) if rows <= most else np.unique(np.linspace(0, rows - 1, most).astype(np.intp))
 
@@ -48,7 +46,7 @@ def row_sizes(residual: Array) -> Array:
     return np.where(count > 0, np.sqrt(total / np.maximum(count, 1)), np.nan)
 
 
-def size_panels(columns: Sequence[Column], fits: Sequence[Drawn], rows: Rows) -> list[Chart]:
+def size_panels(columns: Sequence[Column], fits: Sequence[Drawn], rows: Index) -> list[Chart]:
     """One panel a driver: rms of each row's residual in sigma; rows off the scale stand at its top edge."""
     sizes = [row_sizes(fit.residual) for fit in fits]
     top = 1.08 * max(
@@ -73,7 +71,7 @@ def size_panels(columns: Sequence[Column], fits: Sequence[Drawn], rows: Rows) ->
 
 
 def component_panels(
-    column: Column, groups: Mapping[str, Sequence[int]], fits: Sequence[Drawn], rows: Rows
+    column: Column, groups: Mapping[str, Sequence[int]], fits: Sequence[Drawn], rows: Index
 ) -> list[Chart]:
     """Signed components against one driver, a panel an axis."""
     reach = max(_reach(fit.residual[fit.counts]) for fit in fits)

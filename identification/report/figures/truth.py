@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.report.figures.effects import matrix
 from truepose.shown.chart import Axis, Chart, Layer, Line, Marks, Shape, Tone
 
-Array = NDArray[np.float64]
 Departed = tuple[str, Tone, Array]
 
 

@@ -38,6 +38,3 @@ def _meant(name: str, machine: Machine) -> list[str]:
     lengths: Mapping[str, tuple[str, ...]] = machine.mechanism.lengths
     parts = [element_of(port) for port in lengths.get(name, ())]
     return list(dict.fromkeys([name, element_of(name), *parts]))
-
-
-__all__ = ["Guilty", "pieces_of"]

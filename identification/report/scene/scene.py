@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index
 from truepose.errors import TrueposeError
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.recording.recording import Recording
@@ -24,8 +24,6 @@ from truepose.identification.report.scene.sights import Sights, sights
 from truepose.models.machine import Machine
 from truepose.models.skeleton import Skeleton, skeleton
 
-Array = NDArray[np.float64]
-Rows = NDArray[np.intp]
 POSES, POINTS = 150, 1500
 """Most poses in which the whole machine is drawn, and most points."""
 STEPS = 4000
@@ -46,7 +44,7 @@ def scene_of(
 ) -> Scene | None:
     """The machine at its recorded poses, with the residuals of one or two fits; None where it cannot be drawn.
 
-    Rows without a finite residual are left out; of many rows some are drawn, evenly spread over the recording.
+    Index without a finite residual are left out; of many rows some are drawn, evenly spread over the recording.
     """
     machine = before.nominal
     try:
@@ -80,13 +78,13 @@ def scene_of(
     return Scene(data, guilty, _told(machine, len(poses), len(recording), after is not None))
 
 
-def _worst(fit: Estimate, poses: Rows) -> int:
+def _worst(fit: Estimate, poses: Index) -> int:
     """The pose that the fit misses most, of those that it was fitted to: the one that is shown first."""
     missed = np.sum(fit.residual[poses] ** 2, axis=1)
     return int(np.argmax(np.where(fit.used[poses], missed, -1.0)))
 
 
-def thinned(rows: Rows, most: int) -> Rows:
+def thinned(rows: Index, most: int) -> Index:
     """At most ``most`` of some rows, evenly spread."""
     return rows if len(rows) <= most else rows[np.unique(np.linspace(0, len(rows) - 1, most).astype(np.intp))]
 
@@ -138,7 +136,7 @@ class _Frame:
         return [int(v) for v in np.round(np.nan_to_num(scaled)).ravel()]
 
 
-def _points(seen: Sequence[Sights], good: Rows, frame: _Frame, turn: Array) -> dict[str, Any]:
+def _points(seen: Sequence[Sights], good: Index, frame: _Frame, turn: Array) -> dict[str, Any]:
     """Points, the row of each, and the arrows of both fits in nanometres."""
     count = seen[-1].points.shape[1]
     if not count:
@@ -156,7 +154,7 @@ def _points(seen: Sequence[Sights], good: Rows, frame: _Frame, turn: Array) -> d
 
 
 def _told_of_rows(
-    machine: Machine, recording: Recording, before: Estimate, after: Estimate | None, poses: Rows
+    machine: Machine, recording: Recording, before: Estimate, after: Estimate | None, poses: Index
 ) -> dict[str, Any]:
     """What a click on a pose tells: file and row, joints, error before and after."""
     fits = [before] if after is None else [before, after]

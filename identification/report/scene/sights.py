@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
@@ -21,7 +21,6 @@ from truepose.models.mechanism import AXES
 from truepose.models.sensor import Sensor
 from truepose.models.view import TOOL_IN_WORLD
 
-Array = NDArray[np.float64]
 FLAT = 1e-9
 """A direction that changes a reading by less than this share of the most is none."""
 

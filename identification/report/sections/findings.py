@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
+from truepose.arrays import Index
 from truepose.identification.diagnosis.outliers import fringes_by_row
 from truepose.identification.diagnosis.result import Diagnosis, Finding
 from truepose.identification.report import diagnosis_words as words
@@ -34,7 +32,7 @@ AVERAGES = (
 """What no one may misread."""
 
 
-def findings_section(diagnosis: Diagnosis, rows: NDArray[np.intp]) -> Section:
+def findings_section(diagnosis: Diagnosis, rows: Index) -> Section:
     """The verdict in plain words, then every finding. ``rows``: those that charts draw."""
     blocks: list[Block] = []
     if diagnosis.concealed and "free" in diagnosis.fits:

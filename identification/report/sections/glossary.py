@@ -33,6 +33,3 @@ def words_of_fits() -> Fold:
 def words_of_diagnoses() -> Fold:
     """Of a diagnosis."""
     return Fold("Words of this report", [Items([*_NAMES, *_FITS])])
-
-
-__all__ = ["words_of_diagnoses", "words_of_fits"]

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
+from truepose.arrays import Index
 from truepose.identification.diagnosis.result import Diagnosis, Finding
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.document import Block, Charts, Fold, Section, Text
@@ -16,10 +14,8 @@ from truepose.identification.report.figures.residuals import Drawn
 from truepose.models.driver import Driver
 from truepose.models.machine import Machine
 
-Rows = NDArray[np.intp]
 
-
-def residual_section(diagnosis: Diagnosis, rows: Rows) -> Section:
+def residual_section(diagnosis: Diagnosis, rows: Index) -> Section:
     """Signed residuals against drivers before and after, their sizes, and their distribution."""
     fits = diagnosis_fits(diagnosis)
     telling = _telling(diagnosis)
@@ -37,7 +33,7 @@ def diagnosis_fits(diagnosis: Diagnosis) -> list[Drawn]:
 
 
 def residual_blocks(
-    machine: Machine, recording: Recording, fits: Sequence[Drawn], telling: Sequence[str], rows: Rows
+    machine: Machine, recording: Recording, fits: Sequence[Drawn], telling: Sequence[str], rows: Index
 ) -> list[Block]:
     """Signed components against the most telling driver, then every other; sizes; histogram and normal plot."""
     if not len(recording) or not any(f.counts.any() for f in fits):

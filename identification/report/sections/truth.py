@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Mask
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.report import diagnosis_words as words
@@ -19,7 +19,6 @@ from truepose.models.parameters import vector_of
 from truepose.shown.chart import Tone
 from truepose.wording import joined
 
-Array = NDArray[np.float64]
 DETERMINED = 0.5
 
 
@@ -101,7 +100,7 @@ def _fits(diagnosis: Diagnosis) -> list[tuple[str, str, Tone, Estimate]]:
 
 
 def _errors(
-    fits: Sequence[tuple[str, str, Tone, Estimate]], rows: Sequence[int], true: Array, sure: NDArray[np.bool_]
+    fits: Sequence[tuple[str, str, Tone, Estimate]], rows: Sequence[int], true: Array, sure: Mask
 ) -> Table:
     lines = []
     for title, mask in (

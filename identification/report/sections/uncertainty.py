@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Mask
 from truepose.errors import TrueposeError
 from truepose.identification.fit.axis_positioning import axis_tests
 from truepose.identification.fit.estimate import Estimate
@@ -26,7 +26,6 @@ from truepose.identification.report.numbers import finer, measure, unit_symbol
 from truepose.identification.report.scene.scene import thinned
 from truepose.shown.chart import Axis, Chart, Layer, Marks, Tone
 
-Array = NDArray[np.float64]
 ROWS = 300
 COVERAGE = 2.0
 """Coverage factor: an interval of about 95 %."""
@@ -78,7 +77,7 @@ def _budget(spread: ToolSpread) -> Table:
     return Table(head, rows, caption, text_columns=2)
 
 
-def _map(spread: ToolSpread, inside: NDArray[np.bool_]) -> list[Block]:
+def _map(spread: ToolSpread, inside: Mask) -> list[Block]:
     """The workspace from above and from the side, coloured by uncertainty."""
     std = spread.std
     if not np.isfinite(std).all() or not len(std) or not np.max(std) > 0:

@@ -22,11 +22,7 @@ from truepose.commands.identify import IrradianceOption
 
 FixOption = Annotated[
     Path | None,
-    typer.Option(
-        "--fix",
-        metavar="DIR",
-        help="Write the corrected machine file and recordings there.",
-    ),
+    typer.Option("--fix", metavar="DIR", help="Write the corrected machine file and recordings there."),
 ]
 
 

@@ -20,22 +20,19 @@ BAD_INPUT, NOT_CONVERGED = 2, 3
 
 MachineArg = Annotated[Path, typer.Argument(metavar="MACHINE", help="Machine file (YAML).")]
 RecordingArg = Annotated[
-    Path,
-    typer.Argument(metavar="RECORDING", help="Recording (text, Parquet, Excel or a ROS bag)."),
+    Path, typer.Argument(metavar="RECORDING", help="Recording (text, Parquet, Excel or a ROS bag).")
 ]
 RecordingsArg = Annotated[
     list[Path],
     typer.Argument(
-        metavar="RECORDING...",
-        help="One or several recordings (text, Parquet, Excel or ROS bags).",
+        metavar="RECORDING...", help="One or several recordings (text, Parquet, Excel or ROS bags)."
     ),
 ]
 DirectoryOption = Annotated[
     Path, typer.Option("-o", "--output", metavar="DIR", help="Directory for the results.")
 ]
 FileOption = Annotated[
-    Path,
-    typer.Option("-o", "--output", metavar="FILE", help="File to write (.csv or .parquet)."),
+    Path, typer.Option("-o", "--output", metavar="FILE", help="File to write (.csv or .parquet).")
 ]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print one JSON object on standard output and nothing else.")
@@ -143,6 +140,17 @@ def _is(what: Callable[[Path], bool], path: Path) -> bool:
         return False
 
 
+def pairs(option: str, texts: Iterable[str], expected: str) -> dict[str, str]:
+    """Return what a repeatable option says, ``NAME=VALUE`` each. Raises InputError that shows ``expected`` for another text."""
+    out = {}
+    for text in texts:
+        name, _, value = (word.strip() for word in text.partition("="))
+        if not name or not value:
+            raise InputError(f"{option}: found {text!r}, expected {expected}")
+        out[name] = value
+    return out
+
+
 def written(directory: Path, names: Iterable[str]) -> list[str]:
     """Paths of the files written, as text."""
     return [str(directory / name) for name in names]
@@ -166,6 +174,7 @@ __all__ = [
     "fail",
     "finish",
     "note",
+    "pairs",
     "progress",
     "quiet",
     "reported",

@@ -38,8 +38,7 @@ DiagnosisOption = Annotated[
     ),
 ]
 PayloadOption = Annotated[
-    str,
-    typer.Option("--payload", metavar="0,2.5,5", help="Payloads that can be carried, kg."),
+    str, typer.Option("--payload", metavar="0,2.5,5", help="Payloads that can be carried, kg.")
 ]
 TemperatureOption = Annotated[
     list[str] | None,
@@ -117,12 +116,7 @@ class Request:
 
 
 def run(
-    machine: Machine,
-    n: int,
-    asked: Request,
-    candidates: Path | None,
-    seed: int,
-    say: Callable[[str], None],
+    machine: Machine, n: int, asked: Request, candidates: Path | None, seed: int, say: Callable[[str], None]
 ) -> tuple[Experiment, pd.DataFrame, list[str], dict[str, object]]:
     """The experiment, its table, its lines and its JSON."""
     from truepose.identification.planning.discriminate.experiment import discriminate

@@ -20,10 +20,7 @@ from truepose.commands.common import (
 OutputOption = Annotated[
     Path,
     typer.Option(
-        "-o",
-        "--output",
-        metavar="FILE",
-        help="File to write (.urdf, .xacro, .xml, .yaml or .csv).",
+        "-o", "--output", metavar="FILE", help="File to write (.urdf, .xacro, .xml, .yaml or .csv)."
     ),
 ]
 FormatOption = Annotated[

@@ -31,8 +31,7 @@ if TYPE_CHECKING:
     from truepose.pool import Pool
 
 FolderArg = Annotated[
-    Path,
-    typer.Argument(metavar="DIR", help="Folder of the fleet: a folder for each machine."),
+    Path, typer.Argument(metavar="DIR", help="Folder of the fleet: a folder for each machine.")
 ]
 WorkersOption = Annotated[
     int,
@@ -57,11 +56,7 @@ DaskOption = Annotated[
 BriefOption = Annotated[bool, typer.Option("--brief", help="Without the report.html of each machine.")]
 LimitOption = Annotated[
     float | None,
-    typer.Option(
-        "--limit",
-        metavar="MINUTES",
-        help="Give up a machine after so long; its row says so.",
-    ),
+    typer.Option("--limit", metavar="MINUTES", help="Give up a machine after so long; its row says so."),
 ]
 
 

@@ -46,6 +46,3 @@ def gated(
     if loaded is None or rows is None or (check.verdict == "wrong" and not anyway):
         raise InputError(f"{machine}: {refusal(check)}")
     return loaded, rows, check
-
-
-__all__ = ["GateOption", "gated"]

@@ -30,10 +30,7 @@ PosesArg = Annotated[
 OutputOption = Annotated[
     Path | None,
     typer.Option(
-        "-o",
-        "--output",
-        metavar="FILE|DIR",
-        help="A .json file, or a directory for identifiability.json.",
+        "-o", "--output", metavar="FILE|DIR", help="A .json file, or a directory for identifiability.json."
     ),
 ]
 NumberOption = Annotated[int, typer.Option("-n", "--poses", min=1, max=POSES, help="How many poses to draw.")]

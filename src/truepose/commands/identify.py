@@ -160,18 +160,9 @@ def _calibration_written(
 
 
 _BRIEF = (
-    "judgement",
-    "status",
-    "iterations",
-    "rows",
-    "chi2_per_dof",
-    "rms",
-    "validation_rms",
-    "rank",
-    "rows_that_do_not_fit",
-    "free_parameters",
-    "worst_parameter_sigma",
-)
+    "judgement", "status", "iterations", "rows", "chi2_per_dof", "rms", "validation_rms", "rank",
+    "rows_that_do_not_fit", "free_parameters", "worst_parameter_sigma",
+)  # fmt: skip
 
 
 def diagnose(

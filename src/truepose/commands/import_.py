@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from truepose.commands.common import FileOption, JsonOption, check_file, finish, progress, reported
+from truepose.commands.common import FileOption, JsonOption, check_file, finish, pairs, progress, reported
 from truepose.errors import InputError
 from truepose.files import atomic_directory, atomic_write_text, write_table
 
@@ -18,10 +18,7 @@ if TYPE_CHECKING:
 
     from truepose.identification.recording.table import Table
 
-FileArg = Annotated[
-    Path,
-    typer.Argument(metavar="FILE", help="What was measured: text, workbook, bag."),
-]
+FileArg = Annotated[Path, typer.Argument(metavar="FILE", help="What was measured: text, workbook, bag.")]
 FormatOption = Annotated[
     str,
     typer.Option(
@@ -81,11 +78,7 @@ PrismaticOption = Annotated[
 ]
 MachineOption = Annotated[
     Path | None,
-    typer.Option(
-        "--machine",
-        metavar="FILE",
-        help="Also a machine file to start from, of TPOINT's mounts.",
-    ),
+    typer.Option("--machine", metavar="FILE", help="Also a machine file to start from, of TPOINT's mounts."),
 ]
 RenameOption = Annotated[
     list[str] | None,
@@ -140,7 +133,7 @@ def import_(
         asked.check()
         _check_new(machine)
         with progress("importing"):
-            table = asked.table(_new_names(rename or ()))
+            table = asked.table(pairs("--rename", rename or (), "OLD=NEW"))
             frame = _write(table, prismatic or (), output, machine, file)
         _finish(frame, table.notes, output, machine, as_json=as_json)
 
@@ -242,17 +235,6 @@ def _check_new(machine: Path | None) -> None:
     check_file(machine)
     if machine.exists():
         raise InputError(f"{machine}: found a file that is there already, expected another name")
-
-
-def _new_names(rename: Sequence[str]) -> dict[str, str]:
-    """New names of columns by their old ones. Raises InputError for what is no OLD=NEW."""
-    names = {}
-    for text in rename:
-        old, sign, new = text.partition("=")
-        if not sign or not old or not new:
-            raise InputError(f"--rename: found {text!r}, expected OLD=NEW")
-        names[old] = new
-    return names
 
 
 def _finish(

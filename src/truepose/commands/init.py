@@ -17,40 +17,32 @@ if TYPE_CHECKING:
     from truepose.models.starting.written import Asked
 
 OutputOption = Annotated[
-    Path | None,
-    typer.Option("-o", "--output", metavar="FILE", help="Machine file to write (.yaml)."),
+    Path | None, typer.Option("-o", "--output", metavar="FILE", help="Machine file to write (.yaml).")
 ]
 TableOption = Annotated[
     Path | None,
     typer.Option(metavar="FILE", help="Denavit-Hartenberg table (CSV): columns a, alpha, d, theta."),
 ]
 ConventionOption = Annotated[
-    str,
-    typer.Option(metavar="NAME", help="Of the table: standard, modified (Craig) or khalil."),
+    str, typer.Option(metavar="NAME", help="Of the table: standard, modified (Craig) or khalil.")
 ]
 UrdfOption = Annotated[Path | None, typer.Option(metavar="FILE", help="URDF to read the chain from.")]
 BaseLinkOption = Annotated[str, typer.Option(metavar="LINK", help="First link of the URDF's chain.")]
 TipLinkOption = Annotated[
     str,
     typer.Option(
-        metavar="LINK",
-        help="Last link of the URDF's chain; several, with commas between them, make a tree.",
+        metavar="LINK", help="Last link of the URDF's chain; several, with commas between them, make a tree."
     ),
 ]
 ExpandOption = Annotated[
     bool, typer.Option("--expand", help="Write the URDF's chain out instead of naming the file.")
 ]
 MjcfOption = Annotated[
-    Path | None,
-    typer.Option(metavar="FILE", help="MJCF (MuJoCo) to read the machine from."),
+    Path | None, typer.Option(metavar="FILE", help="MJCF (MuJoCo) to read the machine from.")
 ]
 TipOption = Annotated[str, typer.Option(metavar="BODY", help="Last body of the MJCF's machine.")]
 ArmOption = Annotated[
-    str,
-    typer.Option(
-        metavar="NAME",
-        help="Bundled machine (see --list), or a name of robot_descriptions.",
-    ),
+    str, typer.Option(metavar="NAME", help="Bundled machine (see --list), or a name of robot_descriptions.")
 ]
 ListOption = Annotated[bool, typer.Option("--list", help="List the bundled machines and leave.")]
 SensorOption = Annotated[
@@ -62,17 +54,11 @@ SensorOption = Annotated[
 ]
 BaseOption = Annotated[
     str,
-    typer.Option(
-        metavar="X,Y,Z[,R,P,Y]",
-        help="Base in the sensor's frame, mm and deg. Left out: unknown.",
-    ),
+    typer.Option(metavar="X,Y,Z[,R,P,Y]", help="Base in the sensor's frame, mm and deg. Left out: unknown."),
 ]
 ToolOption = Annotated[
     str,
-    typer.Option(
-        metavar="X,Y,Z[,R,P,Y]",
-        help="Tool in the flange's frame, mm and deg. Left out: unknown.",
-    ),
+    typer.Option(metavar="X,Y,Z[,R,P,Y]", help="Tool in the flange's frame, mm and deg. Left out: unknown."),
 ]
 ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite a machine file that is there.")]
 

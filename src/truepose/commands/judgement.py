@@ -18,6 +18,3 @@ def refuse(judgement: Judgement, output: Path, *, as_json: bool) -> None:
         return
     why = judgement.refusal if quiet() or as_json else "not calibrated, for the reason above"
     fail(f"{why}; {output} holds it to be looked at: no command applies it without --anyway", BAD_INPUT)
-
-
-__all__ = ["refuse"]

@@ -36,8 +36,7 @@ from truepose.models.limits import POSES
 from truepose.wording import joined
 
 CountOption = Annotated[
-    int,
-    typer.Option("-n", "--poses", metavar="N", min=2, max=POSES, help="How many poses."),
+    int, typer.Option("-n", "--poses", metavar="N", min=2, max=POSES, help="How many poses.")
 ]
 MethodOption = Annotated[
     str,

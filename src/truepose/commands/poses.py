@@ -24,15 +24,9 @@ if TYPE_CHECKING:
 
 PointsArg = Annotated[
     Path,
-    typer.Argument(
-        metavar="POINTS",
-        help="One row a placement: P1.x P1.y P1.z P2.x ... (CSV or Parquet).",
-    ),
+    typer.Argument(metavar="POINTS", help="One row a placement: P1.x P1.y P1.z P2.x ... (CSV or Parquet)."),
 ]
-SigmaOption = Annotated[
-    float,
-    typer.Option(metavar="MM", help="1-sigma of one coordinate as measured, mm."),
-]
+SigmaOption = Annotated[float, typer.Option(metavar="MM", help="1-sigma of one coordinate as measured, mm.")]
 BodyOption = Annotated[
     Path | None,
     typer.Option(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from truepose.commands.common import pairs
 from truepose.errors import InputError, ReadBackError
 from truepose.files import atomic_file
 
@@ -79,12 +80,7 @@ class Options:
 
     def unused(self) -> None:
         """Raises InputError where one of them is given for a table."""
-        told = {
-            "--base": self.base,
-            "--tool": self.tool,
-            "--frame": self.frames,
-            "--at": self.at,
-        }
+        told = {"--base": self.base, "--tool": self.tool, "--frame": self.frames, "--at": self.at}
         for name, value in told.items():
             if value:
                 raise InputError(
@@ -113,8 +109,8 @@ def correct_program(
             f"{output}: found the program itself, expected another file: twice corrected is wrong"
         )
     limit = Limit(options.limit, options.angle)
-    cell = Cell(options.base, options.tool, _named("--frame", options.frames))
-    drivers = {name: _value(name, text) for name, text in _named("--at", options.at).items()}
+    cell = Cell(options.base, options.tool, pairs("--frame", options.frames, "NAME=VALUE"))
+    drivers = {name: _value(name, text) for name, text in pairs("--at", options.at, "NAME=VALUE").items()}
     try:
         program = dialect.read(text_of(path), machine, beside(path))
         found = correct(machine, program, cell, drivers)
@@ -135,31 +131,8 @@ def correct_program(
     return summary, [*lines, f"  {expected_words(machine)}"], correction_notes(found, machine, limit)
 
 
-def _named(option: str, texts: Sequence[str]) -> dict[str, str]:
-    out = {}
-    for text in texts:
-        name, mark, value = text.partition("=")
-        if not mark or not name.strip():
-            raise InputError(f"{option}: found {text!r}, expected NAME=VALUE")
-        out[name.strip()] = value
-    return out
-
-
 def _value(name: str, text: str) -> float:
     try:
         return float(text)
     except ValueError:
         raise InputError(f"--at {name}: found {text!r}, expected a number") from None
-
-
-__all__ = [
-    "AtOption",
-    "BaseOption",
-    "DialectOption",
-    "FrameOption",
-    "LimitOption",
-    "Options",
-    "ToolOption",
-    "TurnOption",
-    "correct_program",
-]

@@ -26,10 +26,7 @@ if TYPE_CHECKING:
 
 PosesArg = Annotated[
     Path,
-    typer.Argument(
-        metavar="POSES",
-        help="Joint readings, row by row; the sensor's columns may be missing.",
-    ),
+    typer.Argument(metavar="POSES", help="Joint readings, row by row; the sensor's columns may be missing."),
 ]
 EffectOption = Annotated[
     list[str] | None,

@@ -40,6 +40,3 @@ def tried_names(option: str | None) -> list[str] | None:
         return None
     names = [name.strip() for name in option.split(",") if name.strip()]
     return [] if names == [ALL] else names
-
-
-__all__ = ["TryColumnsOption", "WithTryColumns", "tried_names"]

@@ -10,10 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
+from truepose.arrays import Array
 
-Array = NDArray[np.float64]
 Tone = Literal["before", "after", "free", "accent", "ink", "l1", "l2", "l3", "l4"]
 Shape = Literal["dot", "stroke", "ring", "tick", "diamond"]
 

@@ -8,7 +8,8 @@ from html import escape
 
 import numpy as np
 
-from truepose.shown.chart import Array, Axis, Band, Bars, Chart, Layer, Level, Line, Marks
+from truepose.arrays import Array
+from truepose.shown.chart import Axis, Band, Bars, Chart, Layer, Level, Line, Marks
 from truepose.shown.scale import Scale, ends, ticks
 from truepose.shown.view import printable
 

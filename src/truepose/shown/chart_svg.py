@@ -11,8 +11,8 @@ from collections.abc import Callable
 from html import escape
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.shown.chart import Band, Bars, Cells, Chart, Level, Line, Marks, Span
 from truepose.shown.chart_axes import LETTER, WIDTH, Frame, axes, frame_of, label
 from truepose.shown.marks_svg import POINTS, SIZE
@@ -70,7 +70,7 @@ def _line(layer: Line, frame: Frame) -> list[str]:
     ]
 
 
-def _way(x: NDArray[np.float64], y: NDArray[np.float64]) -> str:
+def _way(x: Array, y: Array) -> str:
     """A line through points, in steps of a tenth of a pixel from one to the next, which are short to write; it breaks where
     a point is not finite."""
     out: list[str] = []

@@ -6,35 +6,11 @@ from collections.abc import Callable
 
 SIZE = {"dot": 4.5, "stroke": 2.0, "ring": 1.3, "tick": 1.2, "diamond": 1.0}
 """Width of the stroke that draws a mark, pixels."""
-
-
-def _dot(x: float, y: float) -> str:
-    return f"M{x:.1f} {y:.1f}h0"
-
-
-def _stroke(x: float, y: float) -> str:
-    return f"M{x - 3:.1f} {y:.1f}h6"
-
-
-def _tick(x: float, y: float) -> str:
-    return f"M{x:.1f} {y:.1f}v-7"
-
-
-def _ring(x: float, y: float) -> str:
-    return f"M{x - 2.5:.1f} {y:.1f}a2.5 2.5 0 1 0 5 0a2.5 2.5 0 1 0-5 0"
-
-
-def _diamond(x: float, y: float) -> str:
-    return f"M{x:.1f} {y - 4.5:.1f}l4.5 4.5l-4.5 4.5l-4.5-4.5z"
-
-
 POINTS: dict[str, Callable[[float, float], str]] = {
-    "dot": _dot,
-    "stroke": _stroke,
-    "tick": _tick,
-    "ring": _ring,
-    "diamond": _diamond,
+    "dot": lambda x, y: f"M{x:.1f} {y:.1f}h0",
+    "stroke": lambda x, y: f"M{x - 3:.1f} {y:.1f}h6",
+    "tick": lambda x, y: f"M{x:.1f} {y:.1f}v-7",
+    "ring": lambda x, y: f"M{x - 2.5:.1f} {y:.1f}a2.5 2.5 0 1 0 5 0a2.5 2.5 0 1 0-5 0",
+    "diamond": lambda x, y: f"M{x:.1f} {y - 4.5:.1f}l4.5 4.5l-4.5 4.5l-4.5-4.5z",
 }
 """Path of a mark at a place, pixels."""
-
-__all__ = ["POINTS", "SIZE"]

@@ -7,7 +7,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from truepose.arrays import Array
 
 ROOM = 0.04
 """What is left free beyond the data, as a share of the range."""
@@ -30,12 +31,12 @@ class Scale:
         """Pixels of a value."""
         return self.start + (self.end - self.start) * (value - self.low) / (self.high - self.low)
 
-    def all(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def all(self, values: Array) -> Array:
         """(n,) pixels of values."""
         return np.asarray(self.start + (self.end - self.start) * (values - self.low) / (self.high - self.low))
 
 
-def ends(values: Iterable[NDArray[np.float64]], low: float | None, high: float | None) -> tuple[float, float]:
+def ends(values: Iterable[Array], low: float | None, high: float | None) -> tuple[float, float]:
     """Ends of an axis that shows all finite values, unless they are given; never the same twice."""
     known = [v[np.abs(v) <= LARGEST] for v in values]
     joined = np.concatenate(known) if known else np.zeros(0)

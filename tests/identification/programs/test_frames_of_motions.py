@@ -105,7 +105,7 @@ def test_frames_that_a_krl_text_states() -> None:
 def test_a_rapid_motion_names_its_target_and_its_tool(motion: str, name: str, move: Move) -> None:
     text = f"MODULE m\n {motion};\nENDMODULE"
     found = moves(text)
-    assert found.of_name(name) == [move] and found.of_name("p9") == []
+    assert found.names[name] == [move] and "p9" not in found.names
     begin, end = text.index(motion.split(maxsplit=1)[0]), text.index(";")
     for place in (begin + len(motion.split(maxsplit=1)[0].partition("\\")[0]) + 1, end - 1):
         assert found.of_place(place) == [move]
@@ -118,7 +118,7 @@ def test_a_rapid_motion_names_its_target_and_its_tool(motion: str, name: str, mo
 )
 def test_motions_look_at_configurations_unless_they_are_told_not_to(head: str, checked: str) -> None:
     found = moves(f"{head} MoveJ a,v,z,t; MoveAbsJ b,v,z,t; MoveL c,v,z,t; MoveC d,e,v,z,t;")
-    assert {n: found.of_name(n)[0].checked for n in "abcde"} == {
+    assert {n: found.names[n][0].checked for n in "abcde"} == {
         n: ("J" if n in "ab" else "L") in checked for n in "abcde"
     }
 

@@ -68,6 +68,18 @@ def test_in_branches_and_loops_a_motion_ends_where_it_was_meant_or_is_listed(
         check_law(dialect, text, found, taken)
 
 
+@pytest.mark.parametrize("dialect", ["urscript", "kuka"])
+@pytest.mark.parametrize("factor", ["wa", "wb"])
+def test_a_name_that_may_hold_a_product_is_corrected_or_listed(
+    machine: Machine, dialect: str, factor: str
+) -> None:
+    moved: Node = ("assign", "wa", ("product", ("name", "fc"), ("name", factor)))
+    text = written(dialect, [("if", [moved]), ("move", ("name", "wa"))])
+    found = correct(machine, DIALECTS[dialect].read(text, machine))
+    for taken in (True, False):
+        check_law(dialect, text, found, taken)
+
+
 @pytest.mark.parametrize("dialect", DIALECT_NAMES)
 def test_without_a_correction_the_law_does_not_hold(dialect: str) -> None:
     text = written(dialect, [("move", ("name", "wa"))])

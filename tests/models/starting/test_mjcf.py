@@ -9,8 +9,8 @@ import casadi as ca
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from typer.testing import CliRunner
 
+from support.described_machines import mjcf_machine
 from support.skips import NO_MUJOCO
 
 if find_spec("mujoco") is None:
@@ -18,11 +18,8 @@ if find_spec("mujoco") is None:
 
 import mujoco
 
-from truepose.cli import app
 from truepose.errors import InputError
 from truepose.models.kinematics import symbolic_model
-from truepose.models.load import load_machine
-from truepose.models.machine import Machine
 from truepose.models.starting import compiled_mjcf, mjcf
 from truepose.models.statics import Statics
 
@@ -52,14 +49,6 @@ MESHES = ARM.replace("<worldbody>", '<asset><mesh name="m" file="nowhere.stl"/><
 )
 
 
-def machine_of(folder: Path, xml: str, *options: str) -> Machine:
-    (folder / "arm.xml").write_text(xml)
-    words = ["init", "--mjcf", str(folder / "arm.xml"), "-o", str(folder / "m.yaml"), "--force", *options]
-    done = CliRunner().invoke(app, words)
-    assert done.exit_code == 0, done.output
-    return load_machine(folder / "m.yaml")
-
-
 def simulated(xml: str, q: Array) -> mujoco.MjData:
     model = mujoco.MjModel.from_xml_string(xml)
     data = mujoco.MjData(model)
@@ -78,7 +67,7 @@ def frame_of(data: mujoco.MjData, body: str) -> Array:
 
 def test_the_chain_is_mujocos(tmp_path: Path) -> None:
     """Anchors off the bodies' origins, two joints on one body, a reference, a pitch of 90 deg, slides. mm and rad."""
-    machine = machine_of(tmp_path, ARM)
+    machine = mjcf_machine(tmp_path, ARM)
     assert machine.mechanism.readings == READINGS
     model = symbolic_model(machine)
     pose = ca.Function("pose", [model.q, model.p], [model.pose])
@@ -93,7 +82,7 @@ def test_the_chain_is_mujocos(tmp_path: Path) -> None:
 
 def test_weights_pull_as_mujocos_do(tmp_path: Path) -> None:
     """Torque and force of gravity about every joint, also of what hangs on the chain."""
-    machine = machine_of(tmp_path, ARM)
+    machine = mjcf_machine(tmp_path, ARM)
     model = symbolic_model(machine)
     readings = dict(zip(model.readings, ca.vertsplit(model.q), strict=True))
     nominal = {p.name: ca.SX(p.nominal) for p in machine.parameters} | {
@@ -110,7 +99,7 @@ def test_weights_pull_as_mujocos_do(tmp_path: Path) -> None:
 
 def test_names_ranges_and_gravity_are_the_files(tmp_path: Path) -> None:
     """A body called base further on gets another name: base is the first body everywhere else."""
-    machine = machine_of(tmp_path, ARM)
+    machine = mjcf_machine(tmp_path, ARM)
     assert machine.mechanism.bodies[:2] == ("base", "base_body")
     ranges = [a.range for a in machine.mechanism.actuators]
     assert ranges[0] == pytest.approx((-2, 2))
@@ -121,12 +110,12 @@ def test_names_ranges_and_gravity_are_the_files(tmp_path: Path) -> None:
 
 
 def test_the_tip_can_be_chosen_and_a_fixed_one_is_the_flange(tmp_path: Path) -> None:
-    assert machine_of(tmp_path, ARM, "--tip", "bracket").mechanism.readings == READINGS[:3]
-    assert machine_of(tmp_path, ARM, "--tip", "finger").mechanism.flange == "finger"
+    assert mjcf_machine(tmp_path, ARM, "--tip", "bracket").mechanism.readings == READINGS[:3]
+    assert mjcf_machine(tmp_path, ARM, "--tip", "finger").mechanism.flange == "finger"
 
 
 def test_meshes_that_are_not_there_cost_their_masses(tmp_path: Path) -> None:
-    machine = machine_of(tmp_path, MESHES)
+    machine = mjcf_machine(tmp_path, MESHES)
     assert "base_body" not in {mass.name for mass in machine.masses}
     text = " ".join((tmp_path / "m.yaml").read_text().replace("#  ", "").split())
     assert "bodies without mass, whose meshes were not at hand: base_body. CHECK masses." in text

@@ -9,13 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from typer.testing import CliRunner
 
+from support.described_machines import mjcf_machine
 from support.exported import closed_in_mujoco, mujoco_module
-from truepose.cli import app
 from truepose.errors import InputError
 from truepose.identification.compensation.inverse import PoseSolver
-from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 from truepose.models.starting.mjcf import mjcf_start
 
@@ -48,14 +46,6 @@ def two_joints(x: float, first: float, second: float) -> Array:
         step = np.array([[c, -s, 0, at], [s, c, 0, 0], [0, 0, 1, 0.3 if at == x else 0.0], [0, 0, 0, 1]])
         out = out @ step
     return out
-
-
-def started(folder: Path, xml: str, *options: str) -> Machine:
-    (folder / "m.xml").write_text(xml, encoding="utf-8")
-    words = ["init", "--mjcf", str(folder / "m.xml"), "-o", str(folder / "m.yaml"), "--force", *options]
-    done = CliRunner().invoke(app, words)
-    assert done.exit_code == 0, done.output
-    return load_machine(folder / "m.yaml")
 
 
 def check_stands(machine: Machine, xml: str, base: str, tip: str, spread: float = 0.3) -> None:
@@ -97,7 +87,7 @@ def test_a_loop_stays_closed(tmp_path: Path, equality: str, end: str) -> None:
     """Whatever constraint closes it; driven are the joints with an actuator, and the tip may be any body of the loop."""
     xml = five_bar(equality, end=end)
     for tip in ("pen", "r1", "c2"):
-        machine = started(tmp_path, xml, "--tip", tip)
+        machine = mjcf_machine(tmp_path, xml, "--tip", tip)
         assert machine.mechanism.readings == ("a1", "a2")
         assert machine.mechanism.closing
         check_stands(machine, xml, "world", tip)
@@ -119,7 +109,7 @@ def test_a_free_body_hangs_on_its_ties(tmp_path: Path) -> None:
         for n, at in {"plate": "0 0 0.3", "box": "1 0 0"}.items()
     )
     xml = f"{HEAD}{struts}{free}</worldbody><equality>{ties}</equality>{drives}</mujoco>"
-    machine = started(tmp_path, xml, "--tip", "plate")
+    machine = mjcf_machine(tmp_path, xml, "--tip", "plate")
     assert machine.mechanism.readings == ("z0", "z1", "z2")
     assert "# Left out: bodies that are not on the way to the tip: box\n" in (tmp_path / "m.yaml").read_text()
     check_stands(machine, xml, "world", "plate")
@@ -156,7 +146,7 @@ def test_a_coupled_joint_follows(
     drives = f"<actuator>{drives}</actuator>" if drives else ""
     xml = f"{HEAD}{world}</worldbody><equality>{equality}</equality>{drives}</mujoco>"
     folder = tmp_path_factory.mktemp("coupled")
-    machine = started(folder, xml)
+    machine = mjcf_machine(folder, xml)
     expected = {"b" if driven == "joint" and lead else lead or "c", other} - ({other} if chained else set())
     assert set(machine.mechanism.readings) == expected
     check_stands(machine, xml, "world", "hand", 0.2)
@@ -166,7 +156,7 @@ def test_a_floating_base_is_the_base(tmp_path: Path) -> None:
     """Its free joint is left out and said: where it stands is the base's frame. Gravity is that of the file's pose."""
     world = COUPLED.format(kind="hinge", ref=0)
     xml = f'{HEAD}<body name="torso" pos="1 2 3" euler="90 0 0"> <freejoint/> <geom/> {world}</body></worldbody></mujoco>'
-    machine = started(tmp_path, xml)
+    machine = mjcf_machine(tmp_path, xml)
     assert machine.mechanism.readings == ("a", "b", "c")
     assert machine.gravity == pytest.approx((0.0, -9.81, 0.0))
     text = " ".join((tmp_path / "m.yaml").read_text().replace("#  ", "").split())
@@ -177,7 +167,7 @@ def test_a_floating_base_is_the_base(tmp_path: Path) -> None:
 def test_joints_without_an_actuator_are_listed(tmp_path: Path) -> None:
     world = COUPLED.format(kind="hinge", ref=0)
     xml = f'{HEAD}{world}</worldbody><actuator><motor joint="a"/></actuator></mujoco>'
-    assert started(tmp_path, xml).mechanism.readings == ("a", "b", "c")
+    assert mjcf_machine(tmp_path, xml).mechanism.readings == ("a", "b", "c")
     told = "# CHECK joints without an actuator and outside loops, taken as read by the recording: b, c.\n"
     assert told in (tmp_path / "m.yaml").read_text()
 
@@ -193,7 +183,7 @@ def test_what_no_machine_holds_is_listed(tmp_path: Path) -> None:
       <actuator> <motor joint="a"/> <motor joint="b"/> <motor joint="c"/> <motor name="rope" tendon="t1"/> </actuator>"""
     world = COUPLED.format(kind="hinge", ref=0)
     xml = f"{HEAD}{world}{more}</worldbody><equality>{equality}</equality>{tendons}</mujoco>"
-    machine = started(tmp_path, xml, "--tip", "hand")
+    machine = mjcf_machine(tmp_path, xml, "--tip", "hand")
     assert machine.mechanism.readings == ("a", "b", "c")
     text = " ".join((tmp_path / "m.yaml").read_text().replace("#  ", "").split())
     for told in (
