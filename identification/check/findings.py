@@ -56,12 +56,8 @@ def _advice(rig: Rig, search: Search, members: Sequence[Weighed]) -> Iterator[Fo
     best = members[0]
     before, after, unit = shown(search.as_it_stands.stand, best.stand)
     others = tuple(dict.fromkeys(_words(rig, w) for w in members[1:]))[:_LEADS]
-    for slip in best.hypothesis.slips:
-        yield Found(
-            slip.kind, slip.where, slip.says, slip.fix, "wrong", before, after, unit, slip.mend, others
-        )
-    for frame in best.free:
-        slip = frame_unknown(rig, frame, best.stand.p)
+    elsewhere = (frame_unknown(rig, frame, best.stand.p) for frame in best.free)
+    for slip in (*best.hypothesis.slips, *elsewhere):
         yield Found(
             slip.kind, slip.where, slip.says, slip.fix, "wrong", before, after, unit, slip.mend, others
         )
@@ -80,7 +76,7 @@ def _question(rig: Rig, as_it_stands: Weighed, leads: Sequence[Weighed]) -> Foun
     return Found(
         slips[0].kind,
         slips[0].where,
-        f"it may be that {_words(rig, best)}{left}",
+        f"it may be: {_words(rig, best)}{left}",
         f"compare with the source: {'; '.join(slip.fix for slip in slips)}",
         "wrong" if as_it_stands.stand.bad else "suspect",
         before,

@@ -197,7 +197,7 @@ def test_a_mend_is_advised_only_where_one_class_is_certain_and_near(
     said = findings(arm, found)
     assert len(said) == 1 and (said[0].mend is not None) == advised
     if not advised:
-        assert said[0].says.startswith("it may be that ") and said[0].verdict == "suspect"
+        assert said[0].says.startswith("it may be: ") and said[0].verdict == "suspect"
         assert ("something else is wrong too" in said[0].says) == (not near)
 
 
@@ -214,7 +214,7 @@ def test_of_two_slips_that_fit_alike_none_is_mended(tmp_path: Path) -> None:
     names = [*rig.recording.joints, "x", "y", "z", "rx", "ry", "rz"]
     found = checked(tmp_path, drawn_arm, pd.DataFrame(np.hstack([counted, seen]), columns=names))
     (first,) = found.found
-    assert first.mend is None and first.says.startswith("it may be that the reading of q3 is coupled")
+    assert first.mend is None and first.says.startswith("it may be: the reading of q3 is coupled")
     assert "compare with the source" in first.fix
     asked = " ".join([first.says, *first.instead])
     assert "+ q2" in asked and "+ q4" in asked
