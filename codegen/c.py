@@ -262,7 +262,7 @@ def _joints(machine: Machine) -> list[dict[str, Any]]:
             "place": place,
             "name": a.reading,
             "unit": a.reading_unit,
-            "range": f" {a.range[0]:.9g} to {a.range[1]:.9g}" if a.range else "",
+            "range": f" {a.reading_range[0]:.9g} to {a.reading_range[1]:.9g}" if a.reading_range else "",
         }
         for place, a in enumerate(machine.mechanism.actuators)
     ]

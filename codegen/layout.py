@@ -131,15 +131,15 @@ def _allowed(
     slack = np.array(
         [(position if a.unit == "mm" else turn) * u for a, u in zip(actuators, unknown, strict=False)]
     )
-    ranges = [a.range or (-_WIDE, _WIDE) for a in actuators]
+    ranges = [a.reading_range or (-_WIDE, _WIDE) for a in actuators]
     return np.array([r[0] for r in ranges]) - slack, np.array([r[1] for r in ranges]) + slack
 
 
 def _near(reference: Reference) -> Array:
     """Readings (nq,) at the home assembly: the middle of the ranges, or what the loops ask for."""
     actuators = reference.model.machine.mechanism.actuators
-    middle = np.array([np.mean(a.range) if a.range else 0.0 for a in actuators])
-    return _steady(middle if all(a.range for a in actuators) else reference.home_readings(middle))
+    middle = np.array([np.mean(a.reading_range) if a.reading_range else 0.0 for a in actuators])
+    return _steady(middle if all(a.reading_range for a in actuators) else reference.home_readings(middle))
 
 
 def _steady(values: Array) -> Array:
@@ -160,9 +160,9 @@ def _longest(machine: Machine) -> float:
     inside = [*machine.mechanism.parameters, *(p for p in machine.frames if FRAME_OF.get(p.name) == "tool")]
     longest = max((abs(p.nominal) for p in inside if p.unit == "mm"), default=0.0)
     ranges = [
-        max(map(abs, a.range))
+        max(map(abs, a.reading_range))
         for a in machine.mechanism.actuators
-        if a.range and a.unit == a.reading_unit == "mm"
+        if a.reading_range and a.unit == a.reading_unit == "mm"
     ]
     return max([longest, *ranges]) or 1.0
 
@@ -221,8 +221,8 @@ def sample_ranges(machine: Machine, near: Array, length: float) -> tuple[Array, 
     low, high = [], []
     for a, at in zip(machine.mechanism.actuators, near, strict=True):
         half = (_UNLIMITED_TURN if a.unit == "rad" else 0.1 * length) / _gain(machine, a)
-        low.append(a.range[0] if a.range else (0.0 if a.unit == "rad" else at) - half)
-        high.append(a.range[1] if a.range else (0.0 if a.unit == "rad" else at) + half)
+        low.append(a.reading_range[0] if a.reading_range else (0.0 if a.unit == "rad" else at) - half)
+        high.append(a.reading_range[1] if a.reading_range else (0.0 if a.unit == "rad" else at) + half)
     return np.array(low), np.array(high)
 
 
@@ -231,5 +231,5 @@ def _starts(machine: Machine, low: Array, high: Array) -> tuple[Array, Array]:
     start, width = 0.5 * (low + high), high - low
     for k, a in enumerate(machine.mechanism.actuators):
         if turns_freely(machine.mechanism, a.reading):
-            width[k] = min(width[k], 2 * math.pi) if a.range else 2 * math.pi
+            width[k] = min(width[k], 2 * math.pi) if a.reading_range else 2 * math.pi
     return start, width

@@ -204,6 +204,6 @@ def _ranges(model: SymbolicModel) -> tuple[Array, Array]:
     for actuator, home in zip(machine.mechanism.actuators, model.q_home.tolist(), strict=True):
         gain = machine.geometry[actuator.gain].nominal if actuator.gain else 1.0
         half = (1.0 if actuator.unit == "rad" else 0.1 * longest) / (abs(gain) or 1.0)
-        out.append(actuator.range or (home - half, home + half))
+        out.append(actuator.reading_range or (home - half, home + half))
     low, high = np.array(out, dtype=float).T
     return low, high

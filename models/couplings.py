@@ -41,7 +41,7 @@ def resolve_couplings(mechanism: Mechanism, file: MachineFile) -> Mechanism:
             factors[other] = factor * scale
         actuators.append(replace(actuator, coupled=factors))
     stated = {actuator.reading: actuator.range for actuator in actuators}
-    actuators = [replace(actuator, range=_recorded_range(actuator, stated)) for actuator in actuators]
+    actuators = [replace(actuator, reads=_recorded_range(actuator, stated)) for actuator in actuators]
     found = replace(mechanism, actuators=tuple(actuators))
     matrix = coupling_matrix(found)
     if matrix is not None and abs(np.linalg.det(matrix)) < _SINGULAR:
@@ -54,13 +54,14 @@ def resolve_couplings(mechanism: Mechanism, file: MachineFile) -> Mechanism:
 
 def _recorded_range(actuator: Actuator, stated: Mapping[str, Range | None]) -> Range | None:
     """Return what a joint can read: its own range, as a data sheet states it, and what others add to it within theirs."""
-    if actuator.range is None or not any(actuator.coupled.values()):
-        return actuator.range
+    if actuator.range is None:
+        return None
     low, high = actuator.range
     for other, factor in actuator.coupled.items():
         theirs = stated[other]
-        if theirs is None:
+        if factor and theirs is None:
             return None
+        theirs = theirs or (0.0, 0.0)
         ends = sorted(factor * end for end in theirs)
         low, high = low + ends[0], high + ends[1]
     return low, high

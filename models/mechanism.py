@@ -140,6 +140,12 @@ class Actuator:
     counted: str | None = None
     wrap: float | None = None
     coupled: Mapping[str, float] = field(default_factory=dict)
+    reads: tuple[float, float] | None = None
+
+    @property
+    def reading_range(self) -> tuple[float, float] | None:
+        """Lowest and highest reading: ``range``, which is the joint's own, and what coupled joints add to it."""
+        return self.reads if any(self.coupled.values()) else self.range
 
     @property
     def displacement(self) -> str:

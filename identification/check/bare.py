@@ -122,9 +122,9 @@ def _still(machine: Machine, recording: Recording) -> Iterator[Found]:
 def out_of_range(machine: Machine, recording: Recording) -> Iterator[Found]:
     """Joints that leave their range, where no other slip explains it: a zero elsewhere if a shift brings all rows inside."""
     for a, q in zip(machine.mechanism.actuators, recording.q.T, strict=True):
-        if a.range is None:
+        if a.reading_range is None:
             continue
-        low, high = a.range
+        low, high = a.reading_range
         slack = SLACK * (high - low)
         bad = np.flatnonzero((q < low - slack) | (q > high + slack))
         if not len(bad):
@@ -132,7 +132,7 @@ def out_of_range(machine: Machine, recording: Recording) -> Iterator[Found]:
         unit = machine.column_unit(a.reading)
         found, ends = (
             convert(float(q[bad[0]]), a.reading_unit, unit),
-            [convert(v, a.reading_unit, unit) for v in a.range],
+            [convert(v, a.reading_unit, unit) for v in a.reading_range],
         )
         limits = f"[{ends[0]:.6g}, {ends[1]:.6g}]"
         says = f"{recording.where(int(bad[0]))}: {a.reading} is {found:.6g} {unit}, out of its range {limits}"

@@ -91,7 +91,10 @@ def check(machine: MachineLike, source: Recording | Sources) -> Check:
 def unbounded(machine: Machine) -> Machine:
     """The machine without the ranges of its joints: a reading outside of them may be in another unit."""
     anywhere = (-math.inf, math.inf)
-    actuators = tuple(replace(a, range=a.range and anywhere) for a in machine.mechanism.actuators)
+    actuators = tuple(
+        replace(a, range=a.range and anywhere, reads=a.reads and anywhere)
+        for a in machine.mechanism.actuators
+    )
     return replace(machine, mechanism=replace(machine.mechanism, actuators=actuators))
 
 

@@ -90,9 +90,9 @@ def joints_beyond(rig: Rig, scene: Scene) -> list[str]:
     out = []
     for k, a in enumerate(rig.machine.mechanism.actuators):
         q = scene.rows.q[:, k]
-        if a.range is None or not len(q):
+        if a.reading_range is None or not len(q):
             continue
-        low, high = np.multiply(a.range, scene.drawn if a.reading_unit == "mm" else 1.0)
+        low, high = np.multiply(a.reading_range, scene.drawn if a.reading_unit == "mm" else 1.0)
         if a.reading_unit == "rad":
             q = q - 2.0 * np.pi * np.round((q - (low + high) / 2.0) / (2.0 * np.pi))
         slack = SLACK * (high - low)

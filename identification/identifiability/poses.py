@@ -27,12 +27,12 @@ def drawn_poses(machine: Machine, n: int, seed: int = SEED) -> Recording:
     """
     ranges = []
     for actuator in machine.mechanism.actuators:
-        if actuator.range is None or not np.isfinite(actuator.range).all():
+        if actuator.reading_range is None or not np.isfinite(actuator.reading_range).all():
             raise InputError(
                 f"{machine.name}: joint {actuator.reading}: found no range to draw poses from, expected "
                 "'range: [low, high]', or a file of poses"
             )
-        ranges.append(actuator.range)
+        ranges.append(actuator.reading_range)
     for sensor in machine.sensors:
         if sensor.label_columns:
             raise InputError(

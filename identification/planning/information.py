@@ -245,12 +245,12 @@ def _by_residual(sensor: Sensor, world: ca.SX, s: Mapping[str, ca.SX], variables
 def _ranges(machine: Machine) -> tuple[Array, Array]:
     actuators = machine.mechanism.actuators
     for actuator in actuators:
-        if actuator.range is None:
+        if actuator.reading_range is None:
             raise InputError(
                 f"{machine.name}: joint {actuator.reading!r}: found no range, expected `range: [low, high]`: "
                 "poses are chosen inside the ranges"
             )
-    ranges = np.array([actuator.range for actuator in actuators], dtype=float).reshape(-1, 2)
+    ranges = np.array([actuator.reading_range for actuator in actuators], dtype=float).reshape(-1, 2)
     return ranges[:, 0], ranges[:, 1]
 
 

@@ -122,7 +122,7 @@ class Branches:
         for k, actuator in enumerate(self._actuators):
             if not self._free[k]:
                 continue
-            low, high = actuator.range or (-_TURN, _TURN)
+            low, high = actuator.reading_range or (-_TURN, _TURN)
             both = np.concatenate([q + turn * np.eye(q.shape[1])[k] for turn in (0.0, _TURN, -_TURN)])
             q = both[(both[:, k] >= low - 1e-9) & (both[:, k] <= high + 1e-9)]
         return q
@@ -138,7 +138,10 @@ class Branches:
     def _spread(self, count: int) -> Array:
         size = self._solver.size
         widest = [(-size, size) if a.reading_unit == "mm" else (-np.pi, np.pi) for a in self._actuators]
-        ranges = [_within(a.range, w) if a.range else w for a, w in zip(self._actuators, widest, strict=True)]
+        ranges = [
+            _within(a.reading_range, w) if a.reading_range else w
+            for a, w in zip(self._actuators, widest, strict=True)
+        ]
         low, high = np.array(ranges).T
         share = Halton(len(low), scramble=False).random(count + 1)[1:]
         return np.asarray(low + share * (high - low))

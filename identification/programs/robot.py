@@ -55,7 +55,7 @@ class Robot:
     def reach(self) -> Array:
         """(nq,) readings that move a joint by the machine's size (a gantry has no length but its ranges), or by 1 rad."""
         actuators = self.machine.mechanism.actuators
-        sizes = [max([self.solver.size, *map(abs, a.range or ())]) for a in actuators]
+        sizes = [max([self.solver.size, *map(abs, a.reading_range or ())]) for a in actuators]
         return np.array([s if a.reading_unit == "mm" else 1.0 for a, s in zip(actuators, sizes, strict=True)])
 
     def missed(self, goals: Array, poses: Array) -> Array:

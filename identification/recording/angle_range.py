@@ -38,15 +38,19 @@ def unfold_readings(machine: Machine, recording: Recording) -> Recording:
     homes, steps = home_readings(machine.mechanism), _neighbours(recording)
     for actuator, home in zip(machine.mechanism.actuators, homes.tolist(), strict=True):
         period = actuator.wrap or (TURN if turns_freely(machine.mechanism, actuator.reading) else np.inf)
-        if np.isinf(period) or (actuator.range and np.ptp(actuator.range) <= period * (1.0 + _ROUNDING)):
+        if np.isinf(period) or (
+            actuator.reading_range and np.ptp(actuator.reading_range) <= period * (1.0 + _ROUNDING)
+        ):
             continue
         column = recording.joints.index(actuator.reading)
-        low, high = actuator.range or (-np.inf, np.inf)
+        low, high = actuator.reading_range or (-np.inf, np.inf)
         found = (
             _unfolded(q[:, column] - home, period, (low - home, high - home), recording.order, steps) + home
         )
         stated = actuator.wrap is not None
-        if not (stated or _wraps(q[:, column], period, found, steps, ranged=actuator.range is not None)):
+        if not (
+            stated or _wraps(q[:, column], period, found, steps, ranged=actuator.reading_range is not None)
+        ):
             continue
         if np.max(np.abs(found - q[:, column]), initial=0.0) > 0.5 * period:
             unit = machine.column_unit(actuator.reading)

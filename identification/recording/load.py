@@ -37,7 +37,7 @@ def joint_columns(machine: Machine) -> list[JointColumn]:
         JointColumn(
             a.reading,
             a.reading_unit,
-            a.range,
+            a.reading_range,
             written=machine.column_unit(a.reading),
             counted=a.counted is not None,
             wrap=a.wrap,

@@ -39,7 +39,7 @@ def _by_halves(words: list[str]) -> None:
     folder.mkdir(exist_ok=True)
     for name in ("a.txt", "b.txt"):
         (folder / name).write_text(words[0], encoding="utf-8")
-        time.sleep(0.05)
+        time.sleep(0.2)  # most of the time is between the two
 
 
 def _noisy(words: list[str]) -> None:

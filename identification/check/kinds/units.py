@@ -257,10 +257,10 @@ def _scaled_fields(pair: Pair, fields: Sequence[Field], factor: float) -> Pair:
 def _all_angles(rig: Rig) -> Iterator[Slip]:
     """Yield the whole file, and the columns that name no unit, with their angles in another unit than ``units`` says."""
     written, said = rig.machine.units.angle, rig.recording.said
-    columns = {a.reading for a in rig.machine.mechanism.actuators if a.reading_unit == "rad"}
-    columns |= {n for s in rig.machine.sensors for n, unit in s.columns.items() if unit == "rad"}
+    turning = {a.reading for a in rig.machine.mechanism.actuators if a.reading_unit == "rad"}
+    columns = turning | {n for s in rig.machine.sensors for n, unit in s.columns.items() if unit == "rad"}
     alike = [name for name in columns if said.get(name, written) == written]
-    if not alike:
+    if not turning & set(alike):
         return
     for unit, factor in _others(("rad", "deg"), written):
         yield Slip(

@@ -33,8 +33,8 @@ tolerances: {length: 0.2, angle: 0.05}
 mechanism:
   type: serial
   joints:
-    - {name: x, kind: prismatic, alpha: 90, theta: 90, range: [-300, 300]}
-    - {name: y, kind: prismatic, alpha: -90, theta: -90, d: 30, range: [-200, 200]}
+    - {name: slide, kind: prismatic, alpha: 90, theta: 90, range: [-300, 300]}
+    - {name: cross, kind: prismatic, alpha: -90, theta: -90, d: 30, range: [-200, 200]}
     - {name: turn, kind: revolute, alpha: 90, r: 60, range: [-60, 60]}
 frames: {base: {xyz: [10, 20, 30], tolerance: {xyz: 5, rpy: 1}}}
 sensor: {type: pose, sigma: {xyz: 0.01, rot: 0.004}}
@@ -56,7 +56,7 @@ def measured(
     """Readings of the machine as drawn, with noise in stated sigmas by kind."""
     rng = np.random.default_rng(seed)
     q = rng.uniform([-300, -200, -60], [300, 200, 60], (n, 3))
-    rows = ["x,y,turn", *(",".join(map(repr, row.tolist())) for row in q)]
+    rows = ["slide,cross,turn", *(",".join(map(repr, row.tolist())) for row in q)]
     (folder / "poses.csv").write_text("\n".join(rows))
     poses = load_recording(machine, [folder / "poses.csv"], need_observations=False)
     predictor = Predictor(machine, poses)

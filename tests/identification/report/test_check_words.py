@@ -84,7 +84,7 @@ def test_three_cautions_stand_above_a_result() -> None:
     assert len(three) == 3 and all(not line.startswith(" ") for line in three)
     for more in (1, 2):
         some = caution_lines(check(*[DOUBT] * (3 + more)))
-        assert some[:3] == three and some[3:] == [f"and {more} more: see truepose check"]
+        assert some[:3] == three and some[3:] == [f"and {more} more: see report.html"]
     long = replace(DOUBT, says=" ".join(["word"] * 90))
     assert len(caution_lines(check(long))) == 2
 
