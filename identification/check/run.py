@@ -123,7 +123,9 @@ def check_loaded(machine: Machine, recording: Recording) -> Check:
     remaining = left_of(rig, best)
     found += [*said, *no_tolerances(rig, best.stand), *coarse_joints(rig, best.stand)]
     if not any(f.verdict == "wrong" for f in found):
-        found += sigmas(rig, best.stand, best.settled.price)
+        # constants that outnumber what was read fit noise, too
+        known = best.stand.residual.size >= 2 * len(best.settled.away)
+        found += sigmas(rig, best.stand, best.settled.price if known else best.stand.misfit)
         found += reversed_gravity(rig, best, remaining.rms)
     if not any(f.kind == "sessions-mixed" for f in said):
         found += standing_out(rig, remaining)

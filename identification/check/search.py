@@ -115,9 +115,11 @@ def search(rig: Rig, as_it_stands: Weighed) -> Search:
             break
         order = sorted(every, key=lambda w: -w.score)
         beam = [w.hypothesis for w in order if len(w.hypothesis.slips) == depth + 1]
-    again = weigh(rig, as_it_stands.hypothesis, NOWHERE_ELSE, undone(rig, best_of(every)))
+    starts = undone(rig, best_of(every))
+    again = weigh(rig, as_it_stands.hypothesis, NOWHERE_ELSE, starts)
     if again.near:
         return Search(again)
+    every.append(weigh(rig, as_it_stands.hypothesis, None, starts))
     classes = shares(rig, every)
     return Search(as_it_stands, tuple((tuple(members), share) for members, share in classes))
 

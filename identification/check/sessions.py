@@ -25,6 +25,8 @@ _PARTS = 8
 _TELL = "give each set-up its own number in a column 'session', or calibrate them one by one"
 _STATE = "if base or tool were set up anew, say so in the machine file: 'per: session' in frames.base, or in frames.tool"
 _FEWEST, _ROUNDS = 8, 4
+_NEAR = 2
+"""Rows by which the best cut may miss the row at which a session begins."""
 _APART = 0.5
 """How much better one frame alone must explain the second set-up than the other one to be named."""
 
@@ -56,10 +58,12 @@ def moved(rig: Rig, weighed: Weighed) -> Iterator[Found]:
     apart = evidence(rig, scene, max(side.price for side in sides), SELDOM)
     if not apart - whole > np.log(CERTAIN / (1.0 - CERTAIN)):
         return
-    known = cut.row in _edges(scene)
-    if known and stand.misfit < ABSURD * motion(rig, stand):
+    known = any(abs(cut.row - edge) <= _NEAR for edge in _edges(scene))
+    small = stand.misfit < ABSURD * motion(rig, stand)
+    if known and small:
         return  # a mount that moved a little between sessions is physics, with a name of its own
-    yield _two_setups(rig, scene, cut, "suspect" if known else "wrong", stand.length)
+    found = _two_setups(rig, scene, cut, "suspect" if known or small else "wrong", stand.length)
+    yield replace(found, fix=_STATE if known else _TELL)
 
 
 def _best_cut(rig: Rig, scene: Scene) -> _Cut | None:
@@ -107,7 +111,7 @@ def _two_setups(rig: Rig, scene: Scene, cut: _Cut, verdict: Verdict, before: flo
         "sessions-mixed",
         ("session",),
         f"two set-ups in one recording, the second from {row} on: {_what_moved(rig, scene, cut)}",
-        _STATE if verdict == "suspect" else _TELL,
+        _TELL,
         verdict,
         before,
         max(lengths) if lengths else None,

@@ -134,7 +134,8 @@ def test_a_frame_that_moved_is_told_with_row_direction_and_size(
     mm = -size if back else size
     found = check_loaded(arm(), set_up(arm(), frame, axis, mm, cut, seed))
     first = found.found[0]
-    assert (first.kind, first.verdict) == ("sessions-mixed", "wrong"), found.found
+    # a small move may be physics: a mount that gives way; it is never passed over
+    assert first.kind == "sessions-mixed" and first.verdict in ("suspect", "wrong"), found.found
     assert f"the {frame} stands elsewhere, by {frame} " in first.says, first.says
     told, unit = first.says.rpartition(f"{frame} {XYZ[axis]} ")[2].split(",")[0].split()
     assert unit == "mm" and float(told) == pytest.approx(mm, rel=0.05), first.says
