@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from truepose.errors import InputError
@@ -14,8 +13,8 @@ from truepose.identification.check.pair import Pair
 from truepose.identification.check.result import Check, Found
 from truepose.identification.check.rig import Rig
 from truepose.identification.load import load_recording
-from truepose.models.load import load_machine
-from truepose.models.machine_file import write_machine
+from truepose.models.load import build_machine
+from truepose.models.machine_file import checked_machine
 
 _MEANT = {"standard": "a data sheet's standard table", "modified": "a modified table (Craig)"}
 
@@ -49,14 +48,12 @@ def unnamed_table(pair: Pair, recordings: Sequence[Path]) -> Check | None:
 
 def _left(pair: Pair, recordings: Sequence[Path], convention: str) -> tuple[float, float | None, str, int]:
     """Misfit, its size and unit, and rows, under a convention; an infinite misfit where the file has other faults."""
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / Path(pair.machine).name
-        write_machine(path, pair.with_field(("mechanism", "convention"), convention).document)
-        try:
-            machine = load_machine(path)
-            rows = load_recording(machine, recordings)
-        except InputError:
-            return math.inf, None, "mm", 0
+    stated = pair.with_field(("mechanism", "convention"), convention).document
+    try:
+        machine = build_machine(checked_machine(Path(pair.machine), dict(stated)))
+        rows = load_recording(machine, recordings)
+    except InputError:
+        return math.inf, None, "mm", 0
     stand = Rig(machine, rows).stand()
     length, _, unit = shown(stand, stand)
     return stand.misfit, length, unit, len(rows)
