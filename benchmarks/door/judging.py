@@ -15,8 +15,10 @@ from mistakes.pairs import found
 
 from truepose.errors import TrueposeError
 from truepose.identification.check.run import unbounded
+from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.load import load_recording
+from truepose.identification.prediction.predictor import Predictor
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 
@@ -55,7 +57,9 @@ def worth(folder: Path, *, rigid: bool = False) -> Worth:
         machine = load_machine(path)
         recording = load_recording(unbounded(machine), tables)
         held = np.arange(len(recording)) % EVERY == EVERY - 1
-        fit = estimate(_drawn(machine) if rigid else machine, recording, exclude=held)
+        fitted = _drawn(machine) if rigid else machine
+        start = aligned_start(Predictor(fitted, recording, fitted.effects))
+        fit = estimate(fitted, recording, exclude=held, start=start)
     except (TrueposeError, ValueError, ArithmeticError) as exc:
         return Worth(failed=f"{type(exc).__name__}: {exc}")
     lost = float(np.mean(~np.isfinite(fit.residual).all(axis=1)))

@@ -17,6 +17,7 @@ from truepose.identification.fit.sighted import base_of, station_of
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
 from truepose.models.machine import Machine
+from truepose.models.sensors.ballbar import BallBar
 from truepose.models.sensors.base import Sensor
 from truepose.models.sensors.direction import ORIGIN, Direction
 from truepose.models.sensors.pose import Pose, Position
@@ -49,6 +50,13 @@ def starts(
             # the tool as it is stated, none, and where the base is said to be: a wrong one leads into a false minimum
             for tool in (stated[1], np.eye(4), stated[0], *_far_tools(seen @ stated[1], read)):
                 yield _by_points(seen, read[:, None], np.zeros((1, 3)), tool)
+        elif isinstance(sensor, BallBar) and sensor.view == TOOL_IN_WORLD:
+            ball, centre = (np.array([p.nominal for p in part]) for part in (sensor.own[3:], sensor.own[:3]))
+            for tool in (stated[1], np.eye(4)):
+                balls = np.asarray(seen @ tool)[:, :3, :] @ [*ball, 1.0]
+                for found in _centres(balls, read[:, 0]):
+                    turn = stated[0][:3, :3]
+                    yield _transforms(turn[None], (centre - turn @ found)[None])[0], tool
         elif isinstance(sensor, Direction) and sensor.view == TOOL_IN_WORLD:
             yield from _by_directions(sensor, seen @ stated[1], read, stated)
         elif isinstance(sensor, Targets) and points is not None:
@@ -90,6 +98,22 @@ def _read(machine: Machine, rows: Recording) -> Iterator[tuple[Sensor, Array, ND
         whole = np.asarray(np.isfinite(read).all(axis=1))
         if whole.sum() >= 3:
             yield sensor, read[whole], whole
+
+
+def _centres(balls: Array, distance: Array) -> Iterator[Array]:
+    """Yield the points (3,) at distances (n,) of others (n, 3): either side of their plane, where they lie in one.
+
+    |u_k - c|^2 = d_k^2 less its mean is linear in c; what is left of the mean is the height above points in a plane.
+    """
+    middle = balls.mean(axis=0)
+    apart, square = balls - middle, np.square(distance)
+    right = np.sum(apart**2, axis=1) - square
+    sizes, axes = np.linalg.svd(apart, full_matrices=False)[1:]
+    seen = sizes > 10.0 * _FLAT * max(float(sizes[0]), 1e-12)
+    along = np.linalg.lstsq(2.0 * apart @ axes[seen].T, right - right.mean(), rcond=None)[0] @ axes[seen]
+    height = np.sqrt(max(float(np.mean(square - np.sum((apart - along) ** 2, axis=1))), 0.0))
+    for side in (1.0, -1.0) if not seen.all() else (0.0,):
+        yield middle + along + side * height * axes[-1]
 
 
 def _base_at(drawn: Array, measured: Array) -> Array:

@@ -26,7 +26,7 @@ STEEL, SMALLEST_PART = 7850.0, 300.0
 NEARER, FILLED = float(np.sqrt(1000.0)), 0.1
 """Geometric mean of a kilogram and a gram; share of the steel cube around a part that no single part fills."""
 MOST, SMALL = 0.5, 1e-4
-"""Share of the misfit from which on a joint's errors make most of it; a small error, mm or rad."""
+"""Share from which on something is most of a misfit; a small error of a joint, mm or rad."""
 COARSE = (10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1)
 """Steps, in the file's unit, that a joint's readings are rounded to where a log has too few digits."""
 
@@ -120,7 +120,7 @@ def _still(machine: Machine, recording: Recording) -> Iterator[Found]:
 
 
 def out_of_range(machine: Machine, recording: Recording) -> Iterator[Found]:
-    """Joints that leave their range, where no other slip explains it: a zero elsewhere if a shift brings all rows inside."""
+    """Joints that leave their range, where no slip is certain."""
     for a, q in zip(machine.mechanism.actuators, recording.q.T, strict=True):
         if a.reading_range is None:
             continue
@@ -136,9 +136,6 @@ def out_of_range(machine: Machine, recording: Recording) -> Iterator[Found]:
         )
         limits = f"[{ends[0]:.6g}, {ends[1]:.6g}]"
         says = f"{recording.where(int(bad[0]))}: {a.reading} is {found:.6g} {unit}, out of its range {limits}"
-        if np.ptp(q) <= (1.0 + 2.0 * SLACK) * (high - low):
-            shift = convert((low + high) / 2 - (q.min() + q.max()) / 2, a.reading_unit, unit)
-            says += f", and a zero elsewhere, by about {shift:+.3g} {unit}, would bring all rows inside"
         yield Found(
             "offset", (a.reading,), says, f"compare the zero, the unit and the range of {a.reading}", "wrong"
         )
@@ -184,12 +181,12 @@ def _too_heavy(machine: Machine) -> Iterator[Found]:
 
 
 def coarse_joints(rig: Rig, stand: Stand) -> Iterator[Found]:
-    """Yield joints that are logged in coarse steps while others are not, where most of the misfit lies along their motion.
+    """Yield joints that are logged in coarse steps while others are not, where rounding makes a misfit of that size.
 
-    A joint that was commanded to whole degrees stands there, and the readings miss otherwise.
+    A joint that was commanded to whole degrees stands there, and the readings miss otherwise: by less, or along others.
     """
-    if stand.misfit <= FAR or stand.residual.shape[1] < 2:
-        return  # one reading a row lies along every joint's motion
+    if stand.bad:
+        return
     machine, recording = rig.machine, rig.recording
     actuators = machine.mechanism.actuators
     units = [machine.column_unit(a.reading) for a in actuators]
@@ -197,7 +194,7 @@ def coarse_joints(rig: Rig, stand: Stand) -> Iterator[Found]:
     steps = [_step(convert(q, a.reading_unit, unit)) for a, unit, q in columns]
     for a, unit, step in zip(actuators, units, steps, strict=True):
         alike = [other for b, other in zip(actuators, steps, strict=True) if b.unit == a.unit]
-        if step and min(alike) == 0.0 and _share_along(rig, stand, a.reading) > MOST:
+        if step and min(alike) == 0.0 and _is_rounded(rig, stand, a.reading, convert(step, unit, a.reading_unit)):
             yield Found(
                 "resolution",
                 (a.reading,),
@@ -207,8 +204,8 @@ def coarse_joints(rig: Rig, stand: Stand) -> Iterator[Found]:
             )
 
 
-def _share_along(rig: Rig, stand: Stand, joint: str) -> float:
-    """Return the share of the squared misfit that errors of one joint, row by row, explain."""
+def _is_rounded(rig: Rig, stand: Stand, joint: str, step: float) -> bool:
+    """Whether errors of one joint, row by row, explain most of a misfit that is as large as a ``step`` (mm, rad) makes it."""
     rows = rig.recording.subset(stand.rows)
     predictor, q = Predictor(rig.machine, rows, rig.machine.effects), rows.q.copy()
     q[:, rows.joints.index(joint)] += SMALL
@@ -216,9 +213,11 @@ def _share_along(rig: Rig, stand: Stand, joint: str) -> float:
     at, moved = (
         np.concatenate([b.residual for b in one.blocks(stand.p, one.assemble(stand.p)[0])]) for one in both
     )
-    along = np.nan_to_num(moved - at)
+    along = np.nan_to_num(moved - at) / SMALL
+    rounding = step / np.sqrt(12.0) * float(np.sqrt(np.mean(along**2)))
     explained = np.sum(along * stand.residual, axis=1) ** 2 / np.maximum(np.sum(along**2, axis=1), 1e-300)
-    return float(np.sum(explained) / max(np.sum(stand.residual**2), 1e-300))
+    share = float(np.sum(explained) / max(np.sum(stand.residual**2), 1e-300))
+    return max(1.0, MOST * stand.misfit) < rounding < stand.misfit / MOST and share > MOST
 
 
 def _step(values: Array) -> float:

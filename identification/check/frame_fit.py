@@ -76,18 +76,19 @@ class FrameFit:
         if not (steps and len(moving)):
             return self._stand(p, self._seen(transform(t[:6]), transform(t[6:12]), t), rows)
         residual, jacobian = self._evaluate(t)
-        best, damping = _trimmed(residual[self.good]), 1e-3
+        best, damping = self._cost(residual, (t - drawn)[moving] / tolerance[moving]), 1e-3
         for _ in range(steps):
+            noise = max(_trimmed(residual[self.good]), 1.0)
             heed = _weights(residual) * self.good
             j = (jacobian[:, :, moving] * heed[:, None, None]).reshape(-1, len(moving)) * size
-            away = weight * (t - drawn)[moving] / size * weight
-            step = _damped(j, (residual * heed[:, None]).reshape(-1), away, weight, damping)
+            away = (noise * weight) ** 2 * (t - drawn)[moving] / size
+            step = _damped(j, (residual * heed[:, None]).reshape(-1), away, noise * weight, damping)
             trial = t.copy()
             trial[moving] -= step * size
             fresh, slopes = self._evaluate(trial)
-            now = _trimmed(fresh[self.good])
+            now = self._cost(fresh, (trial - drawn)[moving] / tolerance[moving])
             if now < best:
-                gained = (best - now) / best
+                gained = best - now
                 t, residual, jacobian, best, damping = trial, fresh, slopes, now, max(damping / 10, 1e-9)
                 if gained < _ENOUGH:
                     break
@@ -98,6 +99,16 @@ class FrameFit:
         out = p.copy()
         out[ends.places] = t
         return self._stand(out, residual, rows)
+
+    def _cost(self, residual: Array, off: Array) -> float:
+        """Return minus the logarithm of the likelihood a reading, with noise of a size that nobody knows.
+
+        residual (n, m); off (k,): departures, in tolerances. What is left counts as noise: constants of which the file says how
+        large they are do not bend for a misfit that they cannot explain.
+        """
+        left, count = _trimmed(residual[self.good]), max(residual[self.good].size, 1)
+        read = np.log(left) if left > 1.0 else (left**2 - 1.0) / 2.0
+        return float(read + np.sum(off**2) / (2.0 * count))
 
     def _stand(self, p: Array, residual: Array, rows: NDArray[np.intp]) -> Stand:
         misfit, length = _trimmed(residual[self.good]), self._length(residual)

@@ -28,6 +28,8 @@ from truepose.models.sensors.targets import Targets
 
 ABSURD = 0.02
 """Share of what the tool moves that no drawing is wrong by."""
+_STARTS = 4
+"""Places of base and tool that a fit starts from, the nearest first, where readings show no whole pose."""
 
 
 class Rig:
@@ -156,9 +158,14 @@ class Rig:
         costs = [fit.cost(base, tool, scene.p) for base, tool in starting]
         if not np.isfinite(min(costs)):
             return nothing
-        p = self.with_frames(scene.p, starting[int(np.argmin(costs))])
         steps = (0 if self.closed_form and len(wide) == len(FRAMES) else FEW) if quick else STEPS
-        return fit.descended(p, free, rows, steps, held)
+        several = 1 if quick or self.closed_form else _STARTS
+        found = [
+            fit.descended(self.with_frames(scene.p, starting[k]), free, rows, steps, held)
+            for k in np.argsort(costs, kind="stable")[:several].tolist()
+            if np.isfinite(costs[k])
+        ]
+        return min(found, key=lambda stand: stand.misfit)
 
     def _is_inside(self, tool: Array, stated: Array, tolerance: Array) -> bool:
         """Whether a tool (4, 4) is where tolerances (np,) let it be."""

@@ -19,8 +19,8 @@ MOST_ROWS = 45
 
 @dataclass(frozen=True)
 class Scene:
-    """What a hypothesis says: all rows (their readings may be changed), constants p (np,), the factor by which it changed
-    measured lengths, and the rows (n,) that it leaves without a reading.
+    """What a hypothesis says: all rows (their readings may be changed), constants p (np,), the factors by which it changed
+    measured lengths (size) and angles (width), and the rows (n,) that it leaves without a reading.
 
     drawn, stated: the factors by which it changed the lengths of the mechanism and those of tolerances. exchanged: whether base
     and tool have each other's tolerances. coarse, turned: the factors by which the sigmas
@@ -30,6 +30,7 @@ class Scene:
     rows: Recording
     p: Array
     size: float = 1.0
+    width: float = 1.0
     lost: Mask | None = None
     drawn: float = 1.0
     stated: float = 1.0
@@ -41,10 +42,11 @@ class Scene:
         """The same with other readings of the joints (n, nq)."""
         return replace(self, rows=replace(self.rows, q=q))
 
-    def with_columns(self, columns: Mapping[str, Array], size: float = 1.0) -> Scene:
-        """The same with other columns (n,) of the sensors, lengths of which were multiplied by ``size``."""
+    def with_columns(self, columns: Mapping[str, Array], size: float = 1.0, width: float = 1.0) -> Scene:
+        """The same with other columns (n,) of the sensors, multiplied by ``size`` (lengths) and ``width`` (angles)."""
         seen = {**self.rows.observations, **columns}
-        return replace(self, rows=replace(self.rows, observations=seen), size=self.size * size)
+        rows = replace(self.rows, observations=seen)
+        return replace(self, rows=rows, size=self.size * size, width=self.width * width)
 
 
 @dataclass(frozen=True)

@@ -106,8 +106,6 @@ def search(rig: Rig, as_it_stands: Weighed) -> Search:
         for makers in (QUICK, SLOW) if depth == 0 else (QUICK,):
             ranked = _ranked(rig, list(_extended(rig, beam, makers, depth)))
             every += [weigh(rig, hypothesis) for hypothesis in ranked[:_WEIGHED]]
-            if _enough(rig, every):
-                break
         mixed = tuple(moved(rig, as_it_stands)) if depth == 0 and not _enough(rig, every) else ()
         if mixed:
             return Search(as_it_stands, mixed=mixed)
@@ -119,7 +117,8 @@ def search(rig: Rig, as_it_stands: Weighed) -> Search:
     again = weigh(rig, as_it_stands.hypothesis, NOWHERE_ELSE, starts)
     if again.near:
         return Search(again)
-    every.append(weigh(rig, as_it_stands.hypothesis, None, starts))
+    as_it_stands = best_of([as_it_stands, again])
+    every += [again, weigh(rig, as_it_stands.hypothesis, None, starts)]
     classes = shares(rig, every)
     return Search(as_it_stands, tuple((tuple(members), share) for members, share in classes))
 

@@ -2,7 +2,7 @@
 
 What is left of a right hypothesis is the drawing's errors, physics, and noise: of a size that nobody knows, and alike in
 neighbouring poses. So its evidence falls with the misfit to the power ``WORTH``, however many rows there are, and with how
-seldom such a slip is made. A reading that is said to be in a larger unit has to be met as much better.
+seldom such a slip is made. Readings that are said to be in a smaller unit have to be met as much better.
 """
 
 from __future__ import annotations
@@ -79,6 +79,8 @@ def evidence(rig: Rig, scene: Scene, misfit: float, odds: float) -> float:
     if not np.isfinite(misfit):
         return -np.inf
     seen = misfit * (scene.coarse / scene.size) ** float(np.mean(rig.long))
+    # where lengths are read beside them, angles make too little of a misfit for a larger unit to earn anything
+    seen *= max(scene.turned / scene.width, 1.0) ** float(np.mean(rig.wide))
     size = reach(rig, scene.p)
     unlikely = 0.5 * (np.log10(size / USUAL_REACH) / DECADES) ** 2 if size > 0 else 0.0
     beyond = len(joints_beyond(rig, scene)) * np.log(1.0 / SELDOM)

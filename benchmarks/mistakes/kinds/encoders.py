@@ -25,21 +25,17 @@ def counts(pair: Pair, rng: np.random.Generator) -> Spoilt | None:
     per_turn = int(rng.choice(COUNTS))
     for name in chosen:
         table[name] = np.round(table[name] * per_turn / 360.0)
-    return Spoilt(f"{per_turn} counts", document, table, tuple(chosen))
+    return Spoilt(f"{per_turn} counts", document, table, tuple(chosen), mends=False)  # what lies between counts is lost
 
 
 def wrapped(pair: Pair, rng: np.random.Generator) -> Spoilt | None:
-    """Turning joints from 0 to 360 deg: the same poses, so a mistake only where a range says otherwise."""
+    """Turning joints from 0 to 360 deg: the same poses."""
     names = turning(pair)
     if not names or not (pair.table[names] < 0).any(axis=None):
         return None
-    mechanism = pair.document["mechanism"]
-    stated = mechanism["type"] in ("urdf", "3ups-up-3r") or any(
-        "range" in j for j in mechanism.get("joints", ())
-    )
     document, table = pair.draft()
     table[names] = table[names] % 360.0
-    return Spoilt("0 to 360", document, table, tuple(names), judged="certain" if stated else "free")
+    return Spoilt("0 to 360", document, table, tuple(names))
 
 
 def coupled(pair: Pair, rng: np.random.Generator) -> Spoilt | None:
@@ -65,7 +61,8 @@ def clock(pair: Pair, rng: np.random.Generator) -> Spoilt | None:
     table[names] = CubicSpline(time, table[names].to_numpy())(time + slip)
     inside = (time + slip >= time[0]) & (time + slip <= time[-1])
     table = table[inside].reset_index(drop=True)
-    return Spoilt(f"{slip:.2f} s", document, table, ("time", "rows", *names, *pair.readings))
+    where = ("time", "rows", *names, *pair.readings)
+    return Spoilt(f"{slip:.2f} s", document, table, where, mends=False)  # what lies between rows is lost
 
 
 def whole_degrees(pair: Pair, rng: np.random.Generator) -> Spoilt | None:

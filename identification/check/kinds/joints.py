@@ -27,22 +27,32 @@ _GRID = 24
 
 
 def signs(rig: Rig, scene: Scene) -> Iterator[Slip]:
-    """Each joint with the other sign."""
-    for k, a in enumerate(rig.machine.mechanism.actuators):
-        name = a.reading
-        yield Slip(
-            "sign",
-            (name,),
-            f"{name} counted the other way",
-            f"change the sign of column {name}, or turn its axis in the machine file",
-            partial(_times, k, -1.0),
-            partial(_negated, (name,)),
-        )
+    """Each joint with the other sign, all of one kind, and all."""
+    actuators = rig.machine.mechanism.actuators
+    every = range(len(actuators))
+    kinds = [tuple(k for k in every if actuators[k].reading_unit == unit) for unit in ("rad", "mm")]
+    several = dict.fromkeys(places for places in (*kinds, tuple(every)) if len(places) > 1)
+    yield from (_reversed(rig, places) for places in [*((k,) for k in every), *several])
 
 
-def _times(k: int, factor: float, scene: Scene) -> Scene:
+def _reversed(rig: Rig, places: Sequence[int]) -> Slip:
+    names = tuple(rig.machine.mechanism.actuators[k].reading for k in places)
+    one = len(names) == 1
+    return Slip(
+        "sign",
+        names,
+        f"{joined(names)} counted the other way",
+        f"change the sign of column{'' if one else 's'} {joined(names)}, or turn {'its axis' if one else 'their axes'} in "
+        "the machine file",
+        partial(_times, places, -1.0),
+        partial(_negated, names),
+        USUAL if one else SELDOM,
+    )
+
+
+def _times(places: Sequence[int], factor: float, scene: Scene) -> Scene:
     q = scene.rows.q.copy()
-    q[:, k] *= factor
+    q[:, list(places)] *= factor
     return scene.with_joints(q)
 
 
@@ -182,7 +192,8 @@ def _zero_field(rig: Rig, a: Actuator, pair: Pair) -> Field | None:
 
 def mirrored_zeros(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """Yield each turning joint counted the other way, with its zero a quarter or half turn away."""
-    for negative, k in zip(signs(rig, scene), range(len(rig.machine.mechanism.actuators)), strict=True):
+    for k in range(len(rig.machine.mechanism.actuators)):
+        negative = _reversed(rig, (k,))
         if rig.machine.mechanism.actuators[k].reading_unit != "rad":
             continue
         for degrees in QUARTERS:

@@ -27,8 +27,8 @@ _STEP = 0.3
 _LENGTHS = 48
 _COARSEST = 8.0
 """Counts for what was taken for one unit, at least: a scale that is a little off is physics."""
-_ROUND = 0.02
-"""Share by which a count for a turn may miss a round number that fits as well."""
+_ROUND = 0.15
+"""Share by which the count for a turn that fits best may miss a round number that was meant."""
 
 
 def coupled(rig: Rig, scene: Scene) -> Iterator[Slip]:
@@ -84,7 +84,7 @@ def _counted(a: Actuator, unit: str, q: Array) -> bool:
     written = np.asarray(convert(q, a.reading_unit, unit))
     whole = len(np.unique(written)) > 3 and np.allclose(written, np.round(written), atol=1e-6)
     far = a.reading_unit == "rad" and np.ptp(q) > _TURNS
-    return bool(far or (whole and a.reading_unit == "mm"))
+    return bool(far or whole)
 
 
 def _as_counts(rig: Rig, scene: Scene, places: Sequence[int]) -> Iterator[Slip]:
@@ -94,7 +94,7 @@ def _as_counts(rig: Rig, scene: Scene, places: Sequence[int]) -> Iterator[Slip]:
     span = max(float(np.ptp(scene.rows.q[:, k])) for k in places)
     low, high = np.minimum(_SPANS[unit] / span, 1.0 / _COARSEST)
     if unit == "rad":
-        grid = np.linspace(low, high, int((high - low) * span / _STEP) + 1)
+        grid = np.linspace(low, high, int((high - low) * span / _STEP) + 2)
     else:
         grid = np.geomspace(low, high, _LENGTHS)
     columns = tuple(actuators[k].reading for k in places)
@@ -111,16 +111,16 @@ def _as_counts(rig: Rig, scene: Scene, places: Sequence[int]) -> Iterator[Slip]:
     for sign, way in ((1.0, ""), (-1.0, ", counted the other way")):
         found = abs(narrowed(misfit, sign * grid))
         counted = convert(per / found, unit, written)  # how many of what was written make a turn, or a mm
-        counted = float(f"{_rounded(counted, lambda n, s=sign: misfit(s * factor_of(n))):.7g}")  # type: ignore[misc]
-        yield Slip(
-            "counts",
-            columns,
-            f"{name} in counts of an encoder, {counted:.7g} a {what}{way}",
-            f"state 'counts: {sign * counted:.7g}' at {name} in the machine file",
-            partial(_scaled, dict.fromkeys(places, sign * factor_of(counted))),
-            partial(_mend_counts, rig, columns, sign * counted),
-            RARE,
-        )
+        for number, odds in _numbers(counted).items():
+            yield Slip(
+                "counts",
+                columns,
+                f"{name} in counts of an encoder, {number:.7g} a {what}{way}",
+                f"state 'counts: {sign * number:.7g}' at {name} in the machine file",
+                partial(_scaled, dict.fromkeys(places, sign * factor_of(number))),
+                partial(_mend_counts, rig, columns, sign * number),
+                odds,
+            )
 
 
 def _scaled(factors: Mapping[int, float], scene: Scene) -> Scene:
@@ -130,16 +130,12 @@ def _scaled(factors: Mapping[int, float], scene: Scene) -> Scene:
     return scene.with_joints(q)
 
 
-def _rounded(number: float, misfit: Callable[[float], float]) -> float:
-    """Return the round number next to one, where it fits as well: a power of two, or few digits."""
-    powers = 2.0 ** np.round(np.log2(number))
-    decade = 10.0 ** np.floor(np.log10(number))
-    near = [powers, *(decade * np.array([1, 2, 2.5, 3.6, 4, 5, 8, 10]))]
-    close = [float(n) for n in near if abs(n / number - 1.0) < _ROUND]
-    best = misfit(number)
-    return min(
-        (n for n in close if misfit(n) <= 1.5 * best), key=lambda n: abs(n / number - 1.0), default=number
-    )
+def _numbers(fitted: float) -> dict[float, float]:
+    """Return counts a turn that may be meant where one number fits best, each with its odds: encoders have round ones."""
+    decade = 10.0 ** np.floor(np.log10(fitted))
+    near = [2.0 ** np.round(np.log2(fitted)), *(decade * np.array([1, 2, 2.5, 3.6, 4, 5, 8, 10]))]
+    close = {float(n): SELDOM for n in near if abs(n / fitted - 1.0) < _ROUND}
+    return {float(f"{fitted:.7g}"): RARE, **close}
 
 
 def _mend_counts(rig: Rig, columns: Sequence[str], number: float, pair: Pair) -> Pair:

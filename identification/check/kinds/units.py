@@ -56,21 +56,21 @@ def _recordings(rig: Rig) -> Iterator[Slip]:
             continue
         units = {**dict.fromkeys(longer, length or ""), **dict.fromkeys(wider, angle or "")}
         named = [u for u, f in ((length, longer), (angle, wider)) if f and u]
-        size = max((longer[n] for n in longer if n in seen), default=1.0)
+        size, width = (max((f[n] for n in f if n in seen), default=1.0) for f in (longer, wider))
         yield Slip(
             "unit-length" if longer else "unit-angle",
             tuple(factors),
             f"the recording in {joined(named)}",
             f"write the units in the header: {shortened([f'{n} [{u}]' for n, u in units.items()], 12)}",
-            partial(_scaled_both, factors, size),
+            partial(_scaled_both, factors, size, width),
             partial(_said_each, units),
             min((LENGTHS[length] if length else 1.0), (ANGLES[angle] if angle else 1.0)),
         )
 
 
-def _scaled_both(factors: Mapping[str, float], size: float, scene: Scene) -> Scene:
+def _scaled_both(factors: Mapping[str, float], size: float, width: float, scene: Scene) -> Scene:
     seen = {n: f for n, f in factors.items() if n in scene.rows.observations}
-    return _scaled_joints(factors, _scaled_columns(seen, size, scene))
+    return _scaled_joints(factors, _scaled_columns(seen, size, width, scene))
 
 
 def _said_each(units: Mapping[str, str], pair: Pair) -> Pair:
@@ -90,8 +90,9 @@ def _readings(rig: Rig) -> Iterator[Slip]:
     for inside, kind, known in _DIMENSIONS:
         names = tuple(n for s in rig.machine.sensors for n, unit in s.columns.items() if unit == inside)
         for unit, factors in _otherwise(rig, names, dict.fromkeys(names, written.written(inside)), known):
-            size = max(factors.values()) if inside == "mm" else 1.0
-            change, mend = partial(_scaled_columns, factors, size), partial(_said_in, tuple(factors), unit)
+            most = max(factors.values())
+            sizes = (most, 1.0) if inside == "mm" else (1.0, most)
+            change, mend = partial(_scaled_columns, factors, *sizes), partial(_said_in, tuple(factors), unit)
             yield Slip(
                 kind, tuple(factors), f"readings in {unit}", _header(factors, unit), change, mend, known[unit]
             )
@@ -133,8 +134,9 @@ def _said_in(names: Sequence[str], unit: str, pair: Pair) -> Pair:
     return pair.each(lambda sheet: sheet.in_unit(names, unit))
 
 
-def _scaled_columns(factors: Mapping[str, float], size: float, scene: Scene) -> Scene:
-    return scene.with_columns({n: f * scene.rows.observations[n] for n, f in factors.items()}, size)
+def _scaled_columns(factors: Mapping[str, float], size: float, width: float, scene: Scene) -> Scene:
+    columns = {n: f * scene.rows.observations[n] for n, f in factors.items()}
+    return scene.with_columns(columns, size, width)
 
 
 def _scaled_joints(factors: Mapping[str, float], scene: Scene) -> Scene:
@@ -280,7 +282,8 @@ def _said_to_be(unit: str, pair: Pair) -> Pair:
 def _turned(rig: Rig, factors: Mapping[str, float], factor: float, scene: Scene) -> Scene:
     p = scene.p.copy()
     p[rig.angles] *= factor
-    return replace(_scaled_both(factors, 1.0, replace(scene, p=p)), turned=factor * scene.turned)
+    width = factor if factors.keys() & scene.rows.observations.keys() else 1.0
+    return replace(_scaled_both(factors, 1.0, width, replace(scene, p=p)), turned=factor * scene.turned)
 
 
 def _file_angles(rig: Rig) -> Iterator[Slip]:
