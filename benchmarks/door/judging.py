@@ -19,6 +19,8 @@ from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.load import load_recording
 from truepose.identification.prediction.predictor import Predictor
+from truepose.models.effects.base import PlacedEffect
+from truepose.models.effects.joint_compliance import JointCompliance
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
 
@@ -50,16 +52,18 @@ class Worth:
         return max(self.rms[unit] / max(right.rms[unit], 1e-12) for unit in right.rms)
 
 
-def worth(folder: Path, *, rigid: bool = False) -> Worth:
-    """Return what the pair in a folder is worth; ``rigid``: as drawn, with frames alone fitted."""
+def worth(folder: Path, *, rigid: bool = False, giving: bool = False) -> Worth:
+    """Return what the pair in a folder is worth; ``rigid``: as drawn, with frames alone fitted; ``giving``: with joints that
+    give way under weights."""
     try:
         path, tables = found(folder)
         machine = load_machine(path)
         recording = load_recording(unbounded(machine), tables)
         held = np.arange(len(recording)) % EVERY == EVERY - 1
         fitted = _drawn(machine) if rigid else machine
-        start = aligned_start(Predictor(fitted, recording, fitted.effects))
-        fit = estimate(fitted, recording, exclude=held, start=start)
+        effects = (*fitted.effects, *(_compliances(fitted) if giving else ()))
+        start = aligned_start(Predictor(fitted, recording, effects))
+        fit = estimate(fitted, recording, effects, exclude=held, start=start)
     except (TrueposeError, ValueError, ArithmeticError) as exc:
         return Worth(failed=f"{type(exc).__name__}: {exc}")
     lost = float(np.mean(~np.isfinite(fit.residual).all(axis=1)))
@@ -70,6 +74,16 @@ def worth(folder: Path, *, rigid: bool = False) -> Worth:
     units = {c.unit for c in channels}
     rms = {u: float(np.sqrt(np.nanmean(left[:, [c.unit == u for c in channels]]))) for u in units}
     return Worth(float(fit.worst_parameter_sigma), rms)
+
+
+def _compliances(machine: Machine) -> list[PlacedEffect]:
+    effect = JointCompliance()
+    return [PlacedEffect.at(effect, machine, place) for place in effect.places(machine)]
+
+
+def shows_sag(right: Worth, giving: Worth) -> bool:
+    """Return True if readings show that joints give way: without it they are missed by far more."""
+    return not giving.failed and right.times(giving) > OFF
 
 
 def _drawn(machine: Machine) -> Machine:
@@ -97,4 +111,4 @@ def is_off(pair: Worth, right: Worth, drawn: Worth) -> bool:
     return drawn.failed != "" or pair.times(drawn) > 1.0
 
 
-__all__ = ["Worth", "fits", "is_off", "may_be_right", "worth"]
+__all__ = ["Worth", "fits", "is_off", "may_be_right", "shows_sag", "worth"]

@@ -20,12 +20,12 @@ from truepose.identification.check.result import Check
 from truepose.identification.check.run import check_files
 
 from .drawing import draw
-from .judging import Worth, fits, is_off, may_be_right, worth
+from .judging import Worth, fits, is_off, may_be_right, shows_sag, worth
 from .outcome import RIGHT, Outcome
 from .recordings import recordings
 from .slips import NEEDS, SEVERAL, SLIPS, is_told, names_no_cause
 
-TRIES = 60
+TRIES = 300
 ELSEWHERE = 7
 """Families by which the next try goes on."""
 ENOUGH = (30, 70)
@@ -104,6 +104,8 @@ def _sit(
     case = room / "case"
     write(case, spoilt.document, spoilt.table, spoilt.files or pair.files)
     own = worth(case)
+    if spoilt.judged == "sag" and not shows_sag(good, worth(right, giving=True)):
+        return None
     state = _state(own, good, worth(right, rigid=True), spoilt)
     return _kept(
         _outcome(name, kind, pair.source, spoilt, own, good, state, case, examinee), keep, case, right
@@ -111,7 +113,7 @@ def _sit(
 
 
 def _state(own: Worth, right: Worth, drawn: Worth, spoilt: Spoilt) -> str:
-    if spoilt.judged == "certain" or is_off(own, right, drawn):
+    if spoilt.judged in ("certain", "sag") or is_off(own, right, drawn):
         return "off"
     return "right" if may_be_right(own) and fits(own, right) else "between"
 

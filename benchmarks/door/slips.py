@@ -61,6 +61,7 @@ NEEDS: Mapping[str, Mapping[str, object]] = {
     "frames-swapped": {"known": True},
     "base-missing": {"known": True},
     "tool-missing": {"known": True},
+    "gravity-reversed": {"physics": 10.0, "sigma": 0.02},
 }
 """Conditions without which a slip makes no sense."""
 WORDS: Mapping[str, str] = {

@@ -11,7 +11,7 @@ import pandas as pd
 
 from ..pairs import Document, Pair
 
-Judged = Literal["free", "held", "certain"]
+Judged = Literal["free", "held", "certain", "sag"]
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,8 @@ class Spoilt:
 
     where: words of which one is expected in ``where`` (joints, columns, frames, sections); exact: whether all the joints
     or columns named must be these. kinds: other kinds that say as much. judged: against which rigid fit it must show:
-    base and tool anywhere (``free``), near the drawing (``held``), or it is there to be counted (``certain``).
+    base and tool anywhere (``free``), near the drawing (``held``), or it is there to be counted (``certain``), where readings
+    show what gives way under weights (``sag``).
     mends: whether a corrected pair must fit as the right one does.
     """
 

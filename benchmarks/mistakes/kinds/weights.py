@@ -23,4 +23,4 @@ def gravity_reversed(pair: Pair, rng: np.random.Generator) -> Spoilt | None:
     if "gravity" not in document or not document.get("masses"):
         return None
     document["gravity"] = [-float(v) for v in document["gravity"]]
-    return Spoilt("upwards", document, table, ("gravity", "masses"), judged="certain", mends=False)
+    return Spoilt("upwards", document, table, ("gravity", "masses"), judged="sag", mends=False)

@@ -165,6 +165,28 @@ def test_a_right_machine_is_expected_to_miss_what_its_tolerances_leave(tmp_path:
     assert expected(dull, dull.stand()) == pytest.approx(1.0, abs=1e-3)
 
 
+@pytest.mark.parametrize("flat", [False, True], ids=["in space", "in a plane"])
+def test_lengths_tell_where_a_ball_stands(flat: bool, tmp_path: Path) -> None:
+    """Exactly, from a known tool; on either side where its places lie in a plane. How the base is turned is not told."""
+    rng = np.random.default_rng(12)
+    flange, base = moved(rng, 12), moved(rng)[0]
+    flange[:, 2, 3] = 70.0 if flat else flange[:, 2, 3]
+    tool, centre = np.eye(4), np.array([900.0, -400.0, 300.0])
+    balls = (base @ flange)[:, :3, 3]
+    rows = pd.DataFrame({name: np.zeros(12) for name in JOINTS})
+    rows["length"] = np.linalg.norm(balls - centre, axis=1)
+    text = document(sensor={"type": "ballbar", "centre": centre.tolist(), "sigma": {"distance": 0.01}})
+    machine = truepose.load_machine(written(tmp_path, text, rows)[0])
+    recording = truepose.load_recording(machine, rows)
+    places = list(starts(machine, recording, flange, (moved(rng)[0], tool), None))[1 : 3 if flat else 2]
+    for stood, _ in places:
+        lengths = np.linalg.norm((stood @ flange)[:, :3, 3] - centre, axis=1)
+        np.testing.assert_allclose(lengths, rows["length"], atol=1e-6)
+    own = [np.linalg.inv(stood)[:3, :3] @ (centre - stood[:3, 3]) for stood, _ in places]
+    true = base[:3, :3].T @ (centre - base[:3, 3])
+    assert min(np.linalg.norm(one - true) for one in own) < 1e-6
+
+
 @pytest.mark.parametrize(("across", "places"), [(30.0, 4), (0.0, 2)])
 def test_targets_on_one_line_show_no_attitude(
     across: float, places: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

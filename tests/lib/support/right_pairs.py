@@ -26,6 +26,7 @@ INF = float("inf")
 SENSORS: dict[str, Document] = {
     "position": {"type": "position", "sigma": {"xyz": 0.01}},
     "pose": {"type": "pose", "sigma": {"xyz": 0.01, "rot": 0.003}},
+    "ballbar": {"type": "ballbar", "centre": [900.0, -400.0, 300.0], "sigma": {"distance": 0.01}},
 }
 TOLERANCES: dict[str, Document] = {
     "exact": {"xyz": 0, "rpy": 0},
