@@ -12,7 +12,6 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.fit.align import rigid_motion
 from truepose.identification.fit.sighted import base_of, station_of
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
@@ -159,23 +158,31 @@ def _poses_of(clouds: Array, points: Array) -> Array:
 
 
 def _by_points(flange: Array, clouds: Array, points: Array, tool: Array) -> Frames:
-    """The base that brings the points (m, 3) of a tool onto the measured ones (n, m, 3), and the tool's shift, in turns."""
-    tool, n = tool.copy(), len(flange)
+    """The base that brings the points (m, 3) of a tool onto the measured ones (n, m, 3), and the tool's shift, in turns.
+
+    All that a turn needs is linear in the tool's place t and in the base's rotation B, and is summed over the rows once.
+    """
+    tool, turned = tool.copy(), flange[:, :3, :3]
+    held = np.einsum("nij,mj->nmi", turned @ tool[:3, :3], points) + flange[:, None, :3, 3]
+    seen, drawn = clouds - clouds.mean(axis=(0, 1)), held - held.mean(axis=(0, 1))
+    apart = turned - turned.mean(axis=0)
+    fixed = np.einsum("nmi,nmj->ij", seen, drawn)
+    moving = np.einsum("nmi,njk->ijk", seen, apart)  # Kabsch's matrix is fixed + moving t
     # in the base's axes the system is the same in every turn
-    eye = np.broadcast_to(np.eye(3), (n, 3, 3))
-    system = np.concatenate([flange[:, :3, :3], eye], axis=2).reshape(-1, 6)
+    system = np.concatenate([turned, np.broadcast_to(np.eye(3), turned.shape)], axis=2).reshape(-1, 6)
     inverse = np.linalg.pinv(system, rcond=1e-6)[:3]
+    by_base = np.einsum("anj,nl->alj", inverse.reshape(3, -1, 3), seen.mean(axis=1))
+    by_tool, constant = inverse @ apart.reshape(-1, 3), inverse @ drawn.mean(axis=1).reshape(-1)
     enough = 0.1 * _FLAT * float(np.std(clouds))
     for last in range(_TURNS, -1, -1):
-        carried = flange @ tool
-        predicted = np.einsum("nij,mj->nmi", carried[:, :3, :3], points) + carried[:, None, :3, 3]
-        rotation, shift = rigid_motion(predicted.reshape(-1, 3), clouds.reshape(-1, 3))
-        left = np.mean(clouds - predicted @ rotation.T - shift, axis=1) @ rotation
-        step = inverse @ left.reshape(-1)
+        place = tool[:3, 3]
+        rotation = lie.nearest_rotation(fixed + moving @ place)
+        step = np.einsum("alj,lj->a", by_base, rotation) - constant - by_tool @ place
         if not last or np.linalg.norm(step) < enough:
             break
         tool[:3, 3] += step
-    return _transforms(rotation[None], shift[None])[0], tool
+    middle = held.mean(axis=(0, 1)) + turned.mean(axis=0) @ tool[:3, 3]
+    return _transforms(rotation[None], (clouds.mean(axis=(0, 1)) - rotation @ middle)[None])[0], tool
 
 
 def frames_from_poses(flange: Array, measured: Array, tool: Array) -> Iterator[Frames]:

@@ -17,7 +17,7 @@ from truepose.wording import joined
 
 PHYSICS = 0.2
 """Share of what the tool moves that nothing left out of a model makes: an open-loop piezo is off by 0.23 of its stroke."""
-PUSHED = 20.0
+PUSHED = 8.0
 """Tolerances that physics which was left out pushes constants away by."""
 _LEADS, _WORTH_A_WORD = 4, 0.01
 _CAUSES = (
