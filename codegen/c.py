@@ -11,7 +11,6 @@ import csv
 import io
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,6 @@ from truepose.codegen.example import example_context
 from truepose.codegen.features import ALL, Features
 from truepose.codegen.layout import Layout, layout_of
 from truepose.codegen.left_out import left_out, left_out_words
-from truepose.codegen.names import machine_identifier
 from truepose.codegen.offered import driver_units, entries, offered
 from truepose.codegen.printer import Real, literal
 from truepose.codegen.pruning import pruned
@@ -37,6 +35,7 @@ from truepose.files import atomic_directory
 from truepose.models.given import MachineLike, as_machine
 from truepose.models.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine import FRAME_OF, Machine
+from truepose.models.machine_name import check_machine_name
 
 MAX_ITER = 1500
 """Evaluations of the model that one inverse of an open chain may take."""
@@ -79,11 +78,11 @@ def generate(
     for ``NAME_compensate``; what it does not name, and all without it, is as the machine file has it. ``features``: what is
     generated, everything by default, or a list ("warm,p"); files of features that an earlier run had are deleted.
 
-    A machine whose name is no C identifier is called by the nearest one. Raises InputError when ``nominal`` names an unknown
-    parameter, or a feature was asked for that this machine cannot have.
+    Raises InputError when the machine's name is no C identifier, ``nominal`` names an unknown parameter, or a feature was
+    asked for that this machine cannot have.
     """
     machine = as_machine(machine)
-    machine = replace(machine, name=machine_identifier(machine.name))
+    check_machine_name(machine.name)
     if real not in ("double", "float"):
         raise InputError(f"real: found {real!r}, expected 'double' or 'float'")
     chosen = Features.of(features) if isinstance(features, str) else features

@@ -8,13 +8,11 @@ from typing import Any
 from pydantic import ValidationError
 
 from truepose.errors import InputError
-from truepose.models.limits import NAME
 from truepose.wording import cut
 
 _EXPECTED = {
     "missing": "missing field",
     "string_type": "expected a text",
-    "string_too_long": f"expected a text of at most {NAME} characters",
     "string_too_short": "expected a text that is not empty",
     **dict.fromkeys(("model_type", "model_attributes_type", "dict_type"), "expected a mapping of fields"),
     **dict.fromkeys(("list_type", "tuple_type"), "expected a list"),

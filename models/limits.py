@@ -22,8 +22,6 @@ LEAST_GRAVITY: Final = 1e-6
 """m/s^2: less bends nothing, and says not which way is down."""
 PARTS: Final = 300
 """Joints, bodies, legs ... of one mechanism: more would be equations for hours."""
-NAME: Final = 200
-"""Letters of a machine's name, which files and pages are called by."""
 NAMED: Final = 20_000
 """Targets, masses, effects, tolerances ... of one machine file."""
 COLUMNS: Final = 10_000
@@ -56,7 +54,6 @@ __all__ = [
     "LATEST",
     "LEAST_GRAVITY",
     "LINE",
-    "NAME",
     "NAMED",
     "PARTS",
     "POSES",

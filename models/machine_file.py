@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Final
 
-from pydantic import BeforeValidator, Field, ValidationError
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
 
 from truepose.errors import InputError
 from truepose.files import atomic_write_text
@@ -40,7 +40,8 @@ from truepose.models.fit_section import (
 )
 from truepose.models.force_section import ForceSection
 from truepose.models.frame_section import Frames, FrameSpec, FramesSection, FrameTolerance, read_frames
-from truepose.models.limits import LEAST_GRAVITY, NAME, NAMED, PARTS
+from truepose.models.limits import LEAST_GRAVITY, NAMED, PARTS
+from truepose.models.machine_name import EXPECTED, nearest_name
 from truepose.models.mass_section import MassSection, MassSpec
 from truepose.models.plain_texts import check_document
 from truepose.models.recording_section import RecordingSection
@@ -126,12 +127,18 @@ def _one_or_several(value: object) -> object:
 RawSection = Annotated[dict[str, Any], BeforeValidator(_typed_mapping)]
 
 
+def _named(name: str) -> str:
+    if nearest_name(name) != name:
+        raise bad_value(f"{EXPECTED}: {nearest_name(name)}", name)
+    return name
+
+
 class MachineDocument(Section):
     """A machine file as it is written."""
 
     schema_: Any = Field(alias="schema", json_schema_extra={"const": SCHEMA})
     """Always `truepose/machine/1`: what kind of file this is."""
-    name: str = Field(min_length=1, max_length=NAME)
+    name: Annotated[str, AfterValidator(_named)]
     """What the machine is called; files and functions of its C have this name."""
     units: UnitsSection = UnitsSection()
     """The units that the file is written in."""

@@ -10,7 +10,6 @@ from truepose.codegen.embedded.measure import OPTIMISATIONS, Measurement, measur
 from truepose.codegen.embedded.section import sizes_section
 from truepose.codegen.embedded.toolchain import required
 from truepose.codegen.features import ALL, Features
-from truepose.codegen.names import machine_identifier
 from truepose.codegen.printer import Real
 from truepose.files import atomic_directory
 from truepose.models.machine import Machine
@@ -34,8 +33,7 @@ def generate_measured(
     with atomic_directory(directory) as partial:
         files = generate(machine, partial, real, nominal=nominal, features=features)
         measured = [
-            measure(partial, machine_identifier(machine.name), optimisation=level, tools=tools)
-            for level in optimisations
+            measure(partial, machine.name, optimisation=level, tools=tools) for level in optimisations
         ]
         readme = partial / "README.md"
         text = readme.read_text(encoding="utf-8") + "\n" + sizes_section(measured)

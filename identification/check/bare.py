@@ -194,7 +194,11 @@ def coarse_joints(rig: Rig, stand: Stand) -> Iterator[Found]:
     steps = [_step(convert(q, a.reading_unit, unit)) for a, unit, q in columns]
     for a, unit, step in zip(actuators, units, steps, strict=True):
         alike = [other for b, other in zip(actuators, steps, strict=True) if b.unit == a.unit]
-        if step and min(alike) == 0.0 and _is_rounded(rig, stand, a.reading, convert(step, unit, a.reading_unit)):
+        if (
+            step
+            and min(alike) == 0.0
+            and _is_rounded(rig, stand, a.reading, convert(step, unit, a.reading_unit))
+        ):
             yield Found(
                 "resolution",
                 (a.reading,),

@@ -160,12 +160,12 @@ class Rig:
             return nothing
         steps = (0 if self.closed_form and len(wide) == len(FRAMES) else FEW) if quick else STEPS
         several = 1 if quick or self.closed_form else _STARTS
-        found = [
+        stands = [
             fit.descended(self.with_frames(scene.p, starting[k]), free, rows, steps, held)
             for k in np.argsort(costs, kind="stable")[:several].tolist()
             if np.isfinite(costs[k])
         ]
-        return min(found, key=lambda stand: stand.misfit)
+        return min(stands, key=lambda one: one.misfit)
 
     def _is_inside(self, tool: Array, stated: Array, tolerance: Array) -> bool:
         """Whether a tool (4, 4) is where tolerances (np,) let it be."""

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from truepose.models.machine_name import nearest_name
 from truepose.wording import shortened
 
 UPRIGHT = (0.0, 0.0, -9.80665)
@@ -37,6 +38,11 @@ class Start:
     readings: Mapping[str, str] = field(default_factory=dict)
     tested: bool = False
     left_out: tuple[str, ...] = ()
+
+    @property
+    def called(self) -> str:
+        """The name that a machine file can have, next to its own."""
+        return nearest_name(self.name)
 
 
 def readings_of(mechanism: Mapping[str, Any]) -> dict[str, str]:

@@ -157,7 +157,7 @@ def _recording_text(start: Start, chosen: Sequence[Preset]) -> str:
         _environment()
         .get_template("recording.csv.j2")
         .render(
-            name=start.name,
+            name=start.called,
             units="; ".join(f"{' '.join(names)} in {unit}" for unit, names in by_unit.items() if unit),
             example=f"{first} [{'rad' if unit == 'deg' else 'um'}]",
             first=first,

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import replace
 
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import example, given
-from hypothesis import strategies as st
 
 from truepose.codegen.elimination import Pivots, factors_of
 from truepose.codegen.expressions import Graph
 from truepose.codegen.features import ALL, Features
 from truepose.codegen.left_out import LeftOut, left_out_json, left_out_words
-from truepose.codegen.names import identifiers, machine_identifier
+from truepose.codegen.names import identifiers
 from truepose.codegen.printer import Printer, Real, literal
 from truepose.codegen.pruning import pruned
 from truepose.codegen.quoting import c_string, code_span, comment, markdown, python_string
@@ -161,22 +158,6 @@ def test_a_pivot_is_large_in_every_sample() -> None:
     diagonal = np.array([np.diag([2.0, 8.0]), np.diag([4.0, 8.0]), np.diag([6.0, 8.0])])
     found = Pivots.of(diagonal, np.eye(2, dtype=bool))
     assert dict(zip(found.order, found.sizes.tolist(), strict=True)) == {(0, 0): 4.0, (1, 1): 8.0}
-
-
-@given(st.text(min_size=1, max_size=200))
-@example("while").via("a keyword")
-@example("_a").via("reserved in C")
-@example("7 $(odd)").via("begins with a digit")
-@example("плечо").via("no letter of C")
-def test_a_machine_has_a_name_in_c_that_is_its_own_where_it_can_be(name: str) -> None:
-    found = machine_identifier(name)
-    assert re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,62}", found) and found not in ("while", "int", "double")
-    assert machine_identifier(found) == found
-
-
-@pytest.mark.parametrize("name", ["arm", "UR5e", "doubles", "a" * 63])
-def test_a_name_that_c_can_have_stays_as_it_is_written(name: str) -> None:
-    assert machine_identifier(name) == name
 
 
 def test_identifiers_that_would_collide_are_counted() -> None:

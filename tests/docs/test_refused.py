@@ -8,7 +8,7 @@ from support import ROOT
 from truepose.bounded import MIB
 from truepose.identification.programs import program
 from truepose.identification.recording import bag_limits, importing, mcap_records, workbook_limits
-from truepose.models import limits, setting_range
+from truepose.models import limits, machine_name, setting_range
 from truepose.models.builders import urdf_file, urdf_xml
 from truepose.models.starting import compiled_mjcf
 
@@ -21,7 +21,6 @@ SAID = {
     "LATEST": f"such as `time` | {limits.LATEST:.0e}".replace("+", "") + " by size",
     "LEAST_GRAVITY": f"at least {limits.LEAST_GRAVITY:.0e}".replace("-06", "-6"),
     "LINE": f"{limits.LINE:,} characters",
-    "NAME": f"a machine's name | {limits.NAME} characters |",
     "NAMED": f"of one machine file | {limits.NAMED:,} |",
     "PARTS": f"of one mechanism | {limits.PARTS} |",
     "POSES": f"(`-n`) | {limits.POSES:,} |",
@@ -33,6 +32,7 @@ SAID = {
 ELSEWHERE = {
     "URDF": f"{urdf_xml.URDF_MOST // MIB} MiB, {urdf_xml.ELEMENTS_MOST:,} elements, {urdf_xml.DEPTH_MOST} of them",
     "a tag": f"a tag of {urdf_xml.TAG_MOST // MIB} MiB; {urdf_file.CHAIN_MOST} joints",
+    "a machine": f"a machine's name | {machine_name.LONGEST} characters that C can have in a name |",
     "names": f"names of {urdf_file.NAME_MOST} characters",
     "MJCF": f"MJCF | {compiled_mjcf.MJCF_MOST // MIB} MiB",
     "MuJoCo": f"{compiled_mjcf.SECONDS_MOST} s of the processor and {compiled_mjcf.MIB_MOST:,} MiB",

@@ -25,7 +25,9 @@ def counts(pair: Pair, rng: np.random.Generator) -> Spoilt | None:
     per_turn = int(rng.choice(COUNTS))
     for name in chosen:
         table[name] = np.round(table[name] * per_turn / 360.0)
-    return Spoilt(f"{per_turn} counts", document, table, tuple(chosen), mends=False)  # what lies between counts is lost
+    return Spoilt(
+        f"{per_turn} counts", document, table, tuple(chosen), mends=False
+    )  # what lies between counts is lost
 
 
 def wrapped(pair: Pair, rng: np.random.Generator) -> Spoilt | None:

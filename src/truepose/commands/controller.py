@@ -73,7 +73,7 @@ def codegen(
         files = sorted(str(path) for path in paths)
         summary, lines = _told(loaded, chosen, measured)
         head = {"command": "codegen", "machine": loaded.name, "real": number, "features": list(chosen.names)}
-        finish({**head, "files": files, **summary}, [*files, *lines], _renamed(loaded), as_json=as_json)
+        finish({**head, "files": files, **summary}, [*files, *lines], [], as_json=as_json)
 
 
 def _number(real: str) -> Real:
@@ -85,12 +85,11 @@ def _number(real: str) -> Real:
 
 def _machine_for(output: Path, path: Path, *, anyway: bool) -> Machine:
     """The machine of a file. Raises InputError where ``output`` holds another one's C, or the file should not be applied."""
-    from truepose.codegen.names import machine_identifier
     from truepose.identification.report.applied_words import check_applicable
     from truepose.models.load import load_machine
 
     machine = load_machine(path)
-    check_code(output, machine_identifier(machine.name))
+    check_code(output, machine.name)
     if not anyway:
         check_applicable(machine)
     return machine
@@ -107,18 +106,6 @@ def _write(
     if measure:
         return generate_measured(machine, output, real, nominal=drawing, features=features)
     return generate(machine, output, real, nominal=drawing, features=features), []
-
-
-def _renamed(machine: Machine) -> list[str]:
-    """Return a note on a machine whose name C cannot have."""
-    from truepose.codegen.names import machine_identifier
-
-    name = machine_identifier(machine.name)
-    return (
-        []
-        if name == machine.name
-        else [f"{machine.name!r} is no name in C, where the machine is called {name}"]
-    )
 
 
 def _told(

@@ -122,7 +122,7 @@ def _write(start: Start, asked: Asked, path: Path, as_json: bool) -> None:
     ]
     summary = {
         "command": "init",
-        "name": start.name,
+        "name": start.called,
         "columns": files.header.split(","),
         "files": [str(path), str(recording)],
         "left_out": list(start.left_out),
