@@ -6,7 +6,6 @@ import json
 import os
 import subprocess
 import sys
-import tempfile
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -26,6 +25,7 @@ SECONDS_MOST: Final = 6
 """Seconds of the processor that MuJoCo may take for a model; a humanoid with a hundred meshes takes one."""
 MIB_MOST: Final = 1536
 """MiB of memory that MuJoCo may take for a model."""
+_NAME: Final = "model.mjb"
 PATIENCE: Final = 60.0
 """Seconds by the clock after which it is ended: other work may take most of the processor's time."""
 
@@ -49,23 +49,20 @@ def compiled(path: Path) -> Compiled:
         raise InputError(f"{path}: cannot read the MJCF: error opening file: found none, expected one")
     if b"<!DOCTYPE" in read_at_most(path, MJCF_MOST):  # MuJoCo would read its entities as they are written
         raise InputError(f"{path}: found <!DOCTYPE>, expected an MJCF without a document type and entities")
-    with tempfile.TemporaryDirectory() as folder:
-        output = Path(folder, "model.mjb")
-        told = _told(path, output)
-        import mujoco  # here, as what is refused need not wait for it
+    told, binary = _told(path)
+    import mujoco  # here, as what is refused need not wait for it
 
-        model = mujoco.MjModel.from_binary_path(str(output))
+    model = mujoco.MjModel.from_binary_path(_NAME, {_NAME: binary})
     return Compiled(model, bool(told["bare"]), tuple(cut(one) for one in told["warnings"]))
 
 
-def _told(path: Path, output: Path) -> dict[str, Any]:
-    """What the process says; it works in the folder of its output, as MuJoCo writes a log where it works."""
-    words = [mujoco_child.__file__, os.path.abspath(path), output.name, str(SECONDS_MOST), str(MIB_MOST)]  # noqa: PTH100
+def _told(path: Path) -> tuple[dict[str, Any], bytes]:
+    """What the process says, and the model."""
+    words = [mujoco_child.__file__, os.path.abspath(path), str(SECONDS_MOST), str(MIB_MOST)]  # noqa: PTH100
     too_much = f"that MuJoCo needs more than {SECONDS_MOST} s of the processor, expected a smaller model"
     try:
         done = subprocess.run(
             [sys.executable, *words],
-            cwd=output.parent,
             env=os.environ | {"MUJOCO_GL": "disable"},  # nothing is drawn: a quarter of its start
             capture_output=True,
             timeout=PATIENCE,
@@ -74,7 +71,8 @@ def _told(path: Path, output: Path) -> dict[str, Any]:
     except subprocess.TimeoutExpired:
         raise InputError(f"{path}: cannot read the MJCF: found {too_much}") from None
     try:
-        told: dict[str, Any] = json.loads(done.stdout)
+        line, _, binary = done.stdout.partition(b"\n")
+        told: dict[str, Any] = json.loads(line)
     except ValueError:
         ended = f"that MuJoCo ended with {done.returncode}, expected a model"
         found = too_much if done.returncode in (-24, -9) else ended
@@ -82,7 +80,7 @@ def _told(path: Path, output: Path) -> dict[str, Any]:
     if "error" in told:
         reason = str(told["error"]).replace(str(Path(words[1]).parent) + os.sep, "")
         raise InputError(f"{path}: cannot read the MJCF: {cut(reason, 600)}")
-    return told
+    return told, binary
 
 
 __all__ = ["MIB_MOST", "PATIENCE", "SECONDS_MOST", "Compiled", "compiled"]

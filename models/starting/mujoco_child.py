@@ -1,4 +1,4 @@
-"""MuJoCo in a process of its own: it compiles an MJCF and writes the model, or says why not; run as a script.
+"""MuJoCo in a process of its own: it compiles an MJCF and hands the model over, or says why not; run as a script.
 
 A model of a few lines may ask for any time and memory, and what breaks MuJoCo ends its process. So this one has limits,
 and the process that started it goes on. Nothing of truepose is imported here.
@@ -17,21 +17,26 @@ LEAST = 1e-9
 
 
 def main() -> None:
-    """``mujoco_child.py MODEL OUTPUT SECONDS MIB``: the model as MJB to OUTPUT; JSON to the standard output."""
-    path, output, seconds, mib = sys.argv[1:]
+    """``mujoco_child.py MODEL SECONDS MIB``: a line of JSON to the standard output, then the model as MJB."""
+    path, seconds, mib = sys.argv[1:]
     import mujoco  # before the limits, which are those of the model
+    import numpy as np
 
     _limit(int(seconds), int(mib))
     told: dict[str, Any] = {}
+    binary = b""
+    mujoco.set_mju_user_warning(warnings.warn)  # it would write a file of them where it works
     with warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("always")
         try:
             model, told["bare"] = _compiled(path)
-            mujoco.mj_saveModel(model, output)
+            buffer = np.zeros(mujoco.mj_sizeModel(model), dtype=np.uint8)
+            mujoco.mj_saveModel(model, None, buffer)
+            binary = buffer.tobytes()
         except Exception as exc:
             told = {"error": str(exc) or repr(exc)}
     told["warnings"] = [str(one.message) for one in heard]
-    sys.stdout.write(json.dumps(told))
+    sys.stdout.buffer.write(json.dumps(told).encode() + b"\n" + binary)
 
 
 def _limit(seconds: int, mib: int) -> None:
