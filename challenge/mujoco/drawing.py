@@ -185,7 +185,7 @@ def document(drawing: Drawing, name: str, sigma_factor: float, tolerance_factor:
     angle = float(np.degrees(ANGLE)) * tolerance_factor
     return {
         "schema": "truepose/machine/1",
-        "name": name,
+        "name": name.replace("-", "_"),
         "units": {"length": "mm", "angle": "deg"},
         "gravity": drawing.gravity.tolist(),
         "mechanism": {"type": "serial", "joints": joints},

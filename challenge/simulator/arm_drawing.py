@@ -89,7 +89,7 @@ def document(name: str, with_targets: bool, sigma_factor: float, tolerance_facto
         }
     return {
         "schema": "truepose/machine/1",
-        "name": name,
+        "name": name.replace("-", "_"),
         "units": {"length": "mm", "angle": "deg"},
         "gravity": list(GRAVITY),
         "mechanism": {"type": "serial", "joints": [_joint(k) for k in range(len(JOINTS))]},

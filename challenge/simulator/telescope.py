@@ -125,7 +125,7 @@ class Telescope(PortedMachine):
         height = round(own.home_height(self.drawing), 4)
         return {
             "schema": "truepose/machine/1",
-            "name": self.name,
+            "name": self.name.replace("-", "_"),
             "units": {"length": "mm", "angle": "deg"},
             "gravity": GRAVITY,
             "mechanism": {

@@ -193,7 +193,7 @@ def allowed(rig: Rig, stand: Stand) -> float:
 def shares(rig: Rig, every: Sequence[Weighed]) -> list[tuple[list[Weighed], float]]:
     """Return classes of hypotheses that predict alike, each with its probability, the likeliest first.
 
-    Of a class, those come first that leave no more than drawing and sigma.
+    Of a class, those come first that leave no more than drawing and sigma, and frames where the file has them.
     """
     if not every:
         return []
@@ -209,10 +209,14 @@ def shares(rig: Rig, every: Sequence[Weighed]) -> list[tuple[list[Weighed], floa
             mine.append(one)
     total = sum(weight[id(w)] for w in needed)
     told = [
-        (sorted(members, key=lambda w: (not w.near, -w.score)), sum(weight[id(w)] for w in members) / total)
+        (sorted(members, key=_order), sum(weight[id(w)] for w in members) / total)
         for members in classes
     ]
     return sorted(told, key=lambda each: -each[1])
+
+
+def _order(weighed: Weighed) -> tuple[bool, int, float]:
+    return not weighed.near, len(weighed.free), -weighed.score
 
 
 def _enough_without(more: Weighed, fewer: Weighed) -> bool:
