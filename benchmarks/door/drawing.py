@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from mistakes.pairs import Pair
-from mistakes.sources.conditions import Conditions, drawn_conditions
-from mistakes.sources.gough import gough
-from mistakes.sources.hybrid import hybrid
-from mistakes.sources.serial import forms, serial
-from mistakes.sources.tables import ALL
+
+from .pairs import Pair
+from .sources.conditions import Conditions, drawn_conditions
+from .sources.gough import gough
+from .sources.hybrid import hybrid
+from .sources.serial import forms, serial
+from .sources.tables import ALL
 
 SENSORS = ("pose", "position", "targets")
 MOST = 3

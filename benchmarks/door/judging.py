@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from mistakes.pairs import found
 
 from truepose.errors import TrueposeError
 from truepose.identification.check.run import unbounded
@@ -23,6 +22,8 @@ from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.joint_compliance import JointCompliance
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
+
+from .pairs import found
 
 WITHIN = 4.0
 """Tolerances: constants of a pair that may be right are no farther from the drawing."""

@@ -10,9 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from mistakes.kinds import Spoilt
-from mistakes.pairs import Pair as Drawn
-from mistakes.pairs import found, write
 
 from truepose.errors import TrueposeError
 from truepose.identification.check.pair import Pair
@@ -21,7 +18,10 @@ from truepose.identification.check.run import check_files
 
 from .drawing import draw
 from .judging import Worth, fits, is_off, may_be_right, shows_sag, worth
+from .kinds import Spoilt
 from .outcome import RIGHT, Outcome
+from .pairs import Pair as Drawn
+from .pairs import found, write
 from .recordings import recordings
 from .slips import NEEDS, SEVERAL, SLIPS, is_told, names_no_cause
 

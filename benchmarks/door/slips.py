@@ -7,13 +7,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from mistakes.kinds import KINDS, MORE, Maker, Spoilt
-from mistakes.pairs import Pair
 
 from truepose.identification.check.result import Found
 
-UNREADABLE = ("no-tolerances", "no-sensor", "no-gravity", "sigma", "too-few-rows", "joint-never-moves")
-"""Kinds of the study of two hundred that say nothing of how a pair fits, or leave nothing that could."""
+from .kinds import KINDS, Maker, Spoilt
+from .pairs import Pair
+
 PAIRED = (
     "unit-length",
     "sign",
@@ -30,7 +29,7 @@ PAIRED = (
 def two(pair: Pair, rng: np.random.Generator) -> Spoilt | None:
     """Two slips of different kinds in one pair."""
     one, other = (str(name) for name in rng.permutation(PAIRED)[:2])
-    first = SINGLE[one](pair, rng)
+    first = KINDS[one](pair, rng)
     if first is None:
         return None
     whole = len(first.table) == len(pair.table)
@@ -38,7 +37,7 @@ def two(pair: Pair, rng: np.random.Generator) -> Spoilt | None:
     spoilt = replace(
         pair, document=first.document, table=first.table, files=first.files or pair.files, tool=tool
     )
-    second = SINGLE[other](spoilt, rng)
+    second = KINDS[other](spoilt, rng)
     if second is None:
         return None
     return replace(
@@ -48,12 +47,11 @@ def two(pair: Pair, rng: np.random.Generator) -> Spoilt | None:
         kinds=(one, other, *first.kinds, *second.kinds),
         files=second.files or first.files,
         mends=first.mends and second.mends,
-        judged="free",
+        judged="fit",
     )
 
 
-SINGLE: Mapping[str, Maker] = {**{k: m for k, m in KINDS.items() if k not in UNREADABLE}, **MORE}
-SLIPS: Mapping[str, Maker] = {**SINGLE, "two": two}
+SLIPS: Mapping[str, Maker] = {**KINDS, "two": two}
 SEVERAL = ("two", "signs")
 """Several slips in one: advice on one of them is right."""
 NEEDS: Mapping[str, Mapping[str, object]] = {
@@ -101,4 +99,4 @@ def names_no_cause(found: Found) -> bool:
     )
 
 
-__all__ = ["NEEDS", "SEVERAL", "SINGLE", "SLIPS", "is_told", "names_no_cause"]
+__all__ = ["NEEDS", "SEVERAL", "SLIPS", "is_told", "names_no_cause"]

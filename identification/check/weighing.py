@@ -208,10 +208,7 @@ def shares(rig: Rig, every: Sequence[Weighed]) -> list[tuple[list[Weighed], floa
         else:
             mine.append(one)
     total = sum(weight[id(w)] for w in needed)
-    told = [
-        (sorted(members, key=_order), sum(weight[id(w)] for w in members) / total)
-        for members in classes
-    ]
+    told = [(sorted(members, key=_order), sum(weight[id(w)] for w in members) / total) for members in classes]
     return sorted(told, key=lambda each: -each[1])
 
 

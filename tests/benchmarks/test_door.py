@@ -10,12 +10,12 @@ import pandas as pd
 import pytest
 from door.drawing import families, make
 from door.judging import fits, may_be_right, worth
+from door.kinds import KINDS
 from door.outcome import RIGHT, Outcome
+from door.pairs import MACHINE, RECORDING, found, write
 from door.sitting import Answer, sit
 from door.slips import NEEDS, SLIPS
 from door.table import table
-from mistakes.kinds import MORE
-from mistakes.pairs import MACHINE, RECORDING, found, write
 
 from truepose.identification.check.pair import Pair
 from truepose.identification.check.result import Check, Found
@@ -52,7 +52,7 @@ def test_a_right_pair_is_one_that_the_law_speaks_of(family: str, tmp_path: Path)
     assert may_be_right(worth(tmp_path / "pair"))
 
 
-@pytest.mark.parametrize("kind", MORE)
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_slip_leaves_the_pair_alone(kind: str) -> None:
     for k, name in enumerate([n for own in families().values() for n in own[:1]] * 5):
         rng = np.random.default_rng([SEED, k])

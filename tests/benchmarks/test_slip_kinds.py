@@ -1,28 +1,21 @@
-"""The maker of mistakes: right pairs are right, every mistake is what its truth says, and answers are scored rightly."""
+"""The maker of slips: right pairs are right, and every slip is what it is called."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from mistakes import rotations
-from mistakes.align import misfit, sight
-from mistakes.correct import CORRECT, bundled
-from mistakes.drawing import SHOWS, Truth, mistaken
-from mistakes.kinds import KINDS
-from mistakes.kinds.omitted import AGREES, replicates
-from mistakes.kinds.units import scaled
-from mistakes.pairs import MACHINE, RECORDING, Pair, write
-from mistakes.scoring import Answer, scored
-from mistakes.sources.chain import Arm, Body, links, torques
-from mistakes.sources.gough import gough
-from mistakes.sources.serial import serial
-from mistakes.sources.tables import FAMILIES
-from mistakes.table import table
+from door import rotations
+from door.kinds import KINDS
+from door.kinds.units import scaled
+from door.pairs import MACHINE, RECORDING, Pair, write
+from door.sources.chain import Arm, Body, links, torques
+from door.sources.gough import gough
+from door.sources.serial import serial
+from door.sources.tables import FAMILIES
 
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.recording.load import load_recording
@@ -65,51 +58,6 @@ def test_a_right_pair_fits_to_its_noise(name: str, tmp_path: Path) -> None:
 def test_physics_is_there_where_it_was_asked_for() -> None:
     still, moved = (serial("elbow", "serial", "pose", np.random.default_rng(3), effects=k) for k in (0, 3))
     assert still.plain and not moved.plain
-
-
-DRAWN = ("sign", "base-missing", "duplicated-rows")
-
-
-@pytest.fixture(scope="module")
-def drawn(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Truth, Path, Path]]:
-    """A case of each of some kinds, each judged and mended in another way."""
-    home = tmp_path_factory.mktemp("drawn")
-    out = {}
-    for kind in DRAWN:
-        index = list(KINDS).index(kind)
-        case, right = home / "case" / kind, home / "right" / kind
-        out[kind] = (mistaken(case, right, SEED, index, kind), case, right)
-    return out
-
-
-@pytest.mark.parametrize("kind", DRAWN)
-def test_a_case_differs_from_its_right_pair_and_shows(
-    kind: str, drawn: dict[str, tuple[Truth, Path, Path]]
-) -> None:
-    truth, case, right = drawn[kind]
-    assert truth.kind == kind
-    assert any((case / name).read_bytes() != (right / name).read_bytes() for name in (MACHINE, RECORDING))
-    if truth.judged != "certain":
-        assert truth.shows == -1.0 or truth.shows > SHOWS
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_every_kind_spoils_one_thing_and_leaves_the_pair_alone(kind: str) -> None:
-    pair = plain("elbow serial pose", 11)
-    before = pair.draft()
-    document, table = spoilt(kind, pair)
-    assert pair.document == before[0]
-    pd.testing.assert_frame_equal(pair.table, before[1])
-    changed = (document != pair.document, not table.equals(pair.table))
-    assert sum(changed) == 1
-
-
-def test_a_case_is_the_same_for_its_seed(tmp_path: Path, drawn: dict[str, tuple[Truth, Path, Path]]) -> None:
-    first, case, _ = drawn["sign"]
-    index = list(KINDS).index("sign")
-    again = mistaken(tmp_path / "case", tmp_path / "right", SEED, index, "sign")
-    assert replace(again, name=first.name) == first
-    assert (tmp_path / "case" / RECORDING).read_bytes() == (case / RECORDING).read_bytes()
 
 
 def spoilt(kind: str, pair: Pair, variant: str = "") -> tuple[dict[str, object], pd.DataFrame]:
@@ -176,17 +124,6 @@ def test_duplicates_are_copies_to_the_last_digit() -> None:
     assert table.duplicated(names).sum() == len(table) - len(pair.table) >= 5
 
 
-def test_replicates_agree_with_sigma_and_deny_a_wrong_one() -> None:
-    pair = plain("elbow serial position", 11)
-    scatter = replicates(pair)
-    assert scatter is not None
-    assert 0.7 < scatter < 1.4  # some thirty readings
-    document, table = spoilt("sigma", pair)
-    wrong = replicates(replace(pair, document=document, table=table))
-    assert wrong is not None
-    assert not 1 / AGREES < wrong < AGREES
-
-
 @pytest.mark.parametrize("name", ["gantry serial targets", "6-ups pose", "seven graph pose"])
 def test_a_machine_scaled_back_is_the_machine(name: str) -> None:
     pair = plain(name)
@@ -195,17 +132,6 @@ def test_a_machine_scaled_back_is_the_machine(name: str) -> None:
     flat, own = (pd.json_normalize(d).iloc[0].to_dict() for d in (back, pair.document))
     assert list(flat) == list(own)
     assert json.dumps(pair.document["mechanism"]["type"]) == json.dumps(back["mechanism"]["type"])
-
-
-def test_a_scaled_machine_declared_so_is_the_same_machine(tmp_path: Path) -> None:
-    pair = plain("elbow serial position")
-    in_metres = scaled(pair.document, 1e-3, set())
-    in_metres["units"] = {"length": "m", "angle": "deg"}
-    table_in_metres = pair.table.assign(**{c: pair.table[c] * 1e-3 for c in pair.readings})
-    write(tmp_path / "mm", pair.document, pair.table, {})
-    write(tmp_path / "m", in_metres, table_in_metres, {})
-    one, other = (misfit(sight(tmp_path / name), held=True) for name in ("mm", "m"))
-    assert other.points == pytest.approx(one.points, rel=1e-3)
 
 
 def test_standard_rows_are_another_arm_than_modified_ones(tmp_path: Path) -> None:
@@ -242,48 +168,3 @@ def test_torque_is_the_slope_of_the_potential_energy() -> None:
         unit = step * np.eye(4)[k]
         slope = (energy(q + unit) - energy(q - unit)) / (2 * step)
         assert torques(arm, q, np.zeros(1))[0, k] == pytest.approx(-slope, abs=1e-6)
-
-
-def test_a_perfect_answer_scores_fully_and_an_unmended_pair_does_not_fit(
-    drawn: dict[str, tuple[Truth, Path, Path]],
-) -> None:
-    out = []
-    for truth, case, right in (drawn[k] for k in DRAWN):
-        where = list(truth.where) if truth.exact else [truth.where[0]]
-        answer = Answer("wrong", ({"kind": truth.kind, "where": where},), 2, 0.5, 1.0, "")
-        good = scored(asdict(truth), answer, right, right)
-        assert good.first and good.named and good.placed and good.fits
-        assert not scored(asdict(truth), answer, right, case).fits
-        silent = scored(asdict(truth), Answer("ok", (), 0, 0.5, 1.0, ""), right, right)
-        assert not (silent.first or silent.named or silent.placed)
-        out.append(good)
-    assert "| **all** | 3 | 3 | 3 | 3 | 3, 0 | 3 of 3 |" in table(out)
-
-
-def test_a_place_beside_the_right_one_is_not_right(drawn: dict[str, tuple[Truth, Path, Path]]) -> None:
-    truth, _, right = drawn["sign"]
-    joints = [a.reading for a in load_machine(right / MACHINE).mechanism.actuators]
-    other = next(name for name in joints if name not in truth.where)
-    for where in ([other], [other, *truth.where]):
-        answer = Answer("wrong", ({"kind": "sign", "where": where},), 2, 0.5, 1.0, "")
-        assert not scored(asdict(truth), answer, right, right).placed
-
-
-def test_right_pairs_have_a_table_of_their_own() -> None:
-    truth = {
-        "name": "case001",
-        "kind": CORRECT,
-        "variant": "",
-        "source": "real ur10",
-        "where": (),
-        "exact": False,
-    }
-    asked = {**truth, "kinds": (), "mends": False, "judged": "certain"}
-    accused = Answer("suspect", ({"kind": "sigma", "where": ["sensor"]},), 0, 0.5, 1.0, "")
-    text = table([scored(asked, accused, Path(), Path())])
-    assert "| real recordings | 1 | 0 | 1 | 0 | 0 |" in text
-    assert "* case001 (real ur10): suspect, sigma" in text
-
-
-def test_bundled_machines_are_among_the_right_pairs() -> None:
-    assert {name.split()[1] for name in bundled()} == {"mount", "nanopositioner", "polisher", "telescope"}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from . import axes, conventions, dh, encoders, frames, joints, omitted, rows, runs, units, weights
+from . import axes, conventions, dh, encoders, frames, joints, rows, runs, units, weights
 from .spoilt import Maker, Spoilt
 
 KINDS: Mapping[str, Maker] = {
@@ -22,15 +22,8 @@ KINDS: Mapping[str, Maker] = {
     "tool-missing": frames.tool_missing,
     "rows-shifted": rows.rows_shifted,
     "duplicated-rows": rows.duplicated_rows,
-    "too-few-rows": rows.too_few_rows,
     "joint-never-moves": rows.joint_never_moves,
     "sessions-mixed": rows.sessions_mixed,
-    "no-tolerances": omitted.no_tolerances,
-    "no-sensor": omitted.no_sensor,
-    "no-gravity": omitted.no_gravity,
-    "sigma": omitted.sigma,
-}
-MORE: Mapping[str, Maker] = {
     "all-si": conventions.all_si,
     "odd-unit": conventions.odd_unit,
     "one-column": conventions.one_column,
@@ -51,6 +44,5 @@ MORE: Mapping[str, Maker] = {
     "grams": weights.grams,
     "gravity-reversed": weights.gravity_reversed,
 }
-"""Kinds of the study of the door alone: the cases of a seed of the study of two hundred follow from ``KINDS``."""
 
-__all__ = ["KINDS", "MORE", "Maker", "Spoilt"]
+__all__ = ["KINDS", "Maker", "Spoilt"]

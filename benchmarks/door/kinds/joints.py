@@ -20,7 +20,7 @@ def sign(pair: Pair, rng: np.random.Generator) -> Spoilt | None:
     name = str(rng.choice(through))
     document, table = pair.draft()
     table[name] = -table[name]
-    return Spoilt(f"-{name}", document, table, (name,), exact=True)
+    return Spoilt(f"-{name}", document, table, (name,))
 
 
 def permutation(pair: Pair, rng: np.random.Generator) -> Spoilt | None:
@@ -41,7 +41,7 @@ def _joints(pair: Pair, rng: np.random.Generator) -> Spoilt | None:
     one, other = alike[int(rng.integers(len(alike)))]
     document, table = pair.draft()
     table[one], table[other] = pair.table[other], pair.table[one]
-    return Spoilt("two joints", document, table, (one, other), exact=True)
+    return Spoilt("two joints", document, table, (one, other))
 
 
 def _axes(pair: Pair, rng: np.random.Generator) -> Spoilt:
@@ -63,7 +63,7 @@ def _targets(pair: Pair, rng: np.random.Generator) -> Spoilt:
     for axis in "xyz":
         table[f"{one}.{axis}"] = pair.table[f"{other}.{axis}"]
         table[f"{other}.{axis}"] = pair.table[f"{one}.{axis}"]
-    return Spoilt("two targets", document, table, (one, other), exact=True)
+    return Spoilt("two targets", document, table, (one, other))
 
 
 def offset(pair: Pair, rng: np.random.Generator) -> Spoilt | None:
@@ -76,11 +76,11 @@ def offset(pair: Pair, rng: np.random.Generator) -> Spoilt | None:
         if rows:
             row = rows[int(rng.integers(len(rows)))]
             row["theta"] = 0.0
-            return Spoilt("theta forgotten", document, table, (row["name"],), exact=True)
+            return Spoilt("theta forgotten", document, table, (row["name"],))
     if pair.joints[name] == "prismatic":
         span = float(np.ptp(pair.table[name])) or 1.0
         table[name] += rng.choice([-1, 1]) * rng.uniform(0.15, 0.8) * span
-        return Spoilt("zero of a slide", document, table, (name,), exact=True)
+        return Spoilt("zero of a slide", document, table, (name,))
     if rng.random() < 0.5:
         by, variant = float(rng.choice(ROUND)), "90 or 180 deg"
     else:
@@ -88,7 +88,7 @@ def offset(pair: Pair, rng: np.random.Generator) -> Spoilt | None:
     table[name] += by
     if rng.random() < 0.4:
         table[name] = (table[name] + 180.0) % 360.0 - 180.0
-    return Spoilt(variant, document, table, (name,), exact=True)
+    return Spoilt(variant, document, table, (name,))
 
 
 def order(pair: Pair, rng: np.random.Generator) -> Spoilt | None:

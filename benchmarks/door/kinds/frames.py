@@ -25,7 +25,7 @@ def frames_swapped(pair: Pair, rng: np.random.Generator) -> Spoilt | None:
     base, tool = document["frames"]["base"], document["frames"]["tool"]
     own = {"base": base.get("in", "world"), "tool": tool.get("in", "flange")}
     document["frames"] = {"base": {**tool, "in": own["base"]}, "tool": {**base, "in": own["tool"]}}
-    return Spoilt("swapped", document, table, ("base", "tool", "frames"), judged="held")
+    return Spoilt("swapped", document, table, ("base", "tool", "frames"))
 
 
 def base_missing(pair: Pair, rng: np.random.Generator) -> Spoilt | None:
@@ -56,7 +56,7 @@ def _missing(pair: Pair, name: str, rng: np.random.Generator) -> Spoilt | None:
             size = max(float(np.linalg.norm(section["xyz"])), 50.0)
             moved = np.array(section["xyz"]) + size * rng.uniform(0.2, 0.8, 3) * rng.choice([-1, 1], 3)
             section["xyz"] = np.round(moved, 1).tolist()
-    return Spoilt(variant, document, table, (name, "frames", f"frames.{name}"), judged="held")
+    return Spoilt(variant, document, table, (name, "frames", f"frames.{name}"))
 
 
 def _leave_out(document: Document, name: str) -> None:

@@ -11,27 +11,24 @@ import pandas as pd
 
 from ..pairs import Document, Pair
 
-Judged = Literal["free", "held", "certain", "sag"]
+Judged = Literal["fit", "certain", "sag"]
 
 
 @dataclass(frozen=True)
 class Spoilt:
     """A pair with one mistake.
 
-    where: words of which one is expected in ``where`` (joints, columns, frames, sections); exact: whether all the joints
-    or columns named must be these. kinds: other kinds that say as much. judged: against which rigid fit it must show:
-    base and tool anywhere (``free``), near the drawing (``held``), or it is there to be counted (``certain``), where readings
-    show what gives way under weights (``sag``).
-    mends: whether a corrected pair must fit as the right one does.
+    where: words of which one is expected in ``where`` (joints, columns, frames, sections). kinds: other kinds that say as much.
+    judged: whether its misfit says that it is there (``fit``), it is there to be counted (``certain``), or it is there where
+    readings show what gives way under weights (``sag``). mends: whether a corrected pair must fit as the right one does.
     """
 
     variant: str
     document: Document
     table: pd.DataFrame
     where: tuple[str, ...]
-    exact: bool = False
     kinds: tuple[str, ...] = ()
-    judged: Judged = "free"
+    judged: Judged = "fit"
     mends: bool = True
     files: Mapping[str, str] = field(default_factory=dict)
 
