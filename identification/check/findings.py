@@ -11,12 +11,10 @@ from truepose.identification.check.drawing import settle
 from truepose.identification.check.kinds.frames import frame_unknown
 from truepose.identification.check.result import Found, Verdict
 from truepose.identification.check.rig import Rig, Stand, motion
-from truepose.identification.check.search import Search
+from truepose.identification.check.search import PHYSICS, Search
 from truepose.identification.check.weighing import CERTAIN, Weighed, allowed, joints_beyond
 from truepose.wording import joined
 
-PHYSICS = 0.2
-"""Share of what the tool moves that nothing left out of a model makes: an open-loop piezo is off by 0.23 of its stroke."""
 PUSHED = 8.0
 """Tolerances that physics which was left out pushes constants away by."""
 _LEADS, _WORTH_A_WORD = 4, 0.01
@@ -29,10 +27,10 @@ _CAUSES = (
 def findings(rig: Rig, search: Search) -> list[Found]:
     """Return what to say of a machine and its recording."""
     as_it_stands = search.as_it_stands
-    if as_it_stands.near:
-        return []
     if search.advised is not None:
         return list(_advice(rig, search, search.advised))
+    if as_it_stands.near:
+        return []
     if search.mixed:
         return list(search.mixed)
     leads = [members[0] for members, share in search.leads if share >= _WORTH_A_WORD]
