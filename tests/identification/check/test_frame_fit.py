@@ -14,7 +14,9 @@ from support.checked_arm import EXACT, Document, document, rig_of
 from truepose.identification.check.frame_fit import KEPT, FrameFit
 from truepose.identification.check.rig import Rig
 from truepose.identification.check.scene import chosen
+from truepose.identification.check.weighing import departures
 from truepose.identification.prediction.predictor import Predictor
+from truepose.models.machine import FRAMES
 
 Array = NDArray[np.float64]
 POINTS = {"P1": [0.0, 30.0, 0.0], "P2": [10.0, -30.0, 5.0], "P3": [80.0, 0.0, 20.0]}
@@ -89,6 +91,22 @@ def test_steps_converge_by_squares(kind: str, free: tuple[str, ...], tmp_path: P
     assert left[0] < 0.1 and left[1] < 0.01 and left[2] < 1e-4 and left[3] < 1e-7
     end = fit.descended(start, free, rows, 8)
     np.testing.assert_allclose(end.p, rig.scene.p, atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", list(SENSORS))
+@pytest.mark.parametrize("joint", [0, 2, 4])
+def test_what_is_known_bends_for_no_misfit_that_it_cannot_explain(
+    joint: int, kind: str, tmp_path: Path
+) -> None:
+    """Of a joint that counts the other way: what readings gain, as a likelihood of noise that large, pays for the frames."""
+    rig = rig_of(tmp_path, machine(kind))
+    q = rig.scene.rows.q.copy()
+    q[:, joint] *= -1.0
+    scene = rig.scene.with_joints(q)
+    drawn, found = rig.stand(scene, (), held=FRAMES), rig.stand(scene, ())
+    gained = drawn.residual.size * np.log(drawn.misfit / found.misfit)
+    assert found.misfit > 100.0
+    assert np.sum(departures(rig, found, ()) ** 2) / 2.0 <= gained + 1e-9
 
 
 def test_a_frame_that_is_not_free_is_pulled_by_its_tolerance(tmp_path: Path) -> None:
