@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Final
 
-from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, WithJsonSchema
 
 from truepose.errors import InputError
 from truepose.files import atomic_write_text
@@ -41,7 +41,7 @@ from truepose.models.fit_section import (
 from truepose.models.force_section import ForceSection
 from truepose.models.frame_section import Frames, FrameSpec, FramesSection, FrameTolerance, read_frames
 from truepose.models.limits import LEAST_GRAVITY, NAMED, PARTS
-from truepose.models.machine_name import EXPECTED, nearest_name
+from truepose.models.machine_name import EXPECTED, NAMED_SO, nearest_name
 from truepose.models.mass_section import MassSection, MassSpec
 from truepose.models.plain_texts import check_document
 from truepose.models.recording_section import RecordingSection
@@ -138,7 +138,7 @@ class MachineDocument(Section):
 
     schema_: Any = Field(alias="schema", json_schema_extra={"const": SCHEMA})
     """Always `truepose/machine/1`: what kind of file this is."""
-    name: Annotated[str, AfterValidator(_named)]
+    name: Annotated[str, AfterValidator(_named), WithJsonSchema({"type": "string", "pattern": NAMED_SO})]
     """What the machine is called; files and functions of its C have this name."""
     units: UnitsSection = UnitsSection()
     """The units that the file is written in."""

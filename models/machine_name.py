@@ -45,6 +45,8 @@ _KEYWORDS: Final = [
     "volatile",
     "while",
 ]
+NAMED_SO: Final = rf"^[A-Za-z][A-Za-z0-9_]{{0,{LONGEST - 1}}}$"
+"""The same for a JSON Schema, keywords of C aside."""
 EXPECTED: Final = (
     f"a name that its C can have, at most {LONGEST} letters a-z A-Z, digits and underscores, a letter first"
 )
@@ -65,4 +67,4 @@ def check_machine_name(name: str) -> str:
     return name
 
 
-__all__ = ["EXPECTED", "LONGEST", "check_machine_name", "nearest_name"]
+__all__ = ["EXPECTED", "LONGEST", "NAMED_SO", "check_machine_name", "nearest_name"]

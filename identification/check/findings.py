@@ -11,7 +11,7 @@ from truepose.identification.check.drawing import settle
 from truepose.identification.check.kinds.frames import frame_unknown
 from truepose.identification.check.result import Found, Verdict
 from truepose.identification.check.rig import Rig, Stand, motion
-from truepose.identification.check.search import PHYSICS, Search
+from truepose.identification.check.search import PHYSICS, Search, still_columns
 from truepose.identification.check.weighing import CERTAIN, Weighed, allowed, joints_beyond
 from truepose.wording import joined
 
@@ -27,6 +27,8 @@ _CAUSES = (
 def findings(rig: Rig, search: Search) -> list[Found]:
     """Return what to say of a machine and its recording."""
     as_it_stands = search.as_it_stands
+    if not as_it_stands.near and (still := still_columns(rig)):
+        return [_never_changes(rig, as_it_stands.stand, still)]
     if search.advised is not None:
         return list(_advice(rig, search, search.advised))
     if as_it_stands.near:
@@ -40,9 +42,24 @@ def findings(rig: Rig, search: Search) -> list[Found]:
     return [] if _is_physics(rig, as_it_stands.stand) else [unexplained(rig, as_it_stands.stand)]
 
 
+def _never_changes(rig: Rig, stand: Stand, still: tuple[str, ...]) -> Found:
+    """Return a finding on columns that were not measured, it seems."""
+    one = len(still) == 1
+    return replace(
+        unexplained(rig, stand),
+        kind="reading-never-changes",
+        where=still,
+        says=f"{joined(still)} {'reads' if one else 'read'} the same in every row, and {_misses(rig, stand)}",
+        fix=f"leave {joined(still)} empty where {'it was' if one else 'they were'} not measured",
+    )
+
+
 def _is_physics(rig: Rig, stand: Stand) -> bool:
-    """Whether constants need not be further off than physics pushes them, where all is left that drawing and noise make."""
-    if stand.bad or joints_beyond(rig, stand.scene):
+    """Whether constants need not be further off than physics pushes them, where all is left that drawing and noise make.
+
+    Joints out of their range are told by themselves.
+    """
+    if stand.bad:
         return False
     most = allowed(rig, stand)
     eased = settle(rig, stand, (), most)

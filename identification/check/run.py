@@ -127,7 +127,7 @@ def check_loaded(machine: Machine, recording: Recording) -> Check:
         known = best.stand.residual.size >= 2 * len(best.settled.away)
         found += sigmas(rig, best.stand, best.settled.price if known else best.stand.misfit)
         found += reversed_gravity(rig, best, remaining.rms)
-    if not any(f.kind == "sessions-mixed" for f in said):
+    if not any(f.kind in ("sessions-mixed", "too-few-rows") for f in found):
         found += standing_out(rig, remaining)
     length = length_of(rig, remaining)
     left, unit = (best.stand.misfit, "sigma") if length is None else (length, "mm")

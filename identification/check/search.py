@@ -9,6 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from truepose.identification.check.classes import shares, undone
 from truepose.identification.check.kinds.axes import mirrored, targets, turned
 from truepose.identification.check.kinds.frames import frames_swapped
 from truepose.identification.check.kinds.joints import (
@@ -36,8 +39,6 @@ from truepose.identification.check.weighing import (
     Weighed,
     best_of,
     bound,
-    shares,
-    undone,
     ways,
     weigh,
 )
@@ -100,7 +101,7 @@ class Search:
 
 def search(rig: Rig, as_it_stands: Weighed) -> Search:
     """Return what may be wrong between one machine and its recording, which was weighed as it stands."""
-    if _is_right(rig, as_it_stands):
+    if _is_right(rig, as_it_stands) or still_columns(rig):
         return Search(as_it_stands)
     every = [as_it_stands, weigh(rig, as_it_stands.hypothesis)]
     beam = [as_it_stands.hypothesis]
@@ -125,6 +126,13 @@ def search(rig: Rig, as_it_stands: Weighed) -> Search:
     return Search(as_it_stands, tuple((tuple(members), share) for members, share in classes))
 
 
+def still_columns(rig: Rig) -> tuple[str, ...]:
+    """Return the columns that read the same in every row: any slip that takes their motion away would fit them."""
+    read = rig.recording.observations
+    columns = [name for sensor in rig.machine.sensors for name in sensor.columns if name in read]
+    return tuple(name for name in columns if len(read[name]) > 1 and np.ptp(read[name]) == 0.0)
+
+
 def _is_right(rig: Rig, as_it_stands: Weighed) -> bool:
     """Whether nothing needs to be looked for: the pair fits, and tolerances that allow for anything are not why."""
     stand = as_it_stands.stand
@@ -133,13 +141,13 @@ def _is_right(rig: Rig, as_it_stands: Weighed) -> bool:
 
 def _extended(rig: Rig, beam: Sequence[Hypothesis], makers: Makers, depth: int) -> Iterator[Hypothesis]:
     """Yield every hypothesis of a beam with one slip more; beyond the first depth, as many as there is time for."""
-    seen: set[frozenset[str]] = set()
+    seen: set[frozenset[tuple[str, str]]] = set()
     count = 0
     for hypothesis in beam:
         made = {(s.kind, s.where) for s in hypothesis.slips}
         for maker in makers:
             for slip in maker(rig, hypothesis.scene):
-                key = frozenset(s.says for s in (*hypothesis.slips, slip))
+                key = frozenset((s.says, s.fix) for s in (*hypothesis.slips, slip))
                 if (slip.kind, slip.where) in made or key in seen:
                     continue
                 seen.add(key)
@@ -174,4 +182,4 @@ def _enough(rig: Rig, every: Sequence[Weighed]) -> bool:
     return share >= CERTAIN and members[0].near
 
 
-__all__ = ["PHYSICS", "Search", "search"]
+__all__ = ["PHYSICS", "Search", "search", "still_columns"]

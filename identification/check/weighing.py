@@ -8,7 +8,7 @@ seldom such a slip is made. Readings that are said to be in a smaller unit have 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 
 from truepose.identification.check.alignment import Frames
 from truepose.identification.check.drawing import Settled, expected, settle
-from truepose.identification.check.rig import ABSURD, Rig, Scene, Stand, motion
+from truepose.identification.check.rig import ABSURD, KEPT, Rig, Scene, Stand, motion
 from truepose.identification.check.slip import RARE, SELDOM, Slip
 from truepose.identification.recording.joint_column import SLACK
-from truepose.identification.recording.recording import Recording
 from truepose.models.machine import FRAMES
 from truepose.models.machine_file import Frames as StatedFrames
 from truepose.models.sensors.pose import Position
@@ -36,9 +35,6 @@ USUAL_REACH, DECADES = 500.0, 0.5
 """mm: the longest dimension of a robot, roughly; and by how many decades (1-sigma) robots are larger or smaller."""
 NOWHERE_ELSE: Mapping[tuple[str, ...], float] = {(): 1.0}
 """The one way of frames that stand where the file has them."""
-_SAME = 1e-9
-"""mm, rad, or a share: readings that differ by less are the same."""
-_TURNS = (7, 11, 13, 17, 19, 23, 29, 31)
 
 
 @dataclass(frozen=True)
@@ -85,6 +81,25 @@ def evidence(rig: Rig, scene: Scene, misfit: float, odds: float) -> float:
     unlikely = 0.5 * (np.log10(size / USUAL_REACH) / DECADES) ** 2 if size > 0 else 0.0
     beyond = len(joints_beyond(rig, scene)) * np.log(1.0 / SELDOM)
     return float(np.log(odds) - WORTH * np.log(max(seen, LEAST)) - unlikely - beyond)
+
+
+def fits_better(rig: Rig, one: Weighed, other: Weighed) -> bool:
+    """Return True if a hypothesis meets the numbers that were recorded certainly better than another by base and tool alone.
+
+    Sigmas and tolerances that grow, or a range that does, are no evidence.
+    """
+    if other.stand.bad:
+        return True
+    mine, its = (_as_recorded(rig, w.stand) for w in (one, other))
+    return bool(WORTH * np.log(max(its, LEAST) / max(mine, LEAST)) > np.log(CERTAIN / (1.0 - CERTAIN)))
+
+
+def _as_recorded(rig: Rig, stand: Stand) -> float:
+    """Return the rms of what is left over the rows that fit best, in sigmas of the numbers as they were recorded."""
+    scene = stand.scene
+    grown = np.where(rig.long, scene.coarse / scene.size, np.where(rig.wide, scene.turned / scene.width, 1.0))
+    each = np.sort(np.mean(np.square(stand.residual * grown), axis=1))
+    return float(np.sqrt(np.mean(each[: max(int(np.ceil(KEPT * len(each))), 1)])))
 
 
 def joints_beyond(rig: Rig, scene: Scene) -> list[str]:
@@ -136,9 +151,9 @@ def weigh(
         stand = rig.stand(scene, way, also=also)
         found.append((bound(rig, stand, way, odds * hypothesis.odds), way, odds, stand))
     best: Weighed | None = None
-    for most, way, odds, stand in sorted(found, key=lambda one: -one[0]):
+    for most, way, odds, stand in sorted(found, key=lambda one: (len(one[1]), -one[0])):
         if best is not None and (best.near or most < best.score):
-            break
+            continue  # a frame that need not be elsewhere is where the file has it
         settled = settle(rig, stand, way)
         score = evidence(rig, scene, settled.price, odds * hypothesis.odds)
         one = Weighed(hypothesis, way, stand, settled, score, is_near(rig, stand, settled, way))
@@ -190,78 +205,6 @@ def allowed(rig: Rig, stand: Stand) -> float:
     return max(FAR, most)
 
 
-def shares(rig: Rig, every: Sequence[Weighed]) -> list[tuple[list[Weighed], float]]:
-    """Return classes of hypotheses that predict alike, each with its probability, the likeliest first.
-
-    Of a class, those come first that leave no more than drawing and sigma, and frames where the file has them.
-    """
-    if not every:
-        return []
-    top = max(w.score for w in every)
-    weight = {id(w): float(np.exp(w.score - top)) for w in every}
-    classes: list[list[Weighed]] = []
-    needed = [w for w in every if not any(_enough_without(w, other) for other in every)]
-    for one in sorted(needed, key=lambda w: -w.score):
-        mine = next((c for c in classes if weight[id(one)] > 1e-4 and _alike(rig, c[0], one)), None)
-        if mine is None:
-            classes.append([one])
-        else:
-            mine.append(one)
-    total = sum(weight[id(w)] for w in needed)
-    told = [(sorted(members, key=_order), sum(weight[id(w)] for w in members) / total) for members in classes]
-    return sorted(told, key=lambda each: -each[1])
-
-
-def _order(weighed: Weighed) -> tuple[bool, int, float]:
-    return not weighed.near, len(weighed.free), -weighed.score
-
-
-def _enough_without(more: Weighed, fewer: Weighed) -> bool:
-    """Whether a hypothesis says more than another that is enough, and fits no better: a free frame undoes the rest."""
-    less, whole = ({s.says for s in w.hypothesis.slips} | set(w.free) for w in (fewer, more))
-    return less < whole and fewer.near and fewer.settled.price < 2.0 * more.settled.price
-
-
-def _alike(rig: Rig, one: Weighed, other: Weighed) -> bool:
-    """Whether two hypotheses say the same of poses that were not recorded: joints as read, each column turned by itself."""
-    a, b = one.stand.scene.rows.observations, other.stand.scene.rows.observations
-    if not all(np.allclose(a[name], b[name], rtol=_SAME, atol=_SAME, equal_nan=True) for name in a):
-        return False
-    slips = (*one.hypothesis.slips, *other.hypothesis.slips)
-    if one.stand.bad or other.stand.bad or any(slip.between for slip in slips):
-        return False
-    q = rig.recording.q[one.stand.rows]
-    turned = np.column_stack([np.roll(q[:, k], _TURNS[k % len(_TURNS)] * (k + 1)) for k in range(q.shape[1])])
-    seen = [_predicted(rig, w, turned) for w in (one, other)]
-    apart = np.linalg.norm(seen[0][:, :3, 3] - seen[1][:, :3, 3], axis=1)
-    limits = [w.stand.length for w in (one, other)]
-    near = max(*(v or 0.0 for v in limits), 1e-6 * max(1.0, float(np.ptp(seen[0][:, :3, 3]))))
-    return bool(np.median(apart) <= 2.0 * near)
-
-
-def _predicted(rig: Rig, weighed: Weighed, q: Array) -> Array:
-    """(n, 4, 4) poses of the tool at joints (n, nq) as they would have been recorded."""
-    rows = rig.recording.subset(weighed.stand.rows)
-    scene = replace(rig.scene, rows=replace(rows, q=q))
-    for slip in weighed.hypothesis.slips:
-        scene = slip.change(scene)
-    return _poses(rig, weighed, scene.rows)
-
-
-def _poses(rig: Rig, weighed: Weighed, rows: Recording) -> Array:
-    here, p = rig.predictor.over(rows), weighed.settled.p
-    x, _ = rig.assembled(here, p, weighed.stand.scene)
-    return here.poses(p, x)[0]
-
-
-def undone(rig: Rig, weighed: Weighed) -> list[Frames]:
-    """Return frames that would undo a hypothesis, if frames can: those that bring the machine as it stands to its poses."""
-    if weighed.stand.bad:
-        return []
-    rows = weighed.stand.rows
-    return list(rig.frames_for(rows, _poses(rig, weighed, weighed.hypothesis.scene.rows.subset(rows))))
-
-
 def best_of(every: Iterable[Weighed]) -> Weighed:
     """Return the hypothesis with the most evidence."""
     return max(every, key=lambda weighed: weighed.score)
@@ -278,11 +221,10 @@ __all__ = [
     "bound",
     "departures",
     "evidence",
+    "fits_better",
     "is_near",
     "joints_beyond",
     "reach",
-    "shares",
-    "undone",
     "ways",
     "weigh",
 ]

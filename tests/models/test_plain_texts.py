@@ -104,7 +104,9 @@ def test_what_is_refused_is_what_nobody_sees(character: str) -> None:
 
 @pytest.mark.parametrize("name", ["Arm Süd", "机器人", "плечо", "a*/b", "%s", "'", '"'])
 def test_letters_of_all_languages_are_names(name: str) -> None:
-    assert checked_machine(Path("arm.yaml"), {**DOCUMENT, "name": name}).name == name
+    document = copy.deepcopy(DOCUMENT)
+    document["mechanism"]["joints"][0]["name"] = name
+    assert checked_machine(Path("arm.yaml"), document).mechanism["joints"][0]["name"] == name
 
 
 def test_a_formula_may_go_over_several_lines_and_hides_nothing() -> None:

@@ -14,10 +14,12 @@ from truepose.identification.check.kinds.narrowed import narrowed
 from truepose.identification.check.pair import Field, Pair, Sheet
 from truepose.identification.check.rig import Rig, Scene
 from truepose.identification.check.slip import RARE, SELDOM, USUAL, Slip
+from truepose.identification.check.weighing import bound
 from truepose.models.mechanism import Actuator
 from truepose.models.units import convert
 from truepose.wording import joined
 
+Array = NDArray[np.float64]
 T = TypeVar("T")
 QUARTERS = (90.0, -90.0, 180.0)
 """Degrees that data sheets and controllers differ by."""
@@ -69,7 +71,7 @@ def _negated(names: Sequence[str], pair: Pair) -> Pair:
 
 
 def exchanged(rig: Rig, scene: Scene) -> Iterator[Slip]:
-    """Two joints of one kind exchanged, or all of them in the other order, or one place along."""
+    """Two joints of one kind exchanged, or all of them in the other order, or some places along."""
     actuators = rig.machine.mechanism.actuators
     n = len(actuators)
     orders: list[tuple[int, ...]] = []
@@ -79,7 +81,7 @@ def exchanged(rig: Rig, scene: Scene) -> Iterator[Slip]:
             swapped[i], swapped[j] = j, i
             orders.append(tuple(swapped))
     if len({a.reading_unit for a in actuators}) == 1 and n > 2:
-        orders += [tuple(range(n))[::-1], (*range(1, n), 0), (n - 1, *range(n - 1))]
+        orders += [tuple(range(n))[::-1], *((*range(by, n), *range(by)) for by in range(1, n))]
     for order in dict.fromkeys(orders):
         moved = [k for k in range(n) if order[k] != k]
         names = tuple(actuators[k].reading for k in moved)
@@ -216,11 +218,8 @@ def _both(first: Callable[[T], T], second: Callable[[T], T], held: T) -> T:
 def zeros(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """Each joint with the zero that fits best, wherever that is: one search a joint."""
     for k, a in enumerate(rig.machine.mechanism.actuators):
-        if a.reading_unit == "rad":
-            grid, span = np.linspace(-np.pi, np.pi, _GRID, endpoint=False), 0.0
-        else:
-            span = float(np.ptp(scene.rows.q[:, k])) or 1.0
-            grid = span * np.concatenate([-np.geomspace(4.0, 0.05, 8), [0.0], np.geomspace(0.05, 4.0, 8)])
+        span = float(np.ptp(scene.rows.q[:, k])) or 1.0
+        grid = _turns() if a.reading_unit == "rad" else _ways(span)
 
         def misfit(size: float, k: int = k) -> float:
             return rig.stand(_plus(k, size, scene), quick=True).misfit
@@ -233,21 +232,30 @@ def zeros(rig: Rig, scene: Scene) -> Iterator[Slip]:
 def end_zeros(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """The zero of the first and of the last joint with which base and tool stand where the file says.
 
-    Such a zero is a turn of the base or of the tool: readings alone do not tell it.
+    Such a zero is a motion of the base or of the tool: readings alone do not tell it.
     """
     mechanism = rig.machine.mechanism
     if mechanism.closing or mechanism.rods:
         return
     for k in sorted({0, len(mechanism.actuators) - 1}):
-        if mechanism.actuators[k].reading_unit != "rad":
-            continue
+        turns = mechanism.actuators[k].reading_unit == "rad"
+        span = float(np.ptp(scene.rows.q[:, k])) or 1.0
 
-        def away(size: float, k: int = k) -> float:
-            return rig.away(rig.stand(_plus(k, size, scene), quick=True).p, scene.p)
+        def against(size: float, k: int = k) -> float:
+            return -bound(rig, rig.stand(_plus(k, size, scene), (), quick=True), (), 1.0)
 
-        found = narrowed(away, np.linspace(-np.pi, np.pi, _GRID, endpoint=False))
-        if abs(found) > LEAST:
+        found = narrowed(against, _turns() if turns else _ways(span))
+        if abs(found) > (LEAST if turns else 0.02 * span):
             yield offset(rig, k, found, searched=True)
+
+
+def _turns() -> Array:
+    return np.linspace(-np.pi, np.pi, _GRID, endpoint=False)
+
+
+def _ways(span: float) -> Array:
+    """Sizes that a slide's zero may be off by, mm: up to four times its way."""
+    return span * np.concatenate([-np.geomspace(4.0, 0.05, 8), [0.0], np.geomspace(0.05, 4.0, 8)])
 
 
 __all__ = ["end_zeros", "exchanged", "mirrored_zeros", "offset", "quarter_turns", "signs", "zeros"]

@@ -27,7 +27,7 @@ _ROUNDS, _TRIED = 12, 3
 
 
 def shifted(rig: Rig, scene: Scene) -> Iterator[Slip]:
-    """Readings that stand up to three rows too early or too late."""
+    """Readings that stand up to three rows too early or too late, or in the opposite order."""
     columns = _columns(rig)
     if len(scene.rows) < 4 + _FURTHEST or scene.rows.from_row is not None:
         return
@@ -42,6 +42,21 @@ def shifted(rig: Rig, scene: Scene) -> Iterator[Slip]:
             partial(_mend_shift, columns, by),
             between=True,
         )
+    if len(scene.rows.files) == 1:
+        last = np.arange(len(scene.rows))[::-1]
+        yield Slip(
+            "rows-shifted",
+            columns,
+            "readings from the last row to the first",
+            f"turn {shortened(columns, 3)} round, against the joints",
+            partial(_reordered, last),
+            partial(_mend_reversed, columns),
+            between=True,
+        )
+
+
+def _mend_reversed(columns: tuple[str, ...], pair: Pair) -> Pair:
+    return pair.each(lambda sheet: _mend_order(columns, np.arange(len(sheet.cells))[::-1], sheet))
 
 
 def _columns(rig: Rig) -> tuple[str, ...]:
@@ -93,7 +108,7 @@ def matched(rig: Rig, scene: Scene) -> Iterator[Slip]:
         tuple(sorted_by),
         f"rows sorted by {shortened(sorted_by, 2)} in some of the columns only",
         "put readings and joints back into one order",
-        lambda scene: _reordered(scene, order),
+        partial(_reordered, order),
         lambda pair: pair.each(lambda sheet: _mend_order(columns, order, sheet)),
         SELDOM,
         between=True,
@@ -129,7 +144,7 @@ def _assigned(rig: Rig, scene: Scene, points: Array) -> NDArray[np.intp] | None:
     for _, start in sorted(ends, key=lambda end: end[0])[:_TRIED]:
         order = start
         for _ in range(_ROUNDS):
-            stand = rig.stand(_reordered(scene, order))
+            stand = rig.stand(_reordered(order, scene))
             if stand.misfit < best:
                 best, chosen = stand.misfit, order
             if stand.bad:
@@ -159,7 +174,7 @@ def _moved(drawn: Array, points: Array) -> Array:
     return np.asarray(drawn @ rotation.T + shift)
 
 
-def _reordered(scene: Scene, order: NDArray[np.intp]) -> Scene:
+def _reordered(order: NDArray[np.intp], scene: Scene) -> Scene:
     return scene.with_columns({n: v[order] for n, v in scene.rows.observations.items()})
 
 

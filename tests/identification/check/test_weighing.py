@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from support.checked_arm import EXACT, Document, checked, document, recorded, rig_of
 from support.examples import examples
+from truepose.identification.check.classes import shares, undone
 from truepose.identification.check.drawing import expected, settle
 from truepose.identification.check.findings import PHYSICS, findings, unexplained
 from truepose.identification.check.kinds.joints import offset, signs
@@ -29,8 +30,6 @@ from truepose.identification.check.weighing import (
     allowed,
     evidence,
     is_near,
-    shares,
-    undone,
     weigh,
 )
 from truepose.identification.prediction.predictor import Predictor

@@ -51,7 +51,7 @@ return {title: document.title,
 def machine(folder: Path) -> Machine:
     document: dict[str, Any] = {
         "schema": "truepose/machine/1",
-        "name": MACHINE,
+        "name": "arm",
         "units": {"length": "mm", "angle": "deg"},
         "gravity": [0, 0, -9.81],
         "mechanism": {
@@ -78,7 +78,7 @@ def machine(folder: Path) -> Machine:
     }
     path = folder / "machine.yaml"
     path.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
-    return truepose.load_machine(path)
+    return replace(truepose.load_machine(path), name=MACHINE)  # files cannot have it
 
 
 def recorded(made: Machine, folder: Path, day: int) -> Path:

@@ -15,6 +15,7 @@ from support.telescope_legs import UNEVEN, leg_rows
 from truepose.models.kinematics import SymbolicModel
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
+from truepose.models.machine_name import nearest_name
 
 Array = NDArray[np.float64]
 HEAD = "schema: truepose/machine/1\nname: {name}\ntolerances: {{length: 0.2, angle: 0.1}}\n"
@@ -57,7 +58,7 @@ MACHINES: Mapping[str, str] = {
 def written(folder: Path, text: str, name: str = "m") -> Machine:
     """The machine of a text, by way of its file."""
     path = folder / f"{name}.yaml"
-    path.write_text(HEAD.format(name=name) + text)
+    path.write_text(HEAD.format(name=nearest_name(name)) + text)
     return load_machine(path)
 
 

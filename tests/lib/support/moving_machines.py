@@ -14,6 +14,7 @@ from support.telescope_legs import UNEVEN, leg_rows
 from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine
 from truepose.models.machine import Machine
+from truepose.models.machine_name import nearest_name
 
 Array = NDArray[np.float64]
 HEAD = "schema: truepose/machine/1\nname: {name}\n"
@@ -90,7 +91,7 @@ def written(folder: Path, text: str, name: str = "m") -> Machine:
     """The machine of a text, by way of its file."""
     path = folder / f"{name}.yaml"
     tolerances = "" if "tolerances:" in text else TOLERANCES
-    path.write_text(HEAD.format(name=name) + tolerances + text)
+    path.write_text(HEAD.format(name=nearest_name(name)) + tolerances + text)
     return load_machine(path)
 
 
