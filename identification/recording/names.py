@@ -35,6 +35,12 @@ def in_known_case(table: Table, known: Iterable[str]) -> Table:
 
 
 _VECTOR, _QUATERNION = ("rx", "ry", "rz"), ("qx", "qy", "qz", "qw")
+_ANGLES = {
+    ("roll", "pitch", "yaw"): "",
+    ("c", "b", "a"): " --columns roll=C,pitch=B,yaw=A",
+    ("w", "p", "r"): " --columns roll=W,pitch=P,yaw=R",
+}
+"""Roll, pitch and yaw as robots call them, and what `truepose import` has to be told of them."""
 
 
 def missing_column(table: Table, name: str, known: Collection[str]) -> InputError:
@@ -47,13 +53,24 @@ def missing_column(table: Table, name: str, known: Collection[str]) -> InputErro
     elif glued is not None:
         unit = glued[len(name) + 1 :]
         hint = f"found {glued!r}: write it '{name} [{unit}]'"
-    elif name.casefold() in _VECTOR and set(_QUATERNION) <= {written.casefold() for written in spare}:
-        hint = "found a quaternion (qx, qy, qz, qw), which `truepose import` writes as rx, ry, rz"
+    elif name.casefold() in _VECTOR and (turned := _rotation_hint({w.casefold() for w in spare})):
+        hint = turned
     elif meant(name, spare):
         hint = meant(name, spare)
     else:
         hint = close_matches(name, table.names)
     return InputError(f"{table.file}: missing column {name!r}; {hint}")
+
+
+def _rotation_hint(spare: Collection[str]) -> str:
+    """Return what to do with a rotation that is there in another form; nothing where there is none."""
+    if spare >= set(_QUATERNION):
+        return "found a quaternion (qx, qy, qz, qw), which `truepose import` writes as rx, ry, rz"
+    for names, asked in _ANGLES.items():
+        if spare >= set(names):
+            told = ", ".join(n.upper() if len(n) == 1 else n for n in names)
+            return f"found {told}: if they are roll, pitch and yaw, `truepose import --rotation rpy{asked}` writes rx, ry, rz"
+    return ""
 
 
 def _glued(written: str, name: str) -> bool:

@@ -50,6 +50,11 @@ def with_rotation_vector(table: Table, form: str = "auto") -> Table:
     )
 
 
+def has_quaternion(table: Table) -> bool:
+    """Return True if a table names the four components of a quaternion."""
+    return all(name in in_known_case(table, _QUATERNION) for name in _QUATERNION)
+
+
 def _of_quaternions(table: Table) -> Array:
     values = np.column_stack([table.readings(name) for name in _QUATERNION])
     with np.errstate(over="ignore"):  # it is then no unit quaternion

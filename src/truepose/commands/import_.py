@@ -167,13 +167,14 @@ class _Asked:
         """The measurements beside the joints, columns renamed by ``names`` (new ones by old ones)."""
         from truepose.identification.recording import importing
         from truepose.identification.recording.table import read_table
-        from truepose.identification.recording.turns import with_rotation_vector
+        from truepose.identification.recording.turns import has_quaternion, with_rotation_vector
 
         form = "table" if self.log is not None and self.form == "auto" else self.form
         table = importing.read_foreign(
             self.file, form, unit=self.unit, topic=self.topic, joints=self.joint, columns=self.columns
         )
-        if self.log is not None or self.rotation != "auto":
+        # roll, pitch and yaw may be joints where nobody says that they are a rotation
+        if self.log is not None or self.rotation != "auto" or has_quaternion(table):
             table = with_rotation_vector(table, self.rotation)
         if self.log is not None:
             log = read_table(self.log)
