@@ -70,7 +70,8 @@ def _advice(rig: Rig, search: Search, members: Sequence[Weighed]) -> Iterator[Fo
     """Yield what the likeliest of a class says, each slip by itself; the others of the class fit as well."""
     best = members[0]
     before, after, unit = shown(search.as_it_stands.stand, best.stand)
-    others = tuple(dict.fromkeys(_words(rig, w) for w in members[1:] if w.near))[:_LEADS]
+    alike = dict.fromkeys(_words(rig, w) for w in members[1:] if w.near)
+    others = tuple(words for words in alike if words != _words(rig, best))[:_LEADS]
     elsewhere = (frame_unknown(rig, frame, best.stand.p) for frame in best.free)
     for slip in (*best.hypothesis.slips, *elsewhere):
         yield Found(
