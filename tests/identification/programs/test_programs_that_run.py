@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from support.program_robots import difference, machine_file
-from support.run_programs import DRAWN, REAL, Controller, Node, programs, stands, written
+from support.run_controller import Controller, stands
+from support.run_programs import DRAWN, REAL, Node, functions, programs, written
 from truepose.identification.programs.correct import Correction, correct
 from truepose.identification.programs.dialects import DIALECTS
 from truepose.models.load import load_machine
@@ -66,6 +67,18 @@ def test_in_branches_and_loops_a_motion_ends_where_it_was_meant_or_is_listed(
     found = correct(machine, DIALECTS[dialect].read(text, machine))
     for taken in (True, False):
         check_law(dialect, text, found, taken)
+
+
+@pytest.mark.parametrize("dialect", DIALECT_NAMES)
+@settings(max_examples=25, deadline=None)
+@given(data=st.data())
+def test_with_a_function_a_motion_ends_where_it_was_meant_or_is_listed(
+    machine: Machine, dialect: str, data: st.DataObject
+) -> None:
+    """Its parameter hides the waypoint of that name; base and tool may be set inside, and before each call."""
+    name, body, main = data.draw(functions(dialect))
+    text = written(dialect, main, (name, body))
+    check_law(dialect, text, correct(machine, DIALECTS[dialect].read(text, machine)), taken=True)
 
 
 @pytest.mark.parametrize("dialect", ["urscript", "kuka"])
