@@ -6,6 +6,8 @@ by an evaluator that shares no code with the product.
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -99,3 +101,43 @@ def test_without_a_correction_the_law_does_not_hold(dialect: str) -> None:
     (moved,) = Controller(dialect, text, True).moved
     assert np.linalg.norm(difference(stands(moved, REAL), moved.pose)[:3]) > 0.5
     assert np.linalg.norm(difference(stands(moved, DRAWN), moved.pose)[:3]) < 1e-6
+
+
+COMPUTED = {
+    "urscript": "movel(pose_add({}, step), a=1.2, v=0.25)",
+    "kuka": "LIN {}:step",
+    "rapid": "MoveL Offs({},step,0,0),v100,fine,t0\\WObj:=wobj0;",
+}
+
+
+@pytest.mark.parametrize("dialect", DIALECT_NAMES)
+@pytest.mark.parametrize("again", [[], [("tool", 1), ("move", ("name", "wa"))]])
+def test_a_computed_point_is_said_to_get_the_correction_that_its_target_has_in_the_text(
+    machine: Machine, dialect: str, again: list[Node]
+) -> None:
+    """A target that motions reach with two tools stays as written, and so does what starts from it."""
+    text = written(dialect, [("move", ("name", "wa")), *again, ("move", ("name", "wb"))])
+    *before, last = text.rstrip().rsplit("\n", 2 if dialect == "rapid" else 1)
+    text = "\n".join([*before[:1], COMPUTED[dialect].format("wa"), *before[1:], last, ""])
+    line = text.splitlines().index(COMPUTED[dialect].format("wa")) + 1
+    found = correct(machine, DIALECTS[dialect].read(text, machine))
+    (why,) = (one.why for one in found.left if one.line == line)
+    pairs = zip(text.splitlines(), found.text.splitlines(), strict=True)
+    is_changed = any(re.match(r"(VAR robtarget )?wa ?:?=", was) and was != now for was, now in pairs)
+    assert is_changed is (not again)
+    assert ("it gets the correction of its target" in why) is is_changed
+    assert ("is not corrected here" in why) is not is_changed
+    assert (found.nearby is None) is not is_changed
+
+
+@pytest.mark.parametrize("dialect", DIALECT_NAMES)
+def test_a_point_computed_from_a_parameter_is_left_to_its_calls(machine: Machine, dialect: str) -> None:
+    main: list[Node] = [("move", ("name", "wa")), ("call", ("name", "wa"))]
+    text = written(dialect, main, ("wa", [("move", ("name", "wa"))]))
+    motion = {"urscript": "movel(wa,", "kuka": "LIN wa", "rapid": "MoveL wa,"}[dialect]
+    lines = text.splitlines()
+    head = next(k for k, line in enumerate(lines) if " go(" in line)
+    assert lines[head + 1].startswith(motion)
+    lines[head + 1] = COMPUTED[dialect].format("wa")
+    found = correct(machine, DIALECTS[dialect].read("\n".join(lines), machine))
+    assert any("comes from a call" in one.why for one in found.left if one.line == head + 2)
