@@ -11,7 +11,6 @@ from truepose.arrays import Array
 from truepose.identification.programs.flow import Flow
 from truepose.identification.programs.forms import RotationVector, numbers_of
 from truepose.identification.programs.program import (
-    NUMBER,
     Left,
     Lines,
     Span,
@@ -22,8 +21,9 @@ from truepose.identification.programs.program import (
     shown,
 )
 from truepose.identification.programs.roles import ARGUMENT, SEVERAL, Going, worked_out
+from truepose.identification.programs.urscript_numbers import CONSTANT, constants_in
 
-_SIX = r"\[\s*" + r"\s*,\s*".join([NUMBER] * 6) + r"\s*\]"
+_SIX = r"\[\s*" + r"\s*,\s*".join([CONSTANT] * 6) + r"\s*\]"
 LITERAL = re.compile(rf"(?:(?P<pose>(?<!\w)p[ \t]*)|(?<![\w\]])){_SIX}")
 _CALL = re.compile(r"\b(?P<what>movej|movel|movep|movec|servoj|servoc|get_inverse_kin)\s*\(")
 SET_TCP = re.compile(r"\bset_tcp\s*\(")
@@ -176,7 +176,7 @@ class Motions:
         if depth > _DEEPEST or (literal and literal["pose"] is None):
             return None
         if literal:
-            values = [n.value for n in numbers_in(piece, literal.end("pose"), len(piece))]
+            values = [n.value for n in constants_in(piece, literal.end("pose"), len(piece))]
             self.features.add(span[0])
             return np.asarray(self.form.poses(np.array([values]))[0])
         if _NAME.fullmatch(piece):
@@ -206,7 +206,7 @@ class Motions:
             known = [self.mask[one.start : one.end].strip() for one in self.flow.reaching(piece, start)]
             literal = LITERAL.fullmatch(piece) or LITERAL.fullmatch(known[-1] if known else "")
             if literal and literal["pose"] is None:
-                return tuple(n.value for n in numbers_in(literal.group(), 0, len(literal.group())))
+                return tuple(n.value for n in constants_in(literal.group(), 0, len(literal.group())))
         return None
 
     def _tools(self) -> dict[int, str]:

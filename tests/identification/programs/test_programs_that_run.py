@@ -141,3 +141,18 @@ def test_a_point_computed_from_a_parameter_is_left_to_its_calls(machine: Machine
     lines[head + 1] = COMPUTED[dialect].format("wa")
     found = correct(machine, DIALECTS[dialect].read("\n".join(lines), machine))
     assert any("comes from a call" in one.why for one in found.left if one.line == head + 2)
+
+
+@pytest.mark.parametrize(
+    "constant", ["d2r({})", "-d2r(-{})", "{} / 180 * 3.14159265358979", "3.14159265358979*{}/180"]
+)
+def test_constants_that_are_worked_out_in_a_literal_are_its_numbers(machine: Machine, constant: str) -> None:
+    degrees = np.degrees([0.35, 0.25, 0.3, 0.4, 0.9, 0.5])
+    plain, worked_out = (
+        f"set_tcp(p[0,0,0.1,{form(9.0)},0,0])\nmovej([{','.join(form(v) for v in degrees)}])\n"
+        for form in (lambda v: f"{np.radians(v):.10f}", lambda v: constant.format(f"{v:.9f}"))
+    )
+    one, other = (correct(machine, DIALECTS["urscript"].read(text, machine)) for text in (plain, worked_out))
+    new, same = (re.findall(r"[-\d.]+", found.text.splitlines()[1]) for found in (one, other))
+    np.testing.assert_allclose(np.array(same, dtype=float), np.array(new, dtype=float), atol=1e-7)
+    assert other.text.splitlines()[0] == worked_out.splitlines()[0]
