@@ -148,10 +148,12 @@ def test_a_point_computed_from_a_parameter_is_left_to_its_calls(machine: Machine
 )
 def test_constants_that_are_worked_out_in_a_literal_are_its_numbers(machine: Machine, constant: str) -> None:
     degrees = np.degrees([0.35, 0.25, 0.3, 0.4, 0.9, 0.5])
-    plain, worked_out = (
-        f"set_tcp(p[0,0,0.1,{form(9.0)},0,0])\nmovej([{','.join(form(v) for v in degrees)}])\n"
-        for form in (lambda v: f"{np.radians(v):.10f}", lambda v: constant.format(f"{v:.9f}"))
-    )
+
+    def script(numbers: list[str]) -> str:
+        return f"set_tcp(p[0,0,0.1,{numbers[0]},0,0])\nmovej([{','.join(numbers)}])\n"
+
+    plain = script([f"{np.radians(v):.10f}" for v in degrees])
+    worked_out = script([constant.format(f"{v:.9f}") for v in degrees])
     one, other = (correct(machine, DIALECTS["urscript"].read(text, machine)) for text in (plain, worked_out))
     new, same = (re.findall(r"[-\d.]+", found.text.splitlines()[1]) for found in (one, other))
     np.testing.assert_allclose(np.array(same, dtype=float), np.array(new, dtype=float), atol=1e-7)
