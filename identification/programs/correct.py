@@ -105,6 +105,8 @@ def correct(
     text = edited(program.text, solved)
     again = _check(robot, read_again(program, text)) if solved else program
     after = run(robot, (program, again), (frames, Frames(again, cell or Cell())), solved)
+    changed = sorted(one.meant.target.numbers[0].start for one in solved if one.meant.target.copies is None)
+    left = [one.settled(changed) for one in left]
     done = [
         Corrected(one.meant.target, one.numbers, one.change, one.before, missed, one.reconfigured)
         for one, missed in zip(solved, after, strict=True)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from truepose.identification.programs.flow import Assignment, Flow, Keywords
 from truepose.identification.programs.program import BASE_ITSELF, NUMBER, Span, parts
 
 _NULL = {"$NULLFRAME", "$WORLD", "$ROBROOT"}
-_SET = re.compile(r"(?i)^[ \t]*\$(BASE|TOOL)\s*=\s*(?P<what>[^\r\n]+?)\s*$")
+_SET = re.compile(r"(?i)^[ \t]*\$(BASE|TOOL)(?P<part>\.\w+)?\s*=\s*(?P<what>[^\r\n]+?)\s*$")
 _BAS = re.compile(r"(?i)^[ \t]*BAS\s*\(\s*#(BASE|TOOL)\s*,\s*(?P<n>\d+)\s*\)")
 _FDAT_ACT = re.compile(r"(?i)^[ \t]*FDAT_ACT\s*=\s*(?P<name>\w+)")
 _IPO = re.compile(r"(?i)^[ \t]*\$IPO_MODE\s*=\s*#(?P<mode>\w+)")
@@ -29,6 +29,9 @@ _BEHIND = re.compile(r"(?:C_\w++\s*+)*+(?:WITH\b.*)?")
 _FIELD = re.compile(rf"(\w+)\s+({NUMBER})\s*(?=,|$)")
 _FDAT = re.compile(r"(?i)\bFDAT\s+(?P<name>\w+)\s*=\s*\{(?P<fields>[^{}]*)\}")
 _STATED = re.compile(r"(?<!\w)(?P<name>\$?\w+(?:\s*\[\s*\d+\s*\])?)\s*=\s*\{(?P<fields>[^{}]*)\}")
+_NUMBERED = re.compile(
+    r"(?im)^[ \t]*(?P<name>(?P<bare>\w+)\s*\[(?P<index>[^\]\r\n]*)\])\s*(?P<part>\.\w+)?\s*=(?!=)(?P<value>[^\r\n]*)"
+)
 _LINE = re.compile(r"[^\r\n]+")
 
 
@@ -74,6 +77,19 @@ def frames(mask: str, file: str) -> dict[str, tuple[float, ...]]:
     return {name: numbers for name, numbers in out.items() if name not in several}
 
 
+def changing(masks: Iterable[str]) -> set[str]:
+    """Return names of numbered frames that texts give several values, or change by component; where the number is none to
+    read, without it."""
+    values: dict[str, set[str]] = {}
+    out: set[str] = set()
+    for m in (m for mask in masks for m in _NUMBERED.finditer(mask)):
+        bare, name = m["bare"].upper(), re.sub(r"\s", "", m["name"]).upper()
+        values.setdefault(name, set()).add(re.sub(r"\s", "", m["value"]).upper())
+        if m["part"] or not m["index"].strip().isdigit() or len(values[name]) > 1:
+            out.add(name if m["index"].strip().isdigit() else bare)
+    return out
+
+
 @dataclass(frozen=True)
 class Motion:
     """What a motion goes to at ``start``: a product of ``factors`` (spans), the last of them its target.
@@ -93,7 +109,7 @@ def motions(mask: str, taught: Mapping[str, Stand], file: str) -> Iterator[Motio
     """Yield the motions of a text; ``taught`` are the frames of taught points (``fdats``)."""
     settings = list(_settings(mask, taught, file))
     made = {(one.which, one.place): one for one in settings}
-    flow = Flow.of(mask, WORDS, [Assignment(one.which, one.place, one.place) for one in settings])
+    flow = Flow.of(mask, WORDS, [Assignment(f"${one.which}", one.place, one.place) for one in settings])
     for line in _LINE.finditer(mask):
         text = line.group()
         motion = _MOTION.match(text)
@@ -117,13 +133,17 @@ def stated(text: str) -> tuple[float, ...] | None:
 
 @dataclass(frozen=True)
 class _Setting:
-    """A base, a tool, or that the tool is fixed, put in force by ``text``; ``at`` is where a name of the program's own is."""
+    """A base, a tool, or that the tool is fixed, put in force by ``text``; ``at`` is where a name of the program's own is.
+
+    ``partly``: only a component of what is in force is changed.
+    """
 
     which: str
     place: int
     value: str | None
     text: str
     at: int | None = None
+    partly: bool = False
 
 
 def _settings(mask: str, taught: Mapping[str, Stand], file: str) -> Iterator[_Setting]:
@@ -136,9 +156,8 @@ def _settings(mask: str, taught: Mapping[str, Stand], file: str) -> Iterator[_Se
             which = setting[1].upper()
             own = f"${which}@{file}{place + setting.end(1)}"
             name = BASE_ITSELF if what in _NULL else own if what.startswith("{") else what
-            yield _Setting(
-                which, place, name, what, place + setting.start("what") if _FACTOR.fullmatch(what) else None
-            )
+            at = place + setting.start("what") if _FACTOR.fullmatch(what) else None
+            yield _Setting(which, place, name, what, at, setting["part"] is not None)
         elif bas is not None:
             numbered = _numbered(bas[1].upper(), bas["n"])
             yield _Setting(bas[1].upper(), place, numbered, str(numbered))
@@ -157,13 +176,13 @@ def _stand(flow: Flow, made: Mapping[tuple[str, int], _Setting], place: int) -> 
     last: dict[str, _Setting | None] = {}
     sure = True
     for which in ("BASE", "TOOL", "FIXED"):
-        found = [made[which, one.start] if one else None for one in flow.in_force(which, place)]
+        found = [made[which, one.start] if one else None for one in flow.in_force(f"${which}", place)]
         last[which] = found[-1]
         alike = len({one.text if one else None for one in found}) == 1
-        named = any(
-            one is not None and one.at is not None for one in found
-        )  # whose value may be another at each
-        sure = sure and alike and (len(found) == 1 or not named)
+        # a name may have another value at each
+        named = any(one is not None and one.at is not None for one in found)
+        partly = any(one is not None and one.partly for one in found)
+        sure = sure and alike and (len(found) == 1 or not named) and not partly
     base, tool, fixed = last["BASE"], last["TOOL"], last["FIXED"]
     stand = Stand(
         base.value if base else None, tool.value if tool else None, bool(fixed and fixed.value),

@@ -11,9 +11,9 @@ import numpy as np
 from truepose.arrays import Array
 from truepose.identification.programs.flow import Assignment, Flow
 from truepose.identification.programs.forms import Euler, numbers_of
-from truepose.identification.programs.krl_frames import WORDS, Motion, Stand, motions, stated
+from truepose.identification.programs.krl_frames import WORDS, Motion, Stand, changing, motions, stated
 from truepose.identification.programs.program import Left, Lines, Span, Target, numbers_in, shown
-from truepose.identification.programs.roles import SEVERAL, Going, worked_out
+from truepose.identification.programs.roles import ARGUMENT, SEVERAL, Going, worked_out
 
 FIXED = "#TCP"
 """Name of the tool of motions whose tool stands in the cell."""
@@ -21,7 +21,10 @@ _ASSIGNED = re.compile(
     r"(?im)^[ \t]*(?:(?:GLOBAL|DECL|CONST)[ \t]+)*(?:\w+[ \t]+)?(?P<name>[A-Za-z_]\w*)[ \t]*(?P<index>\[[^\]\r\n]*\])?"
     r"(?P<part>(?:\.\w+)*)[ \t]*=(?!=)[ \t]*(?P<value>[^\r\n]*)"
 )
+_LITERAL = re.compile(r"\{[^{}]*\}")
 _NAME = re.compile(r"[A-Za-z_]\w*")
+_SEVERAL = "@"
+"""Name of a base or tool that may have several values."""
 _UNKNOWN = "its value is worked out while the program runs"
 _UNSURE = "its base or its tool may have several values there"
 Key = tuple[bool, int]
@@ -46,11 +49,13 @@ class Motions:
     worked_out: list[Target] = field(default_factory=list)
     left: list[Left] = field(default_factory=list)
     _flows: list[Flow] = field(default_factory=list)
+    _changing: set[str] = field(default_factory=set)
     _parts: list[Key] = field(default_factory=list)
     """Literals that the expression in hand is made of."""
 
     def follow(self) -> None:
         """Look at every motion of both texts."""
+        self._changing = changing(self.masks)
         given = [list(_assignments(mask)) for mask in self.masks]
         for k, mask in enumerate(self.masks):
             beside = [replace(one, file="beside") for one in given[1 - k]]
@@ -62,17 +67,19 @@ class Motions:
     def _take(self, other: bool, motion: Motion) -> None:
         *frames, leaf = motion.factors
         stand = motion.stand
-        if not motion.sure:
+        if not frames:
+            stand = self.taught.get(_named(self.masks[other], leaf)[0].upper(), stand)
+        base, tool = (
+            self._in_force(other, stand.base, stand.base_at),
+            self._in_force(other, stand.tool, stand.tool_at),
+        )
+        if not motion.sure or _SEVERAL in (base, tool):
             self._keep(other, leaf)
             if not other:
                 self.left.append(
                     Left(self.lines.of(motion.start), shown(self.masks[0][slice(*leaf)]), _UNSURE)
                 )
             return
-        base, tool = (
-            self._in_force(other, stand.base, stand.base_at),
-            self._in_force(other, stand.tool, stand.tool_at),
-        )
         tool = FIXED if stand.fixed else tool
         self._parts.clear()
         names = [self._frame(other, span) for span in frames]
@@ -89,6 +96,10 @@ class Motions:
             self.features.update(self._parts)
             self.followed |= set() if other else {motion.start}
 
+    def origins(self, product: Span) -> tuple[Span, ...]:
+        """Return the literals that the first factor of an own product may be."""
+        return self._flows[0].origins(self.masks[0], factors(self.masks[0], *product)[0], _LITERAL)
+
     def _keep(self, other: bool, span: Span) -> None:
         """Leave what a motion goes to as it is."""
         if self.masks[other].startswith("{", span[0]):
@@ -98,27 +109,30 @@ class Motions:
             self.features.add((other != bool(one.file), one.start))
 
     def _in_force(self, other: bool, name: str | None, at: int | None) -> str | None:
-        """The name of a base or tool, with its place where the program gives it several values."""
-        if name is None or at is None:
+        """The name of a base or tool, with its place where the program gives it several values, of which one holds."""
+        if name is None:
+            return None
+        if {name, name.partition("[")[0]} & self._changing:
+            return _SEVERAL
+        if at is None:
             return name
         self._parts.clear()
         pose = self._pose(other, (at, at + len(name)))
         self.features.update(self._parts)
-        if len(self._flows[other].assigned(name)) <= 1:
+        assigned = self._flows[other].assigned(name, at)
+        if len(assigned) <= 1 and all(one.is_whole for one in assigned):
             return name
+        if pose is None:
+            return _SEVERAL
         own = f"{name}@{'beside:' if other else ''}{at}"
-        if pose is not None:
-            self.frames[own] = numbers_of(Euler(), pose)
+        self.frames[own] = numbers_of(Euler(), pose)
         return own
 
     def _take_name(self, other: bool, span: Span, going: Going) -> bool:
         """What a motion goes to that names a variable; return False where nothing is known of it."""
         name, whole = _named(self.masks[other], span)
         reaching = self._flows[other].reaching(name, span[0])
-        if name.upper() in self.taught and not going.within:
-            stand = self.taught[name.upper()]
-            going = replace(going, base=stand.base, tool=FIXED if stand.fixed else stand.tool)
-        going = replace(going, name=span, sure=len(reaching) == 1 and not reaching[0].partly and whole)
+        going = replace(going, name=span, sure=len(reaching) == 1 and reaching[0].is_whole and whole)
         for one in reaching:
             key = (other != bool(one.file), one.start)
             mask = self.masks[key[0]]
@@ -126,6 +140,8 @@ class Motions:
                 self.goings.setdefault(key, []).append(going)
             elif other or one.partly:
                 continue
+            elif one.parameter:
+                self.left.append(Left(self.lines.of(going.place), name, ARGUMENT))
             elif (pose := self._pose(other, span)) is not None:
                 self._work_out(name, pose, going)
             else:
@@ -175,7 +191,7 @@ class Motions:
         if depth > 20 or not whole:
             return None
         poses = [self._pose(other != bool(one.file), (one.start, one.end), depth + 1) for one in reaching]
-        return poses[0] if len(reaching) == 1 and not reaching[0].partly else None
+        return poses[0] if len(reaching) == 1 and reaching[0].is_whole else None
 
 
 def factors(mask: str, start: int, end: int) -> list[Span]:

@@ -75,7 +75,7 @@ class Kuka:
         count = len(machine.mechanism.readings) if machine else len(_JOINTS)
         for text_of, is_beside in ((mask, False), (other, True)):
             _Reader(text_of, is_beside, lines, found, went, taught, types, count).take()
-        self._computed(mask, lines, found, went.followed)
+        self._computed(mask, lines, found, went)
         targets, left = [*found.targets, *went.worked_out], [*found.left, *went.left]
         return Program(
             text, tuple(targets), in_order(left), Euler(), {"rad": "deg", "mm": "mm"},
@@ -83,7 +83,7 @@ class Kuka:
             again=functools.partial(self.read, machine=machine, beside=beside),
         )  # fmt: skip
 
-    def _computed(self, mask: str, lines: Lines, found: _Found, followed: set[int]) -> None:
+    def _computed(self, mask: str, lines: Lines, found: _Found, went: Motions) -> None:
         """Motions to what the program works out while it runs."""
         motion = re.compile(r"(?im)^[ \t]*((?:S?PTP|S?LIN|S?CIRC|SPL)\b[^\r\n]*)")
         for m in motion.finditer(mask):
@@ -93,9 +93,10 @@ class Kuka:
                 for p in parts(mask, m.start(1) + len(what.split()[0]), m.end(1))
                 if ":" in outside(mask[slice(*p)])
             ]
-            if products and not any(p[0] <= place < p[1] for p in products for place in followed):
-                why = "worked out by `:` while the program runs: it gets the correction of its first point"
-                found.left.append(Left(lines.of(m.start(1)), shown(what), why, computed=True))
+            if products and not any(p[0] <= place < p[1] for p in products for place in went.followed):
+                origins = went.origins(products[0])
+                why = "worked out by `:` while the program runs"
+                found.left.append(Left(lines.of(m.start(1)), shown(what), why, True, origins))
             elif re.match(r"(?i)\w+\s+[A-Z_]\w*\s*\(", what):
                 found.left.append(
                     Left(

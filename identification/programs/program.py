@@ -9,7 +9,7 @@ import bisect
 import functools
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, Protocol
 
 from truepose.bounded import MIB
@@ -28,6 +28,9 @@ LARGEST = 1e9
 """mm, deg: a coordinate beyond is none."""
 BASE_ITSELF = ""
 """Name of the frame that is the robot's base itself; as a tool's name, of the flange."""
+
+ELSEWHERE: Span = (-1, -1)
+"""Span of an origin that is not in the text: an argument of a call, or in the file beside."""
 
 
 @dataclass(frozen=True)
@@ -82,17 +85,39 @@ class Target:
     copies: Copies | None = None
 
 
+_ALL = "it gets the correction of its target"
+_SOME = "of the poses that it starts from only some are corrected"
+_ELSEWHERE = (
+    "its target comes from a call or from the file beside, and it gets the correction that this has there"
+)
+_NONE = "what it starts from is not corrected here, so neither is it"
+
+
 @dataclass(frozen=True)
 class Left:
     """What is not corrected, or not as it would have to be: its line, what stands there, and why.
 
     ``computed``: the program works a point out from a target while it runs, and the point gets that target's correction.
+    ``origins`` are the literals that the point is worked out of: it gets their correction where they have one.
     """
 
     line: int
     what: str
     why: str
     computed: bool = False
+    origins: tuple[Span, ...] | None = None
+
+    def settled(self, corrected: Sequence[int]) -> Left:
+        """Return it with what becomes of its origins, where numbers at these places (in order) are corrected."""
+        if self.origins is None:
+            return self
+        done = [
+            bisect.bisect_left(corrected, start) < bisect.bisect_left(corrected, end)
+            for start, end in self.origins
+        ]
+        away = ELSEWHERE in self.origins
+        how = _ELSEWHERE if away else _ALL if done and all(done) else _SOME if any(done) else _NONE
+        return replace(self, why=f"{self.why}: {how}", computed=away or any(done), origins=None)
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from truepose.identification.programs.configurations import Quadrants
 from truepose.identification.programs.flow import Assignment, Flow, Keywords
 from truepose.identification.programs.forms import Quaternion
+from truepose.identification.programs.frames import shown_name
 from truepose.identification.programs.program import (
     BASE_ITSELF,
     Kind,
@@ -22,15 +23,25 @@ from truepose.identification.programs.program import (
     Number,
     Program,
     Target,
+    closing,
     in_order,
     masked,
     numbers_in,
+    parts,
     shown,
 )
 from truepose.identification.programs.rapid_frames import Cell, Move, Moves, cell_of, moves
 from truepose.identification.programs.rapid_offsets import Offset, offset_of
-from truepose.identification.programs.rapid_statements import Statement, literals, statements
-from truepose.identification.programs.roles import Going, Way, targets_of, unsure, ways_to, worked_out
+from truepose.identification.programs.rapid_statements import ROBTARGET, Statement, literals, statements
+from truepose.identification.programs.roles import (
+    ARGUMENT,
+    Going,
+    Way,
+    targets_of,
+    unsure,
+    ways_to,
+    worked_out,
+)
 from truepose.models.machine import Machine
 
 _COMMENT = r"![^\r\n]*"
@@ -47,6 +58,7 @@ _WORDS = Keywords(
     turn=r"(?:ELSEIF|ELSE|CASE|DEFAULT)\b",
     close=r"END(?:PROC|FUNC|TRAP|WHILE|FOR|IF|TEST)\b",
     jump=r"GOTO\b",
+    parameter=r"(?P<name>\w+)\s*(?:\{[^{}]*\}\s*)?$",
 )
 
 
@@ -57,7 +69,9 @@ class Rapid:
 
     def read(self, text: str, machine: Machine, beside: str | None = None) -> Program:
         mask, axes = masked(text, _COMMENT, _QUOTE), len(machine.mechanism.readings) if machine else 6
-        reader = _Reader(mask, Lines(text), cell_of(text, mask), moves(mask), list(statements(mask)), axes)
+        said = list(statements(mask))
+        flow = Flow.of(mask, _WORDS, _assignments(said))
+        reader = _Reader(mask, Lines(text), cell_of(text, mask), moves(mask), said, flow, axes)
         reader.take()
         return Program(
             text, tuple(reader.targets), in_order(reader.left), Quaternion(), {"rad": "deg", "mm": "mm"},
@@ -74,23 +88,16 @@ class _Reader:
     cell: Cell
     moved: Moves
     statements: list[Statement]
+    flow: Flow
     count: int
     targets: list[Target] = field(default_factory=list)
     left: list[Left] = field(default_factory=list)
 
     def take(self) -> None:
         """Collect targets, and what is left."""
-        named = [s for s in self.statements if s.name is not None]
-        given = [
-            Assignment(
-                s.name or "", s.start, s.end, partly=s.partly or s.maybe or (s.array and s.declared is None)
-            )
-            for s in named
-        ]
-        flow = Flow.of(self.mask, _WORDS, given)
-        changed = {name: _WRITES for name in self.cell.frames if flow.assigned(name)}
+        changed = {name: _WRITES for name in self.cell.frames if self.flow.assigned(name, 0)}
         self.cell = Cell(self.cell.frames, {**self.cell.moved, **changed})
-        goings = self._goings(flow, {s.start: s for s in named})
+        goings = self._goings({s.start: s for s in self.statements})
         whole: dict[int, re.Match[str]] = {}
         unread: list[Statement] = []
         for statement in self.statements:
@@ -99,7 +106,7 @@ class _Reader:
                 unread.append(statement)
             for m, is_pose in found:
                 if statement.name is None:
-                    going = [_going(move, m.start()) for move in self.moved.of_place(m.start())]
+                    going = [self._going(move, m.start()) for move in self.moved.of_place(m.start())]
                     self._literal(m, is_pose, "literal", going)
                 else:
                     self._literal(
@@ -107,27 +114,28 @@ class _Reader:
                     )
             if len(found) == 1 and not statement.array and found[0][1]:
                 whole[statement.start] = found[0][0]
-        followed = self._offsets(flow, whole)
-        self.left[:0] = _computed(self.mask, self.lines, self.statements, followed)
+        followed = self._offsets(whole)
+        self.left[:0] = self._computed(followed)
         for statement in unread:
             if statement.value[0] not in followed:
                 why = "its value is no list of plain numbers"
                 self._leave(statement.start, self.mask[statement.start : statement.end], why)
 
-    def _goings(self, flow: Flow, named: Mapping[int, Statement]) -> dict[int, list[Going]]:
+    def _goings(self, named: Mapping[int, Statement]) -> dict[int, list[Going]]:
         """Motions by the start of the statement that gives their target its value."""
         out: dict[int, list[Going]] = {}
         for name, several in self.moved.names.items():
             for move in several:
-                reaching = flow.reaching(name, move.span[0])
-                whole = [one for one in reaching if not named[one.start].partly]
-                if not reaching and move.sure:
-                    self._leave(move.span[0], self.mask[slice(*move.span)], "its value is not in this text")
-                sure = len(reaching) == 1 and move.one and not named[reaching[0].start].array
-                for one in whole:
-                    out.setdefault(one.start, []).append(
-                        replace(_going(move, move.span[0]), name=move.span, sure=sure)
-                    )
+                reaching = self.flow.reaching(name, move.span[0])
+                given = [named[one.start] for one in reaching if not one.parameter]
+                if len(given) < max(len(reaching), 1) and move.sure:
+                    why = ARGUMENT if reaching else "its value is not in this text"
+                    self._leave(move.span[0], self.mask[slice(*move.span)], why)
+                sure = len(reaching) == 1 and move.one and not any(one.array for one in given)
+                going = replace(self._going(move, move.span[0]), name=move.span, sure=sure)
+                for one in given:
+                    if not one.partly:
+                        out.setdefault(one.start, []).append(going)
         return out
 
     def _literal(self, m: re.Match[str], is_pose: bool, name: str, goings: list[Going]) -> None:
@@ -159,22 +167,25 @@ class _Reader:
 
     def _held(self, going: Going | Target) -> str | None:
         """Why nobody knows where the frames of a motion are."""
-        names = [name for name in (going.base, going.tool) if name in self.cell.moved]
-        return f"{names[0]}: {self.cell.moved[names[0]]}" if names and names[0] else None
+        for name in (going.base, going.tool):
+            why = ARGUMENT if "@" in (name or "") else self.cell.moved.get(name or "")
+            if name and why is not None:
+                return f"{shown_name(name)}: {why}"
+        return None
 
-    def _offsets(self, flow: Flow, whole: Mapping[int, re.Match[str]]) -> set[int]:
+    def _offsets(self, whole: Mapping[int, re.Match[str]]) -> set[int]:
         """Take targets that are worked out of constants; return where."""
         values = {s.start: s.value for s in self.statements}
         said = [(move, move.span) for move in self.moved.others]
         for name, several in self.moved.names.items():
             for move in several:
-                reaching = flow.reaching(name, move.span[0])
-                if len(reaching) == 1 and move.one and reaching[0].start not in whole:
+                reaching = self.flow.reaching(name, move.span[0])
+                if len(reaching) == 1 and move.one and reaching[0].start in values.keys() - whole.keys():
                     said.append((move, values[reaching[0].start]))
         followed: set[int] = set()
         for move, span in said:
             offset = offset_of(self.mask, span)
-            reaching = flow.reaching(offset.name, span[0]) if offset else ()
+            reaching = self.flow.reaching(offset.name, span[0]) if offset else ()
             m = whole.get(reaching[0].start) if len(reaching) == 1 else None
             if offset is not None and m is not None and self._offset(offset, m, move):
                 followed.add(span[0])
@@ -182,7 +193,7 @@ class _Reader:
 
     def _offset(self, offset: Offset, m: re.Match[str], move: Move) -> bool:
         """Take the target that a motion works out of a literal; return False where it cannot be corrected."""
-        going, numbers = _going(move, move.span[0]), numbers_in(self.mask, *m.span())
+        going, numbers = self._going(move, move.span[0]), numbers_in(self.mask, *m.span())
         if self._held(going) is not None or _odd(True, numbers[:7], numbers[11:]) is not None:
             return False
         literal = offset.literal(m.group(), numbers_in(m.group(), 0, len(m.group())))
@@ -191,12 +202,40 @@ class _Reader:
         self.targets += worked_out(going, move.span, bare, literal, self.lines)
         return True
 
+    def _going(self, move: Move, place: int) -> Going:
+        base, tool = (
+            None if name is None else BASE_ITSELF if name == null else self.flow.scoped(name, place)
+            for name, null in ((move.wobj, "wobj0"), (move.tool, "tool0"))
+        )
+        return Going(base, (), tool, place, loose=not move.checked)
+
+    def _computed(self, followed: set[int]) -> Iterator[Left]:
+        """Yield places where targets are worked out while the program runs."""
+        for m in _OFFSET.finditer(self.mask):
+            if m.start() in followed:
+                continue
+            end, first = (
+                self.mask.find(";", m.end()),
+                parts(self.mask, m.end(), closing(self.mask, m.end() - 1) or m.end())[0],
+            )
+            text = shown(self.mask[m.start() : end if end >= 0 else m.end() + 40])
+            origins = self.flow.origins(self.mask, first, ROBTARGET)
+            yield Left(self.lines.of(m.start()), text, "worked out while the program runs", True, origins)
+        for one in self.statements:
+            if one.partly:
+                why = "the program changes a target while it runs; what it writes is not corrected"
+                what = shown(self.mask[one.start : one.end].rstrip("; "))
+                yield Left(self.lines.of(one.start), what, why, computed=True)
+
     def _leave(self, place: int, what: str, why: str) -> None:
         self.left.append(Left(self.lines.of(place + len(what) - len(what.lstrip())), shown(what), why))
 
 
-def _going(move: Move, place: int) -> Going:
-    return Going(_named(move.wobj, "wobj0"), (), _named(move.tool, "tool0"), place, loose=not move.checked)
+def _assignments(said: Iterable[Statement]) -> Iterator[Assignment]:
+    for one in said:
+        if one.name is not None:
+            partly = one.partly or one.maybe or (one.array and one.declared is None)
+            yield Assignment(one.name, one.start, one.end, partly=partly)
 
 
 def _odd(is_pose: bool, own: list[Number], external: list[Number]) -> str | None:
@@ -207,22 +246,3 @@ def _odd(is_pose: bool, own: list[Number], external: list[Number]) -> str | None
     # a power that overflows is an error, a product is infinite
     norm = sum(n.value * n.value for n in own[3:])
     return f"its quaternion's square is {norm:.4g}, not 1" if is_pose and abs(norm - 1.0) > 0.01 else None
-
-
-def _named(name: str | None, null: str) -> str | None:
-    return BASE_ITSELF if name == null else name
-
-
-def _computed(mask: str, lines: Lines, statements: Iterable[Statement], followed: set[int]) -> Iterator[Left]:
-    """Places where targets are worked out while the program runs."""
-    for m in _OFFSET.finditer(mask):
-        if m.start() in followed:
-            continue
-        end = mask.find(";", m.end())
-        text = shown(mask[m.start() : end if end >= 0 else m.end() + 40])
-        why = "worked out while the program runs: it gets the correction of its target"
-        yield Left(lines.of(m.start()), text, why, computed=True)
-    for one in statements:
-        if one.partly:
-            why = "the program changes a target while it runs; what it writes is not corrected"
-            yield Left(lines.of(one.start), shown(mask[one.start : one.end].rstrip("; ")), why, computed=True)

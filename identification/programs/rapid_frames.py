@@ -94,12 +94,13 @@ def moves(mask: str) -> Moves:
             kind not in unchecked,
         )
         spans.append((start, end, move))
+        about = 1 if re.match(r"(?i)(?:Move|Trigg)C", m["how"]) else 0  # an arc has two places
         for k, (a, b) in enumerate(positional[:-1]):
             bare = re.sub(r"\\\s*\w+(?:\s*:=\s*\w+)?", "", mask[a:b])
             name = _NAME.fullmatch(bare)
             at = a + len(mask[a:b]) - len(mask[a:b].lstrip())
             if name is not None:
-                to = replace(move, span=(at, at + len(name["name"])), one="{" not in bare, sure=k == 0)
+                to = replace(move, span=(at, at + len(name["name"])), one="{" not in bare, sure=k <= about)
                 names.setdefault(name["name"].lower(), []).append(to)
             elif mask[at : at + 1].isalpha():
                 others.append(replace(move, span=(at, a + len(mask[a:b].rstrip()))))

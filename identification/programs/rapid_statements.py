@@ -17,7 +17,7 @@ def _lists(*counts: int) -> str:
     return r"\[\s*" + r"\s*,\s*".join(_list(n) for n in counts) + r"\s*\]"
 
 
-_ROBTARGET, _JOINTTARGET = re.compile(_lists(3, 4, 4, 6)), re.compile(_lists(6, 6))
+ROBTARGET, _JOINTTARGET = re.compile(_lists(3, 4, 4, 6)), re.compile(_lists(6, 6))
 _STATEMENT = re.compile(r"[^;]*;?")
 _DECLARED = re.compile(
     r"(?i)\b(?:CONST|PERS|VAR)\s+(?P<type>robtarget|jointtarget)\s+(?P<name>\w+)\s*(?P<array>\{[^{}]*\})?\s*:=\s*"
@@ -67,6 +67,6 @@ def statements(mask: str) -> Iterator[Statement]:
 
 def literals(mask: str, statement: Statement) -> Iterator[tuple[re.Match[str], bool]]:
     """Yield the literals of a statement, and whether each is a pose."""
-    for pattern in (_ROBTARGET, _JOINTTARGET):
+    for pattern in (ROBTARGET, _JOINTTARGET):
         for m in pattern.finditer(mask, statement.start, statement.end):
-            yield m, pattern is _ROBTARGET
+            yield m, pattern is ROBTARGET

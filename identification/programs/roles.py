@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 from truepose.identification.programs.program import Copies, Left, Lines, Span, Target
 
+ARGUMENT = "calls of its function give it its value"
 SEVERAL = "motions go to it in several ways, and what they name may have several values there"
 
 

@@ -21,11 +21,11 @@ from truepose.identification.programs.program import (
     Target,
     in_order,
     masked,
-    numbers_in,
     shown,
 )
 from truepose.identification.programs.roles import targets_of, unsure, ways_to
 from truepose.identification.programs.urscript_motions import IN_FORCE, LITERAL, SET_TCP, Motions
+from truepose.identification.programs.urscript_numbers import constants_in
 from truepose.models.machine import Machine
 
 _COMMENT, _QUOTE = r"#[^\r\n]*", r"\"[^\"\r\n]*\"|'[^'\r\n]*'"
@@ -78,7 +78,7 @@ class UrScript:
 def _bare(mask: str, m: re.Match[str], name: str) -> Target:
     """Return what a literal says of a target by itself."""
     kind: Kind = "joints" if m["pose"] is None else "pose"
-    return Target(0, name, kind, tuple(numbers_in(mask, max(m.start(), m.end("pose")), m.end())))
+    return Target(0, name, kind, tuple(constants_in(mask, max(m.start(), m.end("pose")), m.end())))
 
 
 def _assignments(mask: str) -> Iterator[Assignment]:

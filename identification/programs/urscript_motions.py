@@ -11,7 +11,6 @@ from truepose.arrays import Array
 from truepose.identification.programs.flow import Flow
 from truepose.identification.programs.forms import RotationVector, numbers_of
 from truepose.identification.programs.program import (
-    NUMBER,
     Left,
     Lines,
     Span,
@@ -21,9 +20,10 @@ from truepose.identification.programs.program import (
     parts,
     shown,
 )
-from truepose.identification.programs.roles import SEVERAL, Going, worked_out
+from truepose.identification.programs.roles import ARGUMENT, SEVERAL, Going, worked_out
+from truepose.identification.programs.urscript_numbers import CONSTANT, constants_in
 
-_SIX = r"\[\s*" + r"\s*,\s*".join([NUMBER] * 6) + r"\s*\]"
+_SIX = r"\[\s*" + r"\s*,\s*".join([CONSTANT] * 6) + r"\s*\]"
 LITERAL = re.compile(rf"(?:(?P<pose>(?<!\w)p[ \t]*)|(?<![\w\]])){_SIX}")
 _CALL = re.compile(r"\b(?P<what>movej|movel|movep|movec|servoj|servoc|get_inverse_kin)\s*\(")
 SET_TCP = re.compile(r"\bset_tcp\s*\(")
@@ -32,6 +32,8 @@ IN_FORCE = "set_tcp()"
 _TRANS = re.compile(r"\s*pose_trans\s*\(")
 _NAME = re.compile(r"[A-Za-z_]\w*")
 _PLACES = {"movec": 2}
+_UNSURE = "@"
+"""Name of a tool that may have several values."""
 _COMPUTED = "worked out while the program runs"
 _DEEPEST = 50
 """Poses in poses, and names of names, that are followed."""
@@ -67,7 +69,8 @@ class Motions:
                 tools.get(one.start) if one else None for one in self.flow.in_force(IN_FORCE, call.start())
             ]
             going = Going(None, (), held[-1], call.start(), near=near)
-            unsure = len({self.frames.get(name, name) if name else None for name in held}) > 1
+            several = {self.frames.get(name, name) if name else None for name in held}
+            unsure = len(several) > 1 or _UNSURE in several
             for argument in arguments[: _PLACES.get(call["what"], 1)]:
                 span = self._bare(argument)
                 if unsure and not self.mask.startswith("get_inverse_kin", span[0]):
@@ -98,8 +101,9 @@ class Motions:
             self._take(inside[1], replace(going, base=going.base or feature, within=inner), what)
         else:
             within = going.base is not None  # what it is in stays, and is no target that is corrected
+            origins = None if within else self.flow.origins(self.mask, span, LITERAL)
             self.left.append(
-                Left(self.lines.of(span[0]), shown(f"{what}({piece}"), _COMPUTED, computed=not within)
+                Left(self.lines.of(span[0]), shown(f"{what}({piece}"), _COMPUTED, not within, origins)
             )
 
     def _take_name(self, span: Span, going: Going, what: str) -> None:
@@ -111,6 +115,9 @@ class Motions:
             value = self._bare((one.start, one.end))
             text = self.mask[slice(*value)]
             if one.partly or text.startswith("get_inverse_kin"):
+                continue
+            if one.parameter:
+                self._leave(going, f"{what}({name}", ARGUMENT)
                 continue
             if LITERAL.fullmatch(text):
                 self.goings.setdefault(value[0], []).append(going)
@@ -134,18 +141,32 @@ class Motions:
     def _leave(self, going: Going, what: str, why: str) -> None:
         self.left.append(Left(self.lines.of(going.place), shown(what), why))
 
-    def _frame(self, span: Span) -> str | None:
-        """The name of a feature or tool, its numbers known where the text has them; None where they may be several."""
+    def _frame(self, span: Span, called: str = "") -> str | None:
+        """The name of a feature or tool, its numbers known where the text has them; None where they may be several.
+
+        An expression is ``called`` this.
+        """
         piece = self.mask[slice(*span)]
         named = _NAME.fullmatch(piece) is not None
         reaching = self.flow.reaching(piece, span[0]) if named else ()
         pose = self._pose(span)
         if pose is None:
-            return None if len(reaching) > 1 else shown(piece)
-        alone = named and len(self.flow.assigned(piece)) == 1
-        name = piece if alone else f"{shown(piece)}@{reaching[0].start if reaching else span[0]}"
+            return None if self._is_unsure(span) else shown(piece)
+        alone = named and len(self.flow.assigned(piece, span[0])) == 1
+        bare = shown(piece) if named else called or shown(piece)
+        name = piece if alone else f"{bare}@{reaching[0].start if reaching else span[0]}"
         self.frames[name] = numbers_of(self.form, pose)
         return name
+
+    def _is_unsure(self, span: Span, depth: int = 0) -> bool:
+        """Return True if the text gives a name in an expression several values, or others than it shows."""
+        for m in _NAME.finditer(self.mask, *span):
+            reaching = self.flow.reaching(m.group(), m.start())
+            if len(reaching) > 1 or not all(one.is_whole for one in reaching) or depth > _DEEPEST:
+                return True
+            if any(self._is_unsure((one.start, one.end), depth + 1) for one in reaching):
+                return True
+        return False
 
     def _pose(self, span: Span, depth: int = 0) -> Array | None:
         """The pose (4, 4), mm, of an expression of constants. What it is made of has to stay as it is."""
@@ -155,12 +176,12 @@ class Motions:
         if depth > _DEEPEST or (literal and literal["pose"] is None):
             return None
         if literal:
-            values = [n.value for n in numbers_in(piece, literal.end("pose"), len(piece))]
+            values = [n.value for n in constants_in(piece, literal.end("pose"), len(piece))]
             self.features.add(span[0])
             return np.asarray(self.form.poses(np.array([values]))[0])
         if _NAME.fullmatch(piece):
             reaching = self.flow.reaching(piece, span[0])
-            poses = [self._pose((one.start, one.end), depth + 1) for one in reaching if not one.partly]
+            poses = [self._pose((one.start, one.end), depth + 1) for one in reaching if one.is_whole]
             return poses[0] if len(reaching) == len(poses) == 1 else None
         inside = self._factors(span)
         factors = [self._pose(one, depth + 1) for one in inside or ()]
@@ -185,7 +206,7 @@ class Motions:
             known = [self.mask[one.start : one.end].strip() for one in self.flow.reaching(piece, start)]
             literal = LITERAL.fullmatch(piece) or LITERAL.fullmatch(known[-1] if known else "")
             if literal and literal["pose"] is None:
-                return tuple(n.value for n in numbers_in(literal.group(), 0, len(literal.group())))
+                return tuple(n.value for n in constants_in(literal.group(), 0, len(literal.group())))
         return None
 
     def _tools(self) -> dict[int, str]:
@@ -196,13 +217,7 @@ class Motions:
             if end is None:
                 continue
             span = self._bare(parts(self.mask, m.end(), end)[0])
-            if _NAME.fullmatch(self.mask[slice(*span)]):
-                out[m.start()] = self._frame(span) or f"{self.mask[slice(*span)]}@{m.start()}"
-                continue
-            pose = self._pose(span)
-            out[m.start()] = name = shown(self.mask[slice(*span)]) if pose is None else f"set_tcp@{m.start()}"
-            if pose is not None:
-                self.frames[name] = numbers_of(self.form, pose)
+            out[m.start()] = self._frame(span, "set_tcp") or _UNSURE
         return out
 
     def _bare(self, span: Span) -> Span:

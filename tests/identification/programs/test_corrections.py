@@ -203,7 +203,7 @@ def test_points_that_a_program_works_out_are_told_how_far_off_they_may_be(machin
     """The largest change of the correction 100 mm away, up, down and to each side, by numpy."""
     q = np.array([0.2, 0.3, -0.2, 0.3, 0.9, -0.4])
     goal = DRAWN.pose(q)
-    found = corrected(machine, axes(q) + "LIN P:Q\n")
+    found = corrected(machine, f"{axes(q)}P={numbers_of(goal, 'kuka')}\nLIN P\nLIN P:Q\n")
 
     def change(step: Array) -> Array:
         moved = goal.copy()

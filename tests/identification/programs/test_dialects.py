@@ -156,7 +156,7 @@ def test_targets_of_a_rapid_module_and_the_frames_they_go_by(machine: Machine) -
         14: "held: the robot holds this work object",
         15: "turning: a mechanical unit moves this work object",
         16: "its quaternion's square is 0.25, not 1",
-        27: "worked out while the program runs: it gets the correction of its target",
+        27: "worked out while the program runs",
         33: "the program changes a target while it runs; what it writes is not corrected",
     }
 

@@ -6,13 +6,16 @@ by an evaluator that shares no code with the product.
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from support.program_robots import difference, machine_file
-from support.run_programs import DRAWN, REAL, Controller, Node, programs, stands, written
+from support.run_controller import Controller, stands
+from support.run_programs import DRAWN, REAL, Node, functions, programs, written
 from truepose.identification.programs.correct import Correction, correct
 from truepose.identification.programs.dialects import DIALECTS
 from truepose.models.load import load_machine
@@ -68,6 +71,18 @@ def test_in_branches_and_loops_a_motion_ends_where_it_was_meant_or_is_listed(
         check_law(dialect, text, found, taken)
 
 
+@pytest.mark.parametrize("dialect", DIALECT_NAMES)
+@settings(max_examples=25, deadline=None)
+@given(data=st.data())
+def test_with_a_function_a_motion_ends_where_it_was_meant_or_is_listed(
+    machine: Machine, dialect: str, data: st.DataObject
+) -> None:
+    """Its parameter hides the waypoint of that name; base and tool may be set inside, and before each call."""
+    name, body, main = data.draw(functions(dialect))
+    text = written(dialect, main, (name, body))
+    check_law(dialect, text, correct(machine, DIALECTS[dialect].read(text, machine)), taken=True)
+
+
 @pytest.mark.parametrize("dialect", ["urscript", "kuka"])
 @pytest.mark.parametrize("factor", ["wa", "wb"])
 def test_a_name_that_may_hold_a_product_is_corrected_or_listed(
@@ -86,3 +101,60 @@ def test_without_a_correction_the_law_does_not_hold(dialect: str) -> None:
     (moved,) = Controller(dialect, text, True).moved
     assert np.linalg.norm(difference(stands(moved, REAL), moved.pose)[:3]) > 0.5
     assert np.linalg.norm(difference(stands(moved, DRAWN), moved.pose)[:3]) < 1e-6
+
+
+COMPUTED = {
+    "urscript": "movel(pose_add({}, step), a=1.2, v=0.25)",
+    "kuka": "LIN {}:step",
+    "rapid": "MoveL Offs({},step,0,0),v100,fine,t0\\WObj:=wobj0;",
+}
+
+
+@pytest.mark.parametrize("dialect", DIALECT_NAMES)
+@pytest.mark.parametrize("again", [[], [("tool", 1), ("move", ("name", "wa"))]])
+def test_a_computed_point_is_said_to_get_the_correction_that_its_target_has_in_the_text(
+    machine: Machine, dialect: str, again: list[Node]
+) -> None:
+    """A target that motions reach with two tools stays as written, and so does what starts from it."""
+    text = written(dialect, [("move", ("name", "wa")), *again, ("move", ("name", "wb"))])
+    *before, last = text.rstrip().rsplit("\n", 2 if dialect == "rapid" else 1)
+    text = "\n".join([*before[:1], COMPUTED[dialect].format("wa"), *before[1:], last, ""])
+    line = text.splitlines().index(COMPUTED[dialect].format("wa")) + 1
+    found = correct(machine, DIALECTS[dialect].read(text, machine))
+    (why,) = (one.why for one in found.left if one.line == line)
+    pairs = zip(text.splitlines(), found.text.splitlines(), strict=True)
+    is_changed = any(re.match(r"(VAR robtarget )?wa ?:?=", was) and was != now for was, now in pairs)
+    assert is_changed is (not again)
+    assert ("it gets the correction of its target" in why) is is_changed
+    assert ("is not corrected here" in why) is not is_changed
+    assert (found.nearby is None) is not is_changed
+
+
+@pytest.mark.parametrize("dialect", DIALECT_NAMES)
+def test_a_point_computed_from_a_parameter_is_left_to_its_calls(machine: Machine, dialect: str) -> None:
+    main: list[Node] = [("move", ("name", "wa")), ("call", ("name", "wa"))]
+    text = written(dialect, main, ("wa", [("move", ("name", "wa"))]))
+    motion = {"urscript": "movel(wa,", "kuka": "LIN wa", "rapid": "MoveL wa,"}[dialect]
+    lines = text.splitlines()
+    head = next(k for k, line in enumerate(lines) if " go(" in line)
+    assert lines[head + 1].startswith(motion)
+    lines[head + 1] = COMPUTED[dialect].format("wa")
+    found = correct(machine, DIALECTS[dialect].read("\n".join(lines), machine))
+    assert any("comes from a call" in one.why for one in found.left if one.line == head + 2)
+
+
+@pytest.mark.parametrize(
+    "constant", ["d2r({})", "-d2r(-{})", "{} / 180 * 3.14159265358979", "3.14159265358979*{}/180"]
+)
+def test_constants_that_are_worked_out_in_a_literal_are_its_numbers(machine: Machine, constant: str) -> None:
+    degrees = np.degrees([0.35, 0.25, 0.3, 0.4, 0.9, 0.5])
+
+    def script(numbers: list[str]) -> str:
+        return f"set_tcp(p[0,0,0.1,{numbers[0]},0,0])\nmovej([{','.join(numbers)}])\n"
+
+    plain = script([f"{np.radians(v):.10f}" for v in degrees])
+    worked_out = script([constant.format(f"{v:.9f}") for v in degrees])
+    one, other = (correct(machine, DIALECTS["urscript"].read(text, machine)) for text in (plain, worked_out))
+    new, same = (re.findall(r"[-\d.]+", found.text.splitlines()[1]) for found in (one, other))
+    np.testing.assert_allclose(np.array(same, dtype=float), np.array(new, dtype=float), atol=1e-7)
+    assert other.text.splitlines()[0] == worked_out.splitlines()[0]

@@ -1,21 +1,15 @@
-"""Small robot programs drawn at random, printed in three dialects, and an evaluator that runs their text as a controller does.
-
-Nothing here is the product's code: lines are read by patterns of this file, poses are numpy's. mm and rad inside.
-"""
+"""Small robot programs drawn at random, printed in three dialects. Nothing here is the product's code. mm and rad inside."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from support.program_robots import Arm, arms, frame, numbers_of
+from support.program_robots import arms, frame, numbers_of
 
 Array = NDArray[np.float64]
 Q0 = np.array([0.35, 0.25, -0.3, 0.4, 0.9, -0.5])
@@ -72,8 +66,22 @@ def programs(dialect: str, blocks: bool) -> st.SearchStrategy[list[Node]]:
     one = st.one_of(kinds)
     body = st.lists(one, min_size=1, max_size=3)
     if blocks:
+        one = st.one_of(one, one, st.tuples(st.just("shift"), st.sampled_from([0, 1]), st.integers(-20, 20)))
         one = st.one_of(one, one, st.tuples(st.sampled_from(["if", "loop"]), body))
     return st.lists(one, min_size=2, max_size=6)
+
+
+def functions(dialect: str) -> st.SearchStrategy[tuple[str, list[Node], list[Node]]]:
+    """A parameter, often with the name of a waypoint, the statements of its function, and a program that calls it."""
+    far = st.one_of(FAR_NAME, FAR_LITERAL)
+    move = st.tuples(st.just("move"), far)
+    assign = st.tuples(st.just("assign"), st.sampled_from(FAR), FAR_LITERAL)
+    tool = st.tuples(st.just("tool"), st.sampled_from([0, 1]))
+    base = st.tuples(st.just("base"), NEAR_NAME)
+    body = st.lists(st.one_of(move, move, assign, tool, base), min_size=1, max_size=3)
+    call = st.tuples(st.just("call"), far)
+    main = st.lists(st.one_of(move, call, call, assign, tool, base), min_size=2, max_size=6)
+    return st.tuples(st.sampled_from((*FAR, "wp")), body, main)
 
 
 def _expression(dialect: str, expr: Expr) -> str:
@@ -93,8 +101,8 @@ def literal(dialect: str, pose: Array) -> str:
     return f"{text[:-1]},[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]" if dialect == "rapid" else text
 
 
-def written(dialect: str, nodes: list[Node]) -> str:
-    """The text of a program, every statement in a line."""
+def written(dialect: str, nodes: list[Node], function: tuple[str, list[Node]] | None = None) -> str:
+    """The text of a program, every statement in a line; ``function`` has the name of a parameter, and statements."""
     start = [("assign", name, ("literal", _far([0.5 - k] * 6))) for k, name in enumerate(FAR)]
     near = [("assign", name, ("literal", _near([0.7 - k] * 6))) for k, name in enumerate(NEAR)]
     head: list[Node] = [*start, *([] if dialect == "rapid" else near), ("tool", 0)]
@@ -107,10 +115,15 @@ def written(dialect: str, nodes: list[Node]) -> str:
         "urscript": f"movej([{told}])",
     }[dialect]
     body = [*_lines(dialect, head, own), first, *_lines(dialect, nodes, own)]
+    called: list[str] = []
+    if function is not None:
+        begin, end = {"kuka": ("DEF go({}:IN)", "END"), "rapid": ("PROC go(robtarget {})", "ENDPROC"),
+                      "urscript": ("def go({}):", "end")}[dialect]  # fmt: skip
+        called = [begin.format(function[0]), *_lines(dialect, function[1], own), end]
     if dialect == "kuka":
-        return "\n".join(["DEF job()", *body, "END", ""])
+        return "\n".join(["DEF job()", *body, "END", *called, ""])
     if dialect == "urscript":
-        return "\n".join(["def job():", *body, "end", ""])
+        return "\n".join(["def job():", *called, *body, "end", ""])
     tools = [
         f"PERS tooldata t{k}:=[TRUE,{numbers_of(t, 'rapid')},[1,[0,0,1],[1,0,0,0],0,0,0]];"
         for k, t in enumerate(TOOLS)
@@ -120,7 +133,18 @@ def written(dialect: str, nodes: list[Node]) -> str:
         for k, name in enumerate(NEAR)
     ]
     return "\n".join(
-        ["MODULE job", *tools, *bases, "PROC main()", "ConfL\\Off;", *body, "ENDPROC", "ENDMODULE", ""]
+        [
+            "MODULE job",
+            *tools,
+            *bases,
+            "PROC main()",
+            "ConfL\\Off;",
+            *body,
+            "ENDPROC",
+            *called,
+            "ENDMODULE",
+            "",
+        ]
     )
 
 
@@ -143,6 +167,11 @@ def _lines(dialect: str, nodes: list[Node], own: dict[str, str]) -> Iterator[str
             yield {"kuka": f"LIN {text}", "urscript": f"movel({text}, a=1.2, v=0.25)"}.get(
                 dialect, f"MoveL {text}{tail}"
             )
+        elif kind == "shift":
+            yield from _shift(dialect, *rest)
+        elif kind == "call":
+            text = _expression(dialect, rest[0])
+            yield f"go {text};" if dialect == "rapid" else f"go({text})"
         elif kind == "tool":
             own["tool"] = f"t{rest[0]}"
             told = literal(dialect, TOOLS[rest[0]]) if dialect != "rapid" else ""
@@ -153,91 +182,15 @@ def _lines(dialect: str, nodes: list[Node], own: dict[str, str]) -> Iterator[str
             yield f"$BASE={_expression(dialect, rest[0])}" if dialect == "kuka" else "! base"
 
 
-@dataclass(frozen=True)
-class Moved:
-    """A motion that was run: its line, the pose (4, 4) in the robot's base, and the tool."""
-
-    line: int
-    pose: Array
-    tool: Array
-
-
-class Controller:
-    """Runs a text line by line: branches where ``taken``, loops twice."""
-
-    def __init__(self, dialect: str, text: str, taken: bool) -> None:
-        self.dialect, self.taken = dialect, taken
-        self.lines = [re.sub(r"!.*", "", line).strip() for line in text.splitlines()]
-        self.values: dict[str, Array] = {"wobj0": np.eye(4)}
-        self.base, self.tool = np.eye(4), np.eye(4)
-        self.moved: list[Moved] = []
-        self._block(0, len(self.lines))
-
-    def _block(self, begin: int, end: int) -> None:
-        k = begin
-        while k < end:
-            how = re.match(r"(?i)(if|loop|while)\b", self.lines[k])
-            if how is None:
-                self._line(k)
-                k += 1
-                continue
-            stop = next(j for j in range(k, end) if re.fullmatch(r"(?i)end(if|loop|while)?", self.lines[j]))
-            for _ in range(int(self.taken) if how[1].lower() == "if" else 2):
-                self._block(k + 1, stop)
-            k = stop + 1
-
-    def _line(self, k: int) -> None:
-        line = self.lines[k].rstrip(";")
-        if m := re.match(
-            r"PERS (?:tooldata|wobjdata) (\w+):=[^\[]*\[(?:TRUE|FALSE,TRUE,\"\"),(\[\[.*?\],\[.*?\]\])", line
-        ):
-            self.values[m[1]] = self.value(m[2])
-        elif m := re.match(r"MoveL (.*),v100,fine,(\w+)\\WObj:=(\w+)$", line):
-            self.moved.append(Moved(k + 1, self.values[m[3]] @ self.value(m[1]), self.values[m[2]]))
-        elif m := re.match(r"movel\((.*), a=1.2, v=0.25\)$", line):
-            self.moved.append(Moved(k + 1, self.value(m[1]), self.tool))
-        elif m := re.match(r"LIN (.*)$", line):
-            self.moved.append(Moved(k + 1, self.base @ self.value(m[1]), self.tool))
-        elif m := re.match(r"set_tcp\((.*)\)$|\$TOOL=(.*)$", line):
-            self.tool = self.value(m[1] or m[2])
-        elif m := re.match(r"\$BASE=(.*)$", line):
-            self.base = self.value(m[1])
-        elif m := re.match(r"(?:VAR robtarget )?(\w+)\s*:?=\s*(.*)$", line):
-            self.values[m[1]] = self.value(m[2])
-
-    def value(self, text: str) -> Array:
-        """The pose (4, 4) of an expression."""
-        text = text.strip()
-        if m := re.match(r"(Offs|RelTool)\((.*),([^,]*),([^,]*),([^,]*)\)$", text):
-            out, step = self.value(m[2]).copy(), np.array([float(m[k]) for k in (3, 4, 5)])
-            out[:3, 3] += step if m[1] == "Offs" else out[:3, :3] @ step
-            return out
-        if text.startswith("pose_trans("):
-            inside = text[len("pose_trans(") : -1]
-            depths = np.cumsum([(c in "([") - (c in ")]") for c in inside])
-            cut = next(k for k, c in enumerate(inside) if c == "," and depths[k] == 0)
-            return self.value(inside[:cut]) @ self.value(inside[cut + 1 :])
-        if ":" in text:
-            first, _, rest = text.partition(":")
-            return self.value(first) @ self.value(rest)
-        if text in self.values:
-            return self.values[text]
-        numbers = [float(v) for v in re.findall(r"(?<![A-Za-z\d])[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?", text)]
-        out = np.eye(4)
-        if self.dialect == "kuka":
-            out[:3, :3] = Rotation.from_euler("ZYX", numbers[3:6], degrees=True).as_matrix()
-        elif self.dialect == "rapid":
-            out[:3, :3] = Rotation.from_quat(np.roll(numbers[3:7], -1)).as_matrix()
-        else:
-            out[:3, :3] = Rotation.from_rotvec(numbers[3:6]).as_matrix()
-        out[:3, 3] = np.array(numbers[:3]) * (1000.0 if self.dialect == "urscript" else 1.0)
-        return out
+def _shift(dialect: str, which: int, value: int) -> Iterator[str]:
+    """A component of the base, or of a frame or tool in force, is changed."""
+    if dialect == "kuka":
+        yield f"{('$BASE', '$TOOL')[which]}.X={value}"
+    elif dialect == "rapid":
+        yield f"{NEAR[which]}.uframe.trans.x:={value};"
+    else:
+        yield f"{NEAR[which]}[0] = {value / 1000}"
+        yield from ["set_tcp(fd)"] * which
 
 
-def stands(moved: Moved, arm: Arm) -> Array:
-    """Where an arm's tool comes (4, 4) when a controller that believes the drawing is sent there."""
-    q = DRAWN.with_tool(moved.tool).inverse(moved.pose, Q0)
-    return arm.with_tool(moved.tool).pose(q)
-
-
-__all__ = ["DRAWN", "REAL", "Controller", "Moved", "Node", "programs", "stands", "written"]
+__all__ = ["DRAWN", "Q0", "REAL", "Node", "functions", "programs", "written"]
