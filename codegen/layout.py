@@ -78,6 +78,11 @@ def layout_of(model: SymbolicModel, real: Real) -> Layout:
     machine = model.machine
     length = _longest(machine)
     reference = Reference(model)
+    if reference.is_singular:
+        raise InputError(
+            f"{model.machine.name}: mechanism.home: found a singular pose, where assemblies of the loops meet and readings do "
+            "not tell which one is meant, expected a home off it, in the assembly that the machine stands in"
+        )
     near = _near(reference)
     sampled = sample_ranges(machine, near, length)
     vectors = tuple((q, _rounded(pose)) for q, pose in reference.samples(*sampled, near, VECTORS))
@@ -137,8 +142,10 @@ def _allowed(
 
 def _near(reference: Reference) -> Array:
     """Readings (nq,) at the home assembly: the middle of the ranges, or what the loops ask for."""
-    actuators = reference.model.machine.mechanism.actuators
-    middle = np.array([np.mean(a.reading_range) if a.reading_range else 0.0 for a in actuators])
+    model = reference.model
+    actuators = model.machine.mechanism.actuators
+    homes = zip(actuators, model.q_home.tolist(), strict=True)
+    middle = np.array([np.mean(a.reading_range) if a.reading_range else home for a, home in homes])
     return _steady(middle if all(a.reading_range for a in actuators) else reference.home_readings(middle))
 
 

@@ -17,6 +17,8 @@ from truepose.models.kinematics import SymbolicModel
 
 _ROUNDS = 50
 _STEPS = 10
+_ASIDE, _LEVEL = 0.1, 1e-4
+"""rad, and parts of the reach, to a pose next to home; share of the largest slope below which a passive motion is open."""
 _SHRINK = (1.0, 0.5, 0.25, 0.1)
 
 
@@ -33,6 +35,19 @@ class Reference:
         )
         self._lost = ca.Function("lost", inputs, [ca.densify(v) for v in lost])
         self._scale = coordinate_scale(model.machine, len(model.home), model.gap.numel())
+
+    @property
+    def is_singular(self) -> bool:
+        """True if loops leave a passive motion open at home that they do not leave open next to it: assemblies meet there."""
+        home = self.model.home
+        if not len(home) or not np.isfinite(self._scale.limit).all():
+            return False
+        aside = home + _ASIDE * self._scale.size * np.random.default_rng(0).uniform(-1.0, 1.0, len(home))
+        ranks = []
+        for x in (home, aside):
+            by_x = np.array(self._loops(self.model.q_home, self.model.z_home, self.model.p_home, x)[1])
+            ranks.append(int(np.linalg.matrix_rank(by_x * self._scale.size, rtol=_LEVEL)))
+        return ranks[0] < ranks[1]
 
     def home_readings(self, start: Array) -> Array:
         """Readings (nq,) at which the loops come closest to closing at the home assembly, from ``start`` (nq,)."""

@@ -188,6 +188,13 @@ def _vector(dimension: str, numbers: _Numbers = _FINITE) -> BeforeValidator:
     return BeforeValidator(validate)
 
 
+def _period(value: object) -> float | str:
+    """Return a number, or a number with a unit as it stands: what dimension it has is the joint's affair."""
+    if isinstance(value, str) and is_quantity(value):
+        return value
+    return _SIGMA.read(value, "number", UnitSystem(), _SIGMA.words("1"))
+
+
 _LENGTH, _ANGLE = In("length", stated=True), In("angle", stated=True)
 _TOLERANCE_SCHEMA = {"type": "number", "minimum": 0}
 _SIGMA_SCHEMA = WithJsonSchema({"type": "number", "exclusiveMinimum": 0})
@@ -205,8 +212,7 @@ Triple = tuple[float, float, float]
 Ratio = Annotated[float, _scalar("number", _DIVISOR)]
 Pitch = Annotated[float, _scalar("length", _DIVISOR), _LENGTH]
 Number = Annotated[float, _scalar("number", _PLAIN)]
-Counts = Annotated[float, _scalar("number", _SIGMA), _SIGMA_SCHEMA]
-Period = Annotated[float, _scalar("number", _SIGMA), _SIGMA_SCHEMA, In("reading")]
+Period = Annotated[float | str, BeforeValidator(_period), _SIGMA_SCHEMA, In("reading", stated=True)]
 Mass = Annotated[float, _scalar("mass"), In("kg", stated=True)]
 Length = Annotated[float, _scalar("length"), _LENGTH]
 Angle = Annotated[float, _scalar("angle"), _ANGLE]

@@ -123,8 +123,8 @@ class Actuator:
     ``unit`` is that of the displacement (mm or rad), ``reading_unit`` that of the column (mm, rad, turn).
     ``range`` limits readings; gear ratio and pitch (mm) tell effects what turns inside; ``home`` is the own motion
     from which the assembly of closed loops is followed. ``counted`` is the unit of a column of encoder counts; ``wrap``
-    (reading unit) is what readings come modulo; ``coupled`` is what a unit of other joints' readings adds to this one
-    (``truepose.models.couplings``).
+    (reading unit) is what readings come modulo, stated without a unit if ``plain_wrap``; ``coupled`` is what a unit of other
+    joints' readings adds to this one (``truepose.models.couplings``).
     """
 
     reading: str
@@ -139,6 +139,7 @@ class Actuator:
     home: float | None = None
     counted: str | None = None
     wrap: float | None = None
+    plain_wrap: bool = False
     coupled: Mapping[str, float] = field(default_factory=dict)
     reads: tuple[float, float] | None = None
 

@@ -32,7 +32,7 @@ _ARTICLE = {"angle": "an angle", "number": "a plain number"}
 _LONGEST_UNIT = 60
 # pint computes powers while it parses: 9**9**9 would never end
 _TOWER = re.compile(r"(\*\*|\^)[^A-Za-z]*(\*\*|\^)|\d{3,}")
-_COUNTS = re.compile(r"(turn|mm)/(\d+(?:\.\d+)?(?:e[+-]?\d+)?)")
+_COUNTS = re.compile(r"(turn|mm)/(-?\d+(?:\.\d+)?(?:e[+-]?\d+)?)")
 COUNT_WORDS: Final = (
     "count", "counts", "inc", "incs", "increment", "increments", "lsb", "pulse", "pulses", "tick", "ticks",
 )  # fmt: skip

@@ -12,7 +12,7 @@ from truepose.identification.check.result import Found
 from truepose.identification.check.rig import Rig, Stand
 from truepose.identification.check.weighing import FAR, USUAL_REACH, reach
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.recording.joint_column import SLACK
+from truepose.identification.recording.angle_range import beyond
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.untestable import GRAVITY, GRAVITY_LINE
 from truepose.models.machine import Machine
@@ -124,9 +124,7 @@ def out_of_range(machine: Machine, recording: Recording) -> Iterator[Found]:
     for a, q in zip(machine.mechanism.actuators, recording.q.T, strict=True):
         if a.reading_range is None:
             continue
-        low, high = a.reading_range
-        slack = SLACK * (high - low)
-        bad = np.flatnonzero((q < low - slack) | (q > high + slack))
+        bad = np.flatnonzero(beyond(q, a.reading_range))
         if not len(bad):
             continue
         unit = machine.column_unit(a.reading)

@@ -23,6 +23,7 @@ from truepose.identification.check.unread import unnamed_table
 from truepose.identification.check.weighing import NOWHERE_ELSE, Hypothesis, weigh
 from truepose.identification.fit.set_ups import without_set_ups
 from truepose.identification.load import load_recording
+from truepose.identification.recording.angle_range import leaves_range_open
 from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.tried import try_columns
@@ -89,10 +90,15 @@ def check(machine: MachineLike, source: Recording | Sources) -> Check:
 
 
 def unbounded(machine: Machine) -> Machine:
-    """The machine without the ranges of its joints: a reading outside of them may be in another unit."""
+    """Return the machine without the ranges of its joints, because a reading outside of them may be in another unit.
+
+    A joint keeps a range that readings which wrap are unfolded by.
+    """
     anywhere = (-math.inf, math.inf)
     actuators = tuple(
-        replace(a, range=a.range and anywhere, reads=a.reads and anywhere)
+        a
+        if a.wrap and a.range and leaves_range_open(a.reading_range, a.wrap)
+        else replace(a, range=a.range and anywhere, reads=a.reads and anywhere)
         for a in machine.mechanism.actuators
     )
     return replace(machine, mechanism=replace(machine.mechanism, actuators=actuators))

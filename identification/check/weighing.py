@@ -18,7 +18,7 @@ from truepose.identification.check.alignment import Frames
 from truepose.identification.check.drawing import Settled, expected, settle
 from truepose.identification.check.rig import ABSURD, KEPT, Rig, Scene, Stand, motion
 from truepose.identification.check.slip import RARE, SELDOM, Slip
-from truepose.identification.recording.joint_column import SLACK
+from truepose.identification.recording.angle_range import SLACK
 from truepose.models.machine import FRAMES
 from truepose.models.machine_file import Frames as StatedFrames
 from truepose.models.sensors.pose import Position

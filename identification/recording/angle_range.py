@@ -1,57 +1,67 @@
 """Readings that come modulo a turn, 0 to 360 or -180 to 180 degrees, unfolded to where the joint was.
 
 A joint that stands at -10 degrees and is logged as 350 seems to have turned by a whole turn: a gain, play or drag would be
-taken for something else. A joint with a range of a turn or less stands in its range. Any other stands, in
-this order: about its home where no step is then a quarter of a turn or more; from home on, likewise; where it came from by
-the shorter way, if that is always shorter than a quarter; from home on if that is clearly the shorter arc; else about its home.
+taken for something else. A joint with a range of a turn or less stands in its range. For any other:
+
+* It goes the shorter way from row to row, if that is always shorter than a quarter of a turn. As a whole the path stands in the
+  joint's range and, where that leaves a choice, about its home, or from home on where that needs no jump.
+* Where steps are longer, a joint that turns freely stands from home on, if that is clearly the shorter arc, else about home.
+  Another joint stands where its range leaves one place for each row.
+
 That depends on readings modulo a turn only, so that both ways of logging are read the same.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.arrays import Array
+from truepose.arrays import Array, Mask
+from truepose.errors import InputError
 from truepose.identification.recording.recording import Recording, frozen
 from truepose.models.couplings import turns_freely
 from truepose.models.home import home_readings
 from truepose.models.machine import Machine
+from truepose.models.mechanism import Actuator
 from truepose.models.units import convert
 
+Limits: TypeAlias = tuple[float, float]
 TURN = 2.0 * np.pi
 WHOLE_ARC = 0.9
 """Share of the arc about home below which the arc from home on is the one that was travelled."""
 STEADY = 0.25
 """Largest step, in turns, of joints that are logged on their way."""
+SLACK: Final = 0.05
+"""Share of a range's width that readings may be beyond it: commands overshoot a little."""
 _ROUNDING = 1e-9
+_STATED = 1e-6
+_ANYWHERE = (-np.inf, np.inf)
 
 
 def unfold_readings(machine: Machine, recording: Recording) -> Recording:
     """Return the recording with readings that come modulo a turn unfolded, and a note, where no range says where they are.
 
-    ``wrap`` in the machine file says so, or readings do: from 0 to 360 degrees, or with jumps of nearly a turn.
+    ``wrap`` in the machine file says so, or readings do: from 0 to 360 degrees, or with jumps of nearly a turn. Raises
+    InputError where a stated ``wrap`` leaves a row several places in the joint's range, or none.
     """
     q, told = recording.q.copy(), list[str]()
     homes, steps = home_readings(machine.mechanism), _neighbours(recording)
     for actuator, home in zip(machine.mechanism.actuators, homes.tolist(), strict=True):
-        period = actuator.wrap or (TURN if turns_freely(machine.mechanism, actuator.reading) else np.inf)
-        if np.isinf(period) or (
-            actuator.reading_range and np.ptp(actuator.reading_range) <= period * (1.0 + _ROUNDING)
-        ):
+        free = turns_freely(machine.mechanism, actuator.reading)
+        period = actuator.wrap or (TURN if free else np.inf)
+        if np.isinf(period) or not leaves_range_open(actuator.reading_range, period):
             continue
         column = recording.joints.index(actuator.reading)
-        low, high = actuator.reading_range or (-np.inf, np.inf)
-        found = (
-            _unfolded(q[:, column] - home, period, (low - home, high - home), recording.order, steps) + home
-        )
-        stated = actuator.wrap is not None
-        if not (
-            stated or _wraps(q[:, column], period, found, steps, ranged=actuator.reading_range is not None)
-        ):
-            continue
+        limits, free = actuator.reading_range or _ANYWHERE, free and is_whole_turns(period)
+        found = _unfolded(q[:, column], home, period, limits, recording, free=free)
+        if actuator.wrap is None:
+            if not _wraps(q[:, column], period, found, steps, ranged=actuator.reading_range is not None):
+                continue
+        elif not np.isfinite(found).all() or beyond(found, limits).any():
+            raise _lost(machine, recording, actuator)
         if np.max(np.abs(found - q[:, column]), initial=0.0) > 0.5 * period:
             unit = machine.column_unit(actuator.reading)
             ends = (convert(float(end), actuator.reading_unit, unit) for end in (found.min(), found.max()))
@@ -63,31 +73,83 @@ def unfold_readings(machine: Machine, recording: Recording) -> Recording:
     return replace(recording, q=frozen(q), notes=(*recording.notes, note))
 
 
+def is_whole_turns(period: float) -> bool:
+    """Return True if a period is whole turns, to the digits that files state."""
+    return period > TURN / 2 and abs(period / TURN - round(period / TURN)) < _STATED
+
+
+def leaves_range_open(limits: Limits | None, period: float) -> bool:
+    """Return True if readings modulo ``period`` may have several places in the joint's range."""
+    return limits is None or bool(np.ptp(limits) > period * (1.0 + _ROUNDING))
+
+
+def beyond(readings: Array, limits: Limits, share: float = SLACK) -> Mask:
+    """Return which readings (n,) are out of a range by more than a share of its width: commands overshoot a little."""
+    slack = share * (limits[1] - limits[0]) if np.isfinite(limits).all() else 0.0
+    return np.asarray((readings < limits[0] - slack) | (readings > limits[1] + slack))
+
+
 def fold(readings: Array, period: float, middle: float) -> Array:
     """Return readings (n,) brought by whole periods to within half a period of ``middle``, above its lower end."""
     return np.asarray(readings - period * np.ceil((readings - middle) / period - 0.5 - _ROUNDING))
 
 
 def _unfolded(
-    way: Array, period: float, limits: tuple[float, float], order: NDArray[np.int64], steps: NDArray[np.int64]
+    q: Array, home: float, period: float, limits: Limits, recording: Recording, *, free: bool
 ) -> Array:
-    """Return readings (n,) from home where the joint was; ``steps`` (2, k) are rows that follow each other."""
-    about, onward = fold(way, period, 0.0), fold(way, period, period / 2)
+    """Return readings (n,) where the joint was, NaN where nothing tells; ``free``: a period leaves the machine where it is."""
+    about, onward = fold(q, period, home), fold(q, period, home + period / 2)
+    steps = _neighbours(recording)
 
     def steady(values: Array) -> bool:
-        return bool(len(steps.T)) and bool(np.all(np.abs(np.diff(values[steps], axis=0)) < STEADY * period))
+        return bool(steps.size) and bool(np.all(np.abs(np.diff(values[steps], axis=0)) < STEADY * period))
 
     through = np.empty_like(about)
-    through[order] = np.unwrap(about[order], period=period)
-    for whole in (about, onward):
-        if steady(whole):
-            return whole
+    through[recording.order] = np.unwrap(about[recording.order], period=period)
     if steady(through):
-        middle = (through.max() + through.min()) / 2
-        through -= period * np.ceil(middle / period - 0.5 - _ROUNDING)
-        if limits[0] <= through.min() and through.max() <= limits[1]:
+        for arc in (about, onward):
+            if steady(arc) and not beyond(arc, limits, 0.0).any():
+                return arc
+        through -= period * np.ceil(((through.max() + through.min()) / 2 - home) / period - 0.5 - _ROUNDING)
+        for rows in (slice(None), *(recording.session == one for one in np.unique(recording.session))):
+            through[rows] += _shift_into(limits, through[rows].min(), through[rows].max(), period)
+        if not (free and beyond(through, limits).any()):
             return through
-    return onward if np.ptp(onward) < WHOLE_ARC * np.ptp(about) else about
+    nearest = onward if np.ptp(onward) < WHOLE_ARC * np.ptp(about) else about
+    placed = np.asarray(nearest + _shift_into(limits, nearest, nearest, period))
+    several = (placed + period <= limits[1]) | (placed - period >= limits[0])
+    unknown = np.isfinite(limits).all() and not free and several.any()
+    return np.full_like(placed, np.nan) if unknown else placed
+
+
+def _shift_into(limits: Limits, lowest: Array | float, highest: Array | float, period: float) -> Array:
+    """Return the least shift by whole periods of arcs that takes them into a range, or nearest to it."""
+    least = np.ceil((limits[0] - np.asarray(lowest)) / period - _ROUNDING)
+    most = np.floor((limits[1] - np.asarray(highest)) / period + _ROUNDING)
+    between = np.round((least + most) / 2) if np.isfinite(limits).all() else 0.0
+    return np.asarray(period * np.where(least <= most, np.clip(0.0, least, most), between))
+
+
+def _lost(machine: Machine, recording: Recording, actuator: Actuator) -> InputError:
+    """Return the error of a joint whose readings may have several places in its range, or have none."""
+    period, steps = actuator.wrap or np.inf, _neighbours(recording)
+    q = recording.q[:, recording.joints.index(actuator.reading)]
+    apart = np.abs(fold(np.diff(q[steps], axis=0)[0], period, 0.0))
+    unit = machine.column_unit(actuator.reading)
+    sizes = (period, STEADY * period, apart.max(initial=0.0))
+    turn, steady, step = (f"{abs(convert(float(v), actuator.reading_unit, unit)):.6g} {unit}" for v in sizes)
+    ends = sorted(convert(float(v), actuator.reading_unit, unit) for v in actuator.reading_range or ())
+    where = f"its range [{', '.join(f'{end:.6g}' for end in ends)}] {unit}"
+    if not len(apart):
+        found = "rows in no order"
+    elif apart.max() < STEADY * period:
+        found = "a path that does not fit into it"
+    else:
+        found = f"a step of {step} up to row {recording.source_row[steps[1, apart.argmax()]]}"
+    return InputError(
+        f"{recording.files[0]}: column {actuator.reading!r}: readings modulo {turn} do not tell where in {where} the joint is: "
+        f"found {found}, expected steps below {steady}, or a range of at most {turn}"
+    )
 
 
 def _wraps(readings: Array, period: float, found: Array, steps: NDArray[np.int64], *, ranged: bool) -> bool:
@@ -107,4 +169,4 @@ def _neighbours(recording: Recording) -> NDArray[np.int64]:
     return np.asarray(pairs[:, recording.session[pairs[0]] == recording.session[pairs[1]]])
 
 
-__all__ = ["TURN", "fold", "unfold_readings"]
+__all__ = ["SLACK", "TURN", "beyond", "fold", "is_whole_turns", "leaves_range_open", "unfold_readings"]

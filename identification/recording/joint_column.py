@@ -4,19 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
-from truepose.arrays import Array, Mask
+from truepose.arrays import Array
 from truepose.errors import InputError
-from truepose.identification.recording.angle_range import fold
+from truepose.identification.recording.angle_range import beyond, fold, is_whole_turns, leaves_range_open
 from truepose.identification.recording.table import Table
 from truepose.models.limits import LARGEST
 from truepose.models.units import COUNT_WORDS, UnitSystem, convert
-
-SLACK: Final = 0.05
-"""Share of a range's width that readings may be beyond it: commands overshoot a little."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +21,8 @@ class JointColumn:
     (kept as recorded); `range` in that unit, None for any value.
 
     written: the unit of the column unless its header names one, that of the machine file where it is empty; counted: it holds
-    an encoder's counts. wrap: what readings are stated to come modulo; turn: what makes no difference to the machine.
+    an encoder's counts. wrap: what readings are stated to come modulo, without a unit if plain_wrap; turn: what makes no
+    difference to the machine.
     """
 
     name: str
@@ -34,6 +31,7 @@ class JointColumn:
     written: str = ""
     counted: bool = False
     wrap: float | None = None
+    plain_wrap: bool = False
     turn: float | None = None
 
     def written_in(self, units: UnitSystem) -> str:
@@ -42,28 +40,31 @@ class JointColumn:
 
 
 def joint_readings(table: Table, joint: JointColumn, unit: str) -> Array:
-    """Return the readings (n,) of a joint in its unit, in its range. Raises InputError for those that are not."""
+    """Return the readings (n,) of a joint in its unit, in its range. Raises InputError for those that are not.
+
+    A range that is wider than what readings come modulo holds only for readings that are unfolded (``unfold_readings``).
+    """
     recorded = table.numbers(joint.name)
     readings = sized(table, joint.name, convert(recorded, unit, joint.unit), recorded)
-    if joint.range is None:
+    if joint.range is None or (joint.wrap and leaves_range_open(joint.range, joint.wrap)):
         return readings
-    low, high = joint.range
-    readings = _folded(readings, joint, low, high)
-    ends = (convert(end, joint.unit, unit) for end in (low, high))
+    readings = _folded(readings, joint, joint.range)
+    ends = (convert(end, joint.unit, unit) for end in joint.range)
     expected = f"a value in the joint's range [{', '.join(f'{end:.6g}' for end in ends)}] {unit}"
-    beyond = _beyond(readings, low, high)
-    table.refuse(joint.name, beyond, lambda row: f"{recorded[row]:.6g} {unit}", expected)
+    table.refuse(
+        joint.name, beyond(readings, joint.range), lambda row: f"{recorded[row]:.6g} {unit}", expected
+    )
     return readings
 
 
-def _folded(readings: Array, joint: JointColumn, low: float, high: float) -> Array:
+def _folded(readings: Array, joint: JointColumn, limits: tuple[float, float]) -> Array:
     """Readings (n,) brought into a range of a turn or less, where they are stated or seen to come modulo a turn."""
     period = joint.wrap or joint.turn
-    if period is None or high - low > period * (1.0 + 1e-9):
+    if period is None or leaves_range_open(limits, period):
         return readings
-    folded = fold(readings, period, (low + high) / 2)
-    logged = np.all((readings >= 0.0) & (readings <= period)) and not _beyond(folded, low, high).any()
-    outside = bool(_beyond(readings, low, high).any())
+    folded = fold(readings, period, sum(limits) / 2)
+    logged = np.all((readings >= 0.0) & (readings <= period)) and not beyond(folded, limits).any()
+    outside = bool(beyond(readings, limits).any())
     return folded if joint.wrap or (outside and logged) else readings
 
 
@@ -77,13 +78,11 @@ def turned_notes(
     return [f"{table.file}: {', '.join(moved)}: readings {what}"] if moved else []
 
 
-def _beyond(readings: Array, low: float, high: float) -> Mask:
-    slack = SLACK * (high - low)
-    return np.asarray((readings < low - slack) | (readings > high + slack))
-
-
 def column_unit(table: Table, joint: JointColumn, units: UnitSystem) -> str:
-    """The unit that a joint's column is in. Raises InputError for counts where the machine file states none."""
+    """Return the unit that a joint's column is in.
+
+    Raises InputError for counts where the machine file states none, and for a unit that a plain ``wrap`` may not be meant in.
+    """
     stated = table.stated_units[joint.name]
     if isinstance(stated, str) and stated.lower() in COUNT_WORDS:
         if joint.counted:
@@ -92,7 +91,15 @@ def column_unit(table: Table, joint: JointColumn, units: UnitSystem) -> str:
             f"{table.where(joint.name)}: found the unit {stated!r}, an encoder's counts, expected `counts: N` (N a turn, or a "
             f"mm) of joint {joint.name!r} in the machine file"
         )
-    return table.unit(joint.name, joint.written_in(units), joint.unit)
+    written = joint.written_in(units)
+    unit = table.unit(joint.name, written, joint.unit)
+    if joint.wrap and joint.plain_wrap and unit != written and not is_whole_turns(joint.wrap):
+        number = f"{convert(joint.wrap, joint.unit, written):.9g}"
+        raise InputError(
+            f"{table.where(joint.name)}: found a column in {unit} and `wrap: {number}` without a unit, expected its unit in "
+            f"the machine file, such as `wrap: {number} {unit}`"
+        )
+    return unit
 
 
 def sized(

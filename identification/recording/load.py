@@ -41,6 +41,7 @@ def joint_columns(machine: Machine) -> list[JointColumn]:
             written=machine.column_unit(a.reading),
             counted=a.counted is not None,
             wrap=a.wrap,
+            plain_wrap=a.plain_wrap,
             turn=TURN if turns_freely(machine.mechanism, a.reading) else None,
         )
         for a in machine.mechanism.actuators

@@ -9,7 +9,8 @@ from pydantic import Field, model_validator
 
 from truepose.errors import InputError
 from truepose.models.context import BuildContext
-from truepose.models.fields import Counts, Number, Period, Pitch, Range, Ratio, Section, bad_value
+from truepose.models.fields import Number, Period, Pitch, Range, Ratio, Section, bad_value, quantity
+from truepose.models.limits import positive
 from truepose.models.mechanism import Actuator
 from truepose.models.units import convert, counts_unit
 from truepose.wording import close_matches
@@ -19,9 +20,9 @@ class Encoder(Section):
     """What a joint's column holds, where it is not simply the joint's own angle or length."""
 
     wrap: Period | None = None
-    """The readings come modulo this (`360`), in the unit of the column: they are unfolded, see Encoders."""
-    counts: Counts | None = None
-    """The column holds an encoder's counts: so many a turn of a turning joint, so many a mm of a slide."""
+    """The readings come modulo this (`360`, `1 m`), in the file's unit of the column: they are unfolded, see Encoders."""
+    counts: Ratio | None = None
+    """The column holds an encoder's counts: so many a turn, or a mm of a slide; negative if it counts backwards."""
     coupled: dict[str, Number] = Field(default_factory=dict)
     """The reading is the joint's own angle plus `k` times the other's reading, `{J2: 1}`, in the file's units, see Encoders."""
 
@@ -61,6 +62,7 @@ class Driven(Encoder):
             units.to_internal(self.range[1], dimension),
         )
         column = counts_unit(self.counts, unit) if self.counts else units.of(dimension)
+        where = f"{context.where}: joint {reading!r}: wrap"
         return Actuator(
             reading,
             drives,
@@ -73,9 +75,20 @@ class Driven(Encoder):
             self.screw_pitch,
             home,
             counted=column if self.counts else None,
-            wrap=convert(self.wrap, column, unit) if self.wrap else None,
+            wrap=None if self.wrap is None else _period(self.wrap, column, unit, where),
+            plain_wrap=isinstance(self.wrap, float),
             coupled=dict(self.coupled),
         )
+
+
+def _period(wrap: float | str, column: str, unit: str, where: str) -> float:
+    """Return what readings come modulo, in ``unit``. Raises InputError for a text of another dimension."""
+    if not isinstance(wrap, str):
+        return abs(convert(wrap, column, unit))
+    found = quantity(wrap, unit)
+    if found is None or not positive(found):
+        raise InputError(f"{where}: found {wrap!r}, expected a unit such as {unit}")
+    return found
 
 
 def with_encoders(

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models.builders.base import builders
 from truepose.models.builders.driven import Driven
@@ -25,7 +26,7 @@ from truepose.models.fields import (
     Section,
     Vector,
 )
-from truepose.models.lie import unit_vector
+from truepose.models.lie import exp_so3, unit_vector
 from truepose.models.mechanism import BASE, Actuator, Direction, Joint, Limb, Mechanism, Rod, Step
 from truepose.models.parameters import Parameter
 
@@ -87,7 +88,7 @@ class Ups(Section):
     legs: tuple[_Leg, ...]
     """The six legs."""
     home: Annotated[tuple[Number, Number, Number, Number, Number, Number], In("length, angle")]
-    """Where the forward solution starts, near readings of 0: x y z and the rotation vector of the platform."""
+    """Where the forward solution starts: x y z and the rotation vector of the platform."""
 
 
 @builders.add("6-pus")
@@ -125,7 +126,8 @@ def ups(section: Mapping[str, Any], context: BuildContext) -> Mechanism:
     parameters: list[Parameter] = []
     rods, actuators, limbs = [], [], []
     for k, leg in enumerate(hexapod.legs):
-        actuator = _actuator(leg, leg.name, context)
+        home = None if leg.range else (_length(leg, hexapod.home, context) - leg.offset) / leg.gain
+        actuator = _actuator(leg, leg.name, context, home)
         parameters += _points(k, leg, context) + _scale(k, leg, context)
         a, b = _names(leg.name, "a"), _names(leg.name, "b")
         rods.append(Rod(leg.name, BASE, a, PLATFORM, b, None, leg.offset))
@@ -197,20 +199,32 @@ def _names(leg: str, point: str) -> tuple[str, str, str]:
     return (f"{leg}.{point}.x", f"{leg}.{point}.y", f"{leg}.{point}.z")
 
 
-def _actuator(leg: _Leg, drives: str, context: BuildContext) -> Actuator:
-    return leg.actuator(
-        leg.joint, drives, "joint", context, offset=f"{leg.name}.offset", gain=f"{leg.name}.gain"
+def _actuator(leg: _Leg, drives: str, context: BuildContext, home: float | None = None) -> Actuator:
+    offset, gain = f"{leg.name}.offset", f"{leg.name}.gain"
+    return leg.actuator(leg.joint, drives, "joint", context, offset=offset, gain=gain, home=home)
+
+
+def _placed(home: tuple[float, ...], context: BuildContext) -> tuple[Array, Array]:
+    """Return the position and the rotation vector (3,) of the platform at home, which is in the file's units."""
+    units = context.file.units
+    position, turn = (
+        units.to_internal(np.array(v), k) for v, k in ((home[:3], "length"), (home[3:], "angle"))
     )
+    return position, turn
+
+
+def _length(leg: _Leg, home: tuple[float, ...], context: BuildContext) -> float:
+    """Return the distance of a leg's ends at home."""
+    position, turn = _placed(home, context)
+    return float(np.linalg.norm(position + exp_so3(turn) @ np.array(leg.b) - np.array(leg.a)))
 
 
 def _platform(home: tuple[float, ...], context: BuildContext) -> Joint:
-    """The platform's free joint; home is x y z and a rotation vector in the file's units."""
-    units = context.file.units
-    position = [units.to_internal(v, "length") for v in home[:3]]
-    turn = np.array([units.to_internal(v, "angle") for v in home[3:]])
+    """The platform's free joint."""
+    position, turn = _placed(home, context)
     angle = float(np.linalg.norm(turn))
     mrp = turn * (np.tan(angle / 4) / angle if angle else 0.0)
-    return Joint(f"{PLATFORM}.pose", "free", BASE, PLATFORM, home=(*position, *mrp.tolist()))
+    return Joint(f"{PLATFORM}.pose", "free", BASE, PLATFORM, home=(*position.tolist(), *mrp.tolist()))
 
 
 def _check(names: list[str], joints: list[str], context: BuildContext) -> None:

@@ -23,7 +23,7 @@ from truepose.models.mechanism import JointKind
 from truepose.models.starting.mjcf_choice import choose
 from truepose.models.starting.mjcf_graph import MjcfGraph
 from truepose.models.starting.mjcf_model import placed_frame
-from truepose.models.starting.mjcf_parts import Coupling, PartBody, PartJoint, Parts, Tie
+from truepose.models.starting.mjcf_parts import Coupling, PartBody, PartJoint, Parts, Tie, Tip
 
 _KINDS: dict[str, JointKind] = {"hinge": "revolute", "slide": "prismatic", "ball": "spherical"}
 
@@ -41,7 +41,7 @@ class Mjcf:
         carrying = {body.parent for body in self.parts.bodies}
         tips = [self.bodies[self.tool], *(k for k in self.bodies.values() if k not in carrying)]
         graph = MjcfGraph(choose(self.parts, tips, "export"), "export")
-        section = graph.section(tips[0])
+        section = graph.section(Tip(tips[0]))
         file = checked_machine(
             Path("export.yaml"), {"schema": SCHEMA, "name": "export", "mechanism": section}
         )

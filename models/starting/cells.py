@@ -24,8 +24,8 @@ _PI = re.compile(rf"^([-+]?)({_NUMBER})?\*?(?:pi|π)(?:/({_NUMBER}))?$", re.IGNO
 _PLAIN = re.compile(rf"^[-+]?{_NUMBER}$")
 _UNIT = re.compile(r"^(.*?[\d.,iπ])\s*(mm|cm|m|um|µm|inch|in|deg|°|degrees?|rad|radian)$", re.IGNORECASE)
 _LETTER = r"(?:θ|theta|th|q|d|var)_?\{?\d*\}?\*?"
-_VARIABLE = re.compile(rf"^([-+]?){_LETTER}", re.IGNORECASE)
-_VARIABLE_LAST = re.compile(rf"^(.*?)\s*\+\s*{_LETTER}$", re.IGNORECASE)
+_VARIABLE = re.compile(rf"^([-+]?)({_LETTER})", re.IGNORECASE)
+_VARIABLE_LAST = re.compile(rf"^(.*?)\s*\+\s*({_LETTER})$", re.IGNORECASE)
 _PRINTED = str.maketrans("−–º˚₀₁₂₃₄₅₆₇₈₉", "--°°0123456789")
 _RADIANS = (math.pi / 4, math.pi / 2, math.pi, 3 * math.pi / 2)
 
@@ -87,10 +87,11 @@ def interval(text: str, dimension: str, unit: str, where: str) -> tuple[float, f
     return min(ends), max(ends)
 
 
-def has_variable(text: str) -> bool:
-    """Return whether a cell names the joint's variable: ``θ1``, ``q2 - 90``, ``90 + q2``."""
+def variable_in(text: str) -> str:
+    """Return the joint's variable that a cell names, as in ``θ1``, ``q2 - 90``, ``90 + q2``; empty where it names none."""
     plain = _normal(text)
-    return bool(_VARIABLE.match(plain) or _VARIABLE_LAST.match(plain))
+    found = _VARIABLE.match(plain) or _VARIABLE_LAST.match(plain)
+    return found[2].lower() if found else ""
 
 
 def _without_variable(text: str, where: str, found: str) -> str:

@@ -17,7 +17,7 @@ from truepose.models.starting.compiled_mjcf import Compiled, compiled
 from truepose.models.starting.mjcf_choice import Choice, choose
 from truepose.models.starting.mjcf_graph import MjcfGraph
 from truepose.models.starting.mjcf_model import MM_PER_M, parts_of
-from truepose.models.starting.mjcf_parts import Parts
+from truepose.models.starting.mjcf_parts import Parts, Tip
 from truepose.models.starting.start import Start, unranged
 from truepose.wording import close_matches, cut, shortened
 
@@ -36,7 +36,7 @@ _NAMED = 4
 
 
 def mjcf_start(path: Path, tip: str = "") -> Start:
-    """Return the start of an MJCF; empty ``tip``: the one end of its chain of joints.
+    """Return the start of an MJCF; empty ``tip``: the one last body of its chain; else a body or a site.
 
     Raises InputError where MuJoCo is missing or refuses the file, and for a machine that no graph holds.
     """
@@ -44,14 +44,14 @@ def mjcf_start(path: Path, tip: str = "") -> Start:
     model = found.model
     _check(model, path)
     parts = parts_of(model)
-    body = _body(model, tip, path) if tip else _only_end(parts, path)
-    if len(parts.way(body)) > CHAIN_MOST:
+    end = _named_tip(parts, tip, path) if tip else _only_end(parts, path)
+    if len(parts.way(end.body)) > CHAIN_MOST:
         raise InputError(
-            f"{path}: found {len(parts.way(body))} bodies up to the tip, expected at most {CHAIN_MOST}"
+            f"{path}: found {len(parts.way(end.body))} bodies up to the tip, expected at most {CHAIN_MOST}"
         )
-    choice = choose(parts, [body], str(path))
+    choice = choose(parts, [end.body], str(path))
     graph = MjcfGraph(choice, str(path))
-    section = graph.section(body)
+    section, sites = graph.section(end), _site_names(parts, end.site)
     masses, light = _masses(model, graph)
     gravity = graph.pose[:3, :3].T @ np.array(model.opt.gravity)
     x, y, z = (float(round(v, 9)) + 0.0 for v in gravity)
@@ -59,17 +59,18 @@ def mjcf_start(path: Path, tip: str = "") -> Start:
         path.stem,
         f"The MJCF {path.name}",
         section,
-        (*_notes(choice, body, path), *unranged(section["joints"]), *_said_of_masses(light, found)),
+        (*_notes(choice, end, path), *unranged(section["joints"]), *_said_of_masses(light, found)),
         gravity=(x, y, z),
         masses=masses,
-        left_out=choice.left_out(),
+        left_out=(*choice.left_out(), *([f"sites, each of which --tip takes: {sites}"] if sites else [])),
     )
 
 
-def _notes(choice: Choice, tip: int, path: Path) -> Iterator[str]:
+def _notes(choice: Choice, tip: Tip, path: Path) -> Iterator[str]:
     """Yield where the machine begins and ends, and joints that only the absence of a drive could be read from."""
     bodies = choice.parts.bodies
-    yield f"Source: {path.name}, from the body {bodies[choice.base].name} to the body {bodies[tip].name}."
+    end = f"site {tip.site}" if tip.site else f"body {bodies[tip.body].name}"
+    yield f"Source: {path.name}, from the body {bodies[choice.base].name} to the {end}."
     driven = choice.parts.driven
     bare = [
         joint.name
@@ -123,7 +124,9 @@ def _check(model: mujoco.MjModel, path: Path) -> None:
             raise InputError(f"{path}: found the {what} {odd[0]:g}, expected at most {FARTHEST:g}")
     try:
         names = [model.body(k).name for k in range(model.nbody)]
-        names += [model.joint(k).name for k in range(model.njnt)]
+        names += [model.joint(k).name for k in range(model.njnt)] + [
+            model.site(k).name for k in range(model.nsite)
+        ]
     except UnicodeDecodeError:
         raise InputError(f"{path}: found a name that is no text, expected UTF-8") from None
     long = next((name for name in names if len(name) > NAME_MOST), None)
@@ -138,25 +141,38 @@ def _check(model: mujoco.MjModel, path: Path) -> None:
         )
 
 
-def _body(model: mujoco.MjModel, name: str, path: Path) -> int:
-    names = [model.body(k).name for k in range(model.nbody)]
-    if name not in names:
-        raise InputError(f"--tip: found {cut(name)!r}, no body of {path}; {close_matches(name, names)}")
-    return names.index(name)
+def _named_tip(parts: Parts, name: str, path: Path) -> Tip:
+    """Return the body or the site of a name."""
+    tips = {site.site: site for site in reversed(parts.sites)}
+    tips |= {body.name: Tip(k) for k, body in enumerate(parts.bodies)}
+    if name not in tips:
+        raise InputError(
+            f"--tip: found {cut(name)!r}, no body or site of {path}; {close_matches(name, list(tips))}"
+        )
+    return tips[name]
 
 
-def _only_end(parts: Parts, path: Path) -> int:
-    """Return the last body that a hinge, slide or ball moves; fixed bodies behind it do not count."""
-    moving = [k for k, body in enumerate(parts.bodies) if body.joints and not body.free]
-    carrying = {above for k in moving for above in parts.way(k)[:-1]}
-    ends = [k for k in moving if k not in carrying]
+def _only_end(parts: Parts, path: Path) -> Tip:
+    """Return the one body without others beyond that a hinge, slide or ball leads to."""
+    moving = [
+        any(parts.bodies[b].joints and not parts.bodies[b].free for b in parts.way(k))
+        for k in range(len(parts.bodies))
+    ]
+    carrying = {body.parent for body in parts.bodies}
+    ends = [k for k, moved in enumerate(moving) if moved and k not in carrying]
     if len(ends) != 1:
         names = shortened([cut(parts.bodies[k].name, 60) for k in ends], 10) or "none with joints"
+        sites = f" (sites: {_site_names(parts)})" if parts.sites else ""
         raise InputError(
-            f"{path}: found several ends of a chain: {names}, expected one: say which with --tip, which also takes a body "
-            "before they part, such as the flange"
+            f"{path}: found several ends of a chain: {names}{sites}, expected one: say which with --tip, which also takes a "
+            "site, or a body before they part, such as the flange"
         )
-    return ends[0]
+    return Tip(ends[0])
+
+
+def _site_names(parts: Parts, but: str = "") -> str:
+    """Return the names of sites, up to ten, without the one that is the tip."""
+    return shortened([cut(site.site, 60) for site in parts.sites if site.site != but], 10)
 
 
 __all__ = ["mjcf_start"]

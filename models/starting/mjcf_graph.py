@@ -19,7 +19,7 @@ from truepose.errors import InputError
 from truepose.models.lie import exp_so3, inverse_pose, pose_of
 from truepose.models.mechanism import BASE
 from truepose.models.starting.mjcf_choice import Choice, Follow
-from truepose.models.starting.mjcf_parts import PartJoint, Tie
+from truepose.models.starting.mjcf_parts import PartJoint, Tie, Tip
 from truepose.wording import cut
 
 _SAME = 1e-9
@@ -36,7 +36,7 @@ class MjcfGraph:
     bodies: list[str] = field(default_factory=list)
     joints: list[dict[str, Any]] = field(default_factory=list)
 
-    def section(self, tip: int) -> dict[str, Any]:
+    def section(self, tip: Tip) -> dict[str, Any]:
         """Return the section of the machine that ends at ``tip``. Raises InputError for a free body that no tie holds."""
         self.bodies.append(self.names[self.choice.base])
         for body in self.choice.bodies:
@@ -47,9 +47,10 @@ class MjcfGraph:
         for tie in self.choice.ties:
             if tie not in self.held.values():
                 self._close(tie)
-        flange = self.names[tip]
-        if self.shifts[tip].any():
-            flange = self._fixed(self.names[tip], "tip", -self.shifts[tip])
+        flange, frame = self.names[tip.body], tip.frame.copy()
+        frame[:3, 3] -= self.shifts[tip.body]
+        if not np.array_equal(frame, np.eye(4)):
+            flange = self._fixed(flange, tip.site or "tip", frame)
         out: dict[str, Any] = {
             "type": "graph",
             "bodies": self.bodies,
@@ -168,7 +169,9 @@ class MjcfGraph:
         one, other = tie.bodies
         if tie.kind == "spherical" and np.abs(self._origin(tie, 1)).max() > _SAME:
             if np.abs(self._origin(tie, 0)).max() > _SAME:
-                child = self._fixed(self.names[other], f"{tie.name}_end", self._origin(tie, 1))
+                child = self._fixed(
+                    self.names[other], f"{tie.name}_end", pose_of(np.eye(3), self._origin(tie, 1))
+                )
                 self._join(tie.name, tie.kind, self.names[one], child, self._across(tie, one, other))
                 return
             one, other = other, one
@@ -193,12 +196,12 @@ class MjcfGraph:
         out[:3, 3] -= self.shifts[one]
         return out
 
-    def _fixed(self, parent: str, name: str, at: Array) -> str:
+    def _fixed(self, parent: str, name: str, frame: Array) -> str:
         """Fix a further body to one, and return its name."""
         while name in self.bodies:
             name += "_"
         self.bodies.append(name)
-        self._join(f"{name}_joint", "fixed", parent, name, pose_of(np.eye(3), at))
+        self._join(f"{name}_joint", "fixed", parent, name, frame)
         return name
 
     def _join(self, name: str, kind: str, parent: str, child: str, frame: Array, **more: Any) -> None:

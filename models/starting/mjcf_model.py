@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from truepose.arrays import Array
 from truepose.models.lie import pose_of
 from truepose.models.mechanism import JointKind
-from truepose.models.starting.mjcf_parts import Coupling, PartBody, PartJoint, Parts, Tie
+from truepose.models.starting.mjcf_parts import Coupling, PartBody, PartJoint, Parts, Tie, Tip
 
 if TYPE_CHECKING:
     import mujoco
@@ -51,7 +51,12 @@ def parts_of(model: mujoco.MjModel) -> Parts:
         for k in np.flatnonzero(~at_joints).tolist()
     ]
     stated = frozenset(driven) if model.nu else None
-    return Parts(bodies, tuple(ties), tuple(couplings), stated, tuple(unread)).led_by_drives()
+    sites = tuple(
+        Tip(int(model.site_bodyid[k]), model.site(k).name, _site_frame(model, k))
+        for k in range(model.nsite)
+        if model.site(k).name
+    )
+    return Parts(bodies, tuple(ties), tuple(couplings), stated, tuple(unread), sites).led_by_drives()
 
 
 def body_name(model: mujoco.MjModel, body: int) -> str:
@@ -122,12 +127,16 @@ def _tie(model: mujoco.MjModel, k: int, name: str) -> Tie:
     kind: JointKind = "spherical" if int(model.eq_type[k]) == _CONNECT else "fixed"
     if _between_sites(model, k):
         sites = (int(model.eq_obj1id[k]), int(model.eq_obj2id[k]))
-        one, other = (placed_frame(model.site_pos[site], model.site_quat[site]) for site in sites)
+        one, other = (_site_frame(model, site) for site in sites)
     elif kind == "spherical":
         one, other = placed_frame(data[:3], straight), placed_frame(data[3:6], straight)
     else:
         one, other = placed_frame(data[3:6], data[6:10]), placed_frame(data[:3], straight)
     return Tie(name, kind, _ends(model, k), (one, other))
+
+
+def _site_frame(model: mujoco.MjModel, k: int) -> Array:
+    return placed_frame(model.site_pos[k], model.site_quat[k])
 
 
 def placed_frame(position: ArrayLike, quaternion: ArrayLike) -> Array:

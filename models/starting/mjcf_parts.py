@@ -6,7 +6,7 @@ Lengths are mm, angles rad; frames (4, 4) are those of the file's own pose.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -52,6 +52,15 @@ class Tie:
     frames: tuple[Array, Array]
 
 
+@dataclass(frozen=True, eq=False)
+class Tip:
+    """Where a machine ends: the frame (4, 4) mm in a body, that of a ``site`` or, where its name is empty, the body's."""
+
+    body: int
+    site: str = ""
+    frame: Array = field(default_factory=lambda: np.eye(4))
+
+
 @dataclass(frozen=True)
 class Coupling:
     """A joint's displacement (mm or rad) as a polynomial of another's; ``lead`` is empty where it is a constant."""
@@ -75,7 +84,7 @@ class Coupling:
 class Parts:
     """Bodies by their number, the world first and parents before children; ``driven`` is None where the file has no actuator.
 
-    ``unread`` are in words the constraints and actuators that are none of these.
+    ``sites`` are the named ones. ``unread`` are in words the constraints and actuators that are none of these.
     """
 
     bodies: tuple[PartBody, ...]
@@ -83,6 +92,7 @@ class Parts:
     couplings: tuple[Coupling, ...] = ()
     driven: frozenset[str] | None = None
     unread: tuple[str, ...] = ()
+    sites: tuple[Tip, ...] = ()
 
     @cached_property
     def places(self) -> Mapping[str, int]:

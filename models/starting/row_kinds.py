@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from truepose.errors import InputError
-from truepose.models.starting.cells import has_variable
+from truepose.models.starting.cells import variable_in
 from truepose.wording import shortened
 
 Cells = Mapping[str, str]
@@ -61,7 +61,7 @@ def _stated_kind(row: Cells, where: str) -> str:
     found = row.get("kind", "").strip().lower()
     if found not in _KINDS:
         raise InputError(f"{where}, column 'kind': found {found!r}, expected revolute, prismatic or fixed")
-    moves = next((column for column in ("theta", "d", "r") if has_variable(row.get(column, ""))), "")
+    moves = next((column for column in ("theta", "d", "r") if variable_in(row.get(column, ""))), "")
     ranged = next((column for column in ("range", "min", "max") if row.get(column, "").strip()), "")
     if _KINDS[found] == "fixed" and (moves or ranged):
         column = moves or ranged
@@ -77,7 +77,9 @@ def _stated_kind(row: Cells, where: str) -> str:
 
 def _states_turning(row: Cells) -> bool:
     """Return whether a row says, by its kind or its variable, that it is a turning joint's."""
-    return _KINDS[row.get("kind", "").strip().lower()] == "revolute" or has_variable(row.get("theta", ""))
+    return _KINDS[row.get("kind", "").strip().lower()] == "revolute" or bool(
+        variable_in(row.get("theta", ""))
+    )
 
 
 def _fixed_by_name(labels: Sequence[str]) -> list[bool]:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from truepose.errors import InputError
-from truepose.models.starting.cells import UNITS, Cell, cell, interval
+from truepose.models.starting.cells import UNITS, Cell, cell, interval, variable_in
 from truepose.models.starting.row_kinds import row_kinds
 from truepose.models.starting.start import Start, unranged
 from truepose.wording import close_matches
@@ -91,6 +91,7 @@ def start_of(rows: Sequence[Row], convention: str, name: str, title: str, where:
         raise InputError(f"--convention: found {convention!r}, expected one of {', '.join(CONVENTIONS)}")
     joints, lengths = [], []
     kinds, notes = row_kinds([row.cells for row in rows], [row.where for row in rows])
+    _refuse_shared_variables(rows)
     for k, (row, kind) in enumerate(zip(rows, kinds, strict=True), start=1):
         joint, used = _joint(row, k, convention, kind)
         joints.append(joint)
@@ -102,6 +103,13 @@ def start_of(rows: Sequence[Row], convention: str, name: str, title: str, where:
         found = f"the joint {twice[0]!r} twice" if twice else "no rows"
         raise InputError(f"{where}: found {found}, expected a row for each joint, with a name of its own")
     mechanism = {"type": "serial", "convention": convention, "joints": joints}
+    missing = [
+        field
+        for field in FIELDS[convention]
+        if field != "beta" and not any(field in row.cells for row in rows)
+    ]
+    if missing:
+        notes = (*notes, f"CHECK columns that the table has not, all 0 here: {', '.join(missing)}.")
     about = ("CHECK every number against the drawing.", *notes, *unranged(joints))
     return Start(name, title[:1].upper() + title[1:], mechanism, about)
 
@@ -130,6 +138,19 @@ def _name(row: Row, place: int, kind: str) -> str:
     if kind == "fixed" and label.lower() in _FRAMES:
         return f"{label.lower()}_frame"
     return f"{'row' if kind == 'fixed' else 'q'}{label}" if label.isdigit() else label
+
+
+def _refuse_shared_variables(rows: Sequence[Row]) -> None:
+    """Refuse one variable in two rows: no row of a table couples joints."""
+    seen: dict[str, str] = {}
+    for row in rows:
+        for column in ("theta", "d", "r"):
+            name = variable_in(row.cells.get(column, ""))
+            if any(digit.isdigit() for digit in name) and seen.setdefault(name, row.where) != row.where:
+                raise InputError(
+                    f"{row.where}, column {column!r}: found the variable {name} of {seen[name]}, expected one of its own: "
+                    "joints that move together are a `mimic` of type: graph"
+                )
 
 
 def _refuse_metres(lengths: Sequence[Cell], where: str) -> None:

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import casadi as ca
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from support import MACHINES
+from truepose.codegen.layout import layout_of
 from truepose.codegen.reference import Reference
+from truepose.errors import InputError
 from truepose.identification.compensation.inverse import PoseSolver
 from truepose.identification.prediction.loops import Loops
 from truepose.models.closure import CoordinateScale, closed, solved
 from truepose.models.kinematics import symbolic_model
-from truepose.models.load import load_machine
+from truepose.models.load import build_machine, load_machine
+from truepose.models.machine_file import read_machine
 
 Array = NDArray[np.float64]
 
@@ -119,3 +127,58 @@ def test_a_row_that_is_not_finite_has_no_solution_and_spoils_no_other(
     found = solved(a, b)
     assert np.isnan(found[1]).all()
     np.testing.assert_array_equal(np.delete(found, 1, axis=0), others)
+
+
+@given(home=st.tuples(*[st.floats(-0.2, 0.2)] * 2, st.floats(0.8, 1.2), *[st.floats(-20.0, 20.0)] * 3))
+def test_legs_without_ranges_read_at_home_what_their_lengths_are_there(home: tuple[float, ...]) -> None:
+    """Absolute lengths as well as lengths from an offset: the file's home is the assembly."""
+    file = read_machine(MACHINES / "ups.yaml")
+    legs = [{key: value for key, value in leg.items() if key != "range"} for leg in file.mechanism["legs"]]
+    legs = [leg | {"offset": offset} for leg, offset in zip(legs, (0, 300, -100, 250, 0, 20), strict=True)]
+    placed = [*(260.0 * value for value in home[:3]), *home[3:]]
+    model = symbolic_model(
+        build_machine(replace(file, mechanism={**file.mechanism, "legs": legs, "home": placed}))
+    )
+    platform = model.machine.mechanism.unknown[0]
+    np.testing.assert_allclose(model.home, platform.home, rtol=0, atol=1e-9)
+
+
+FIVE_BAR = """
+schema: truepose/machine/1
+name: fivebar
+mechanism:
+  type: graph
+  bodies: [world, c1, r1, pen, c2, r2]
+  flange: pen
+  joints:
+    - {name: a1, kind: revolute, parent: world, child: c1, xyz: [-100, 0, 0], axis: [0, 0, 1], actuated: true}
+    - {name: e1, kind: revolute, parent: c1, child: r1, xyz: [150, 0, 0], axis: [0, 0, 1]}
+    - {name: pen_joint, kind: fixed, parent: r1, child: pen, xyz: [450, 0, 0]}
+    - {name: a2, kind: revolute, parent: world, child: c2, xyz: [100, 0, 0], axis: [0, 0, 1], actuated: true}
+    - {name: e2, kind: revolute, parent: c2, child: r2, xyz: [150, 0, 0], axis: [0, 0, 1]}
+    - {name: tie, kind: spherical, parent: r2, child: pen, xyz: [250, 0, 0]}
+  home: HOME
+"""
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_vectors_of_the_c_are_in_the_assembly_of_the_file_s_home(tmp_path: Path, side: int) -> None:
+    """Joints without ranges: the readings at home are the file's, not zeros, at which no loop closes."""
+    degrees = {"a1": 150 * side, "e1": -118 * side, "a2": 30 * side, "e2": 78 * side}
+    path = tmp_path / "fivebar.yaml"
+    path.write_text(FIVE_BAR.replace("HOME", str(degrees).replace("'", "")))
+    machine = load_machine(path)
+    vectors = layout_of(symbolic_model(machine), "double").vectors
+    poses, good = PoseSolver(machine).forward(np.array([q for q, _ in vectors]))
+    assert good.all()
+    np.testing.assert_allclose(poses, [pose for _, pose in vectors], rtol=0, atol=1e-6)
+
+
+def test_no_c_is_written_of_a_home_where_assemblies_meet(tmp_path: Path) -> None:
+    """Stretched out along a line, the elbow may turn to either side."""
+    path = tmp_path / "fivebar.yaml"
+    path.write_text(FIVE_BAR.replace("HOME", "{a1: 0, a2: 0}"))
+    with pytest.raises(
+        InputError, match=r"fivebar: mechanism\.home: found a singular pose, .* expected a home off it"
+    ):
+        layout_of(symbolic_model(load_machine(path)), "double")

@@ -92,12 +92,13 @@ def test_an_eccentric_encoder_turns_with_what_it_reads(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", EVERY)
-@pytest.mark.parametrize("header", ["", " [tick]", " [Counts]"])
-def test_counts_are_a_unit(tmp_path: Path, name: str, header: str) -> None:
+@pytest.mark.parametrize(("header", "counts"), [("", 8192.5), (" [tick]", 8192.5), (" [Counts]", -8192.5)])
+def test_counts_are_a_unit(tmp_path: Path, name: str, header: str, counts: float) -> None:
+    """An encoder that counts backwards has a negative number of them."""
     plain = encoded(tmp_path, name, {})
-    counted = encoded(tmp_path, name, {joint: {"counts": 8192.5} for joint in plain.mechanism.readings})
+    counted = encoded(tmp_path, name, {joint: {"counts": counts} for joint in plain.mechanism.readings})
     own = own_readings(plain, 6, seed=4)
-    columns = in_counts(plain, {joint: np.array(values) for joint, values in own.items()}, 8192.5)
+    columns = in_counts(plain, {joint: np.array(values) for joint, values in own.items()}, counts)
     columns = {f"{joint}{header}": values for joint, values in columns.items()}
     wanted = load_recording(plain, labelled(plain, own), need_observations=False)
     found = load_recording(counted, labelled(counted, columns), need_observations=False)
@@ -106,7 +107,11 @@ def test_counts_are_a_unit(tmp_path: Path, name: str, header: str) -> None:
     np.testing.assert_allclose(again.q, wanted.q, rtol=1e-12, atol=1e-12)
 
 
-@given(counts=st.floats(1e-3, 1e9), turns=st.floats(-10.0, 10.0), unit=st.sampled_from(["rad", "turn", "mm"]))
+@given(
+    counts=st.floats(1e-3, 1e9) | st.floats(-1e9, -1e-3),
+    turns=st.floats(-10.0, 10.0),
+    unit=st.sampled_from(["rad", "turn", "mm"]),
+)
 def test_a_turn_or_a_millimetre_has_so_many_counts(counts: float, turns: float, unit: str) -> None:
     found = convert(counts * turns, counts_unit(counts, unit), "mm" if unit == "mm" else "turn")
     np.testing.assert_allclose(found, turns, rtol=1e-12)
@@ -127,8 +132,9 @@ def test_counts_that_nobody_stated_are_refused(tmp_path: Path) -> None:
         ({"J3": {"coupled": {"J3": 1}}}, "joint 'J3': coupled: found 'J3', expected another joint"),
         ({"J3": {"coupled": {"J2": 1}}, "J2": {"coupled": {"J3": 1}}}, "J2, J3 coupled to each other"),
         ({"J3": {"coupled": {"J2": "one"}}}, r"coupled.J2: expected a finite number \(1\), found 'one'"),
-        ({"J3": {"counts": 0}}, r"counts: expected a finite number > 0 \(1\), found 0"),
+        ({"J3": {"counts": 0}}, r"counts: expected a finite number that is not 0 \(1\), found 0"),
         ({"J3": {"wrap": -360}}, r"wrap: expected a finite number > 0 \(1\), found -360"),
+        ({"J3": {"wrap": "1 m"}}, "joint 'J3': wrap: found '1 m', expected a unit such as rad"),
         ({"J4": {"wrap": 360}}, "encoders: found 'J4', expected a joint that is read"),
     ],
 )

@@ -280,12 +280,12 @@ static void roots_of(const model *m, const lanes *T, lanes *q, lanes *s)
     s[3] = a49;
     s[4] = a62;
     s[5] = a75;
-    s[6] = ((a9 + (a12 * (k[51] - (k[15] * a12)))) / 1280.4);
-    s[7] = ((a22 + (a25 * (k[52] - (k[22] * a25)))) / 1279.6);
-    s[8] = ((a35 + (a38 * (k[53] - (k[29] * a38)))) / 1280.4);
-    s[9] = ((a48 + (a51 * (k[54] - (k[36] * a51)))) / 1282.2);
+    s[6] = ((a9 + (a12 * (k[51] - (k[15] * a12)))) / 1279.86);
+    s[7] = ((a22 + (a25 * (k[52] - (k[22] * a25)))) / 1280.43);
+    s[8] = ((a35 + (a38 * (k[53] - (k[29] * a38)))) / 1280.96);
+    s[9] = ((a48 + (a51 * (k[54] - (k[36] * a51)))) / 1280.04);
     s[10] = ((a61 + (a64 * (k[55] - (k[43] * a64)))) / 1280.4);
-    s[11] = ((a74 + (a77 * (k[56] - (k[50] * a77)))) / 1280.6);
+    s[11] = ((a74 + (a77 * (k[56] - (k[50] * a77)))) / 1280.04);
 }
 
 /* Values that depend on p and z alone. */
@@ -455,7 +455,7 @@ static lanes solved(const lanes *T, const lanes *q, const lanes *s)
         out += over + LANES_ABS(over);
         lack += s[NQ + j] * s[NQ + j];
     }
-    return LANES_TEST((turn <= 1.3253466337267355e-19) & (lack <= CLOSURE * CLOSURE) & (out <= none));
+    return LANES_TEST((turn <= 1.3258678837114735e-19) & (lack <= CLOSURE * CLOSURE) & (out <= none));
 }
 
 static int all_finite(const real *v, int n)

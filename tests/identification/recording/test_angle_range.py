@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,6 +12,7 @@ from hypothesis import strategies as st
 
 from support.skips import NOTHING_BESIDE, SHARED
 from truepose.errors import InputError
+from truepose.identification.check.run import check
 from truepose.identification.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine
@@ -116,6 +120,115 @@ def test_a_joint_that_runs_on_is_read_as_running_on(
         moved = bool(np.any(np.abs(np.degrees(found.q) - rows) > 1.0))
         assert moved == any("unfolded: q1 (" in note for note in found.notes)
     assert_same(arms[say], q)
+
+
+RAIL = """
+schema: truepose/machine/1
+name: gantry
+mechanism:
+  type: serial
+  joints: [{name: rail, kind: prismatic%s}, {name: q2, kind: revolute, d: 200, alpha: 90%s}]
+sensor: {type: position, sigma: {xyz: 0.1}}
+"""
+
+
+def gantry(folder: Path, rail: str = "", q2: str = "") -> Machine:
+    """Return a rail with an arm; what their rows say beside their constants."""
+    path = folder / "gantry.yaml"
+    path.write_text(RAIL % (rail, q2))
+    return load_machine(path)
+
+
+def gantry_readings(machine: Machine, **columns: np.ndarray | list[float]) -> Recording:
+    """Return the recording of the columns of a rail, mm, and of an arm, which rests if it has none."""
+    count = len(next(iter(columns.values())))
+    table = {name: list(values) for name, values in columns.items()}
+    rest = [name for name in ("rail", "q2") if not any(key.startswith(name) for key in table)]
+    return load_recording(machine, {**table, **dict.fromkeys([*rest, *"xyz"], [0.0] * count)})
+
+
+@pytest.fixture(scope="module")
+def rail(tmp_path_factory: pytest.TempPathFactory) -> Machine:
+    """Return a rail with an arm."""
+    return gantry(tmp_path_factory.mktemp("rail"))
+
+
+@given(
+    joint=st.sampled_from([0, 1]),
+    period=st.floats(0.01, 5000.0),
+    start=st.floats(-20.0, 20.0),
+    steps=st.lists(st.floats(-0.24, 0.24), min_size=1, max_size=60),
+    room=st.tuples(st.floats(0.01, 0.48), st.floats(0.01, 0.48)),
+    lowest=st.floats(-1.0, 1.0),
+)
+def test_a_path_comes_back_into_the_range_that_holds_it(
+    rail: Machine,
+    joint: int,
+    period: float,
+    start: float,
+    steps: list[float],
+    room: tuple[float, float],
+    lowest: float,
+) -> None:
+    """Slides and turning joints, whatever they wrap at and wherever that is cut: the range leaves one place."""
+    path = period * (start + np.cumsum([0.0, *steps]))
+    ends = (float(path.min() - room[0] * period), float(path.max() + room[1] * period))
+    actuators = list(rail.mechanism.actuators)
+    actuators[joint] = replace(actuators[joint], wrap=period, range=ends)
+    machine = replace(rail, mechanism=replace(rail.mechanism, actuators=tuple(actuators)))
+    column = (path - lowest * period) % period + lowest * period
+    found = gantry_readings(machine, **{("rail [mm]", "q2 [rad]")[joint]: column})
+    np.testing.assert_allclose(found.q[:, joint], path, atol=1e-9 * period * (1 + abs(start)), rtol=0)
+
+
+def test_each_session_stands_in_the_range(tmp_path: Path) -> None:
+    machine = gantry(tmp_path, ", range: [0, 2500], wrap: 1000")
+    path = np.concatenate([np.linspace(100.0, 2300.0, 30), np.linspace(2400.0, 200.0, 30)])
+    found = gantry_readings(machine, rail=path % 1000.0, session=[1.0] * 30 + [2.0] * 30)
+    np.testing.assert_allclose(found.q[:, 0], path, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("path", "says"),
+    [
+        ([0.0, 400.0, 900.0], "found a step of 500 mm up to row 3"),
+        (np.linspace(0.0, 4000.0, 30), "found a path that does not fit into it"),
+    ],
+)
+def test_a_slide_whose_place_is_unknown_is_refused(tmp_path: Path, path: np.ndarray, says: str) -> None:
+    machine = gantry(tmp_path, ", range: [0, 2500], wrap: 1000")
+    words = (
+        rf"'rail': readings modulo 1000 mm do not tell where in its range \[0, 2500\] mm the joint is: {says}"
+    )
+    with pytest.raises(
+        InputError, match=f"{words}, expected steps below 250 mm, or a range of at most 1000 mm"
+    ):
+        gantry_readings(machine, rail=np.array(path) % 1000.0)
+    columns = {"rail": np.array(path) % 1000.0, **dict.fromkeys(["q2", *"xyz"], [0.0] * len(path))}
+    with pytest.raises(InputError, match=words):
+        check(machine, columns)
+
+
+@pytest.mark.parametrize(
+    ("wrap", "header", "scale"),
+    [("360", "", 1.0), ("360", " [rad]", np.pi / 180), ("6.283185307 rad", " [rad]", np.pi / 180),
+     ("1 turn", " [turn]", 1 / 360), ("90 deg", " [rad]", np.pi / 180), ("1.5707963268rad", "", 1.0)],
+)  # fmt: skip
+def test_what_readings_wrap_at_has_a_unit(tmp_path: Path, wrap: str, header: str, scale: float) -> None:
+    machine = gantry(tmp_path, q2=f", range: [-300, 300], wrap: {wrap}")
+    path = np.linspace(-280.0, 250.0, 80)
+    period = 90.0 if wrap.startswith(("90", "1.5")) else 360.0
+    found = gantry_readings(machine, **{f"q2{header}": path % period * scale})
+    np.testing.assert_allclose(np.degrees(found.q[:, 1]), path, atol=1e-6)
+
+
+def test_a_plain_wrap_is_in_no_other_unit_than_the_files(tmp_path: Path) -> None:
+    machine = gantry(tmp_path, q2=", range: [-160, 190], wrap: 6.283185")
+    with pytest.raises(
+        InputError,
+        match=r"found a column in rad and `wrap: 6.283185` without a unit, .* such as `wrap: 6.283185 rad`",
+    ):
+        gantry_readings(machine, **{"q2 [rad]": [0.1, 6.0]})
 
 
 def test_rows_without_an_order_jump_nowhere(arms: dict[str, Machine]) -> None:

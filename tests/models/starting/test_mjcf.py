@@ -49,6 +49,11 @@ MESHES = ARM.replace("<worldbody>", '<asset><mesh name="m" file="nowhere.stl"/><
 )
 
 
+SITED = ARM.replace(
+    '<body name="finger"', '<site name="tcp" pos="0.1 0.02 0" euler="0.2 0.3 0.4"/> <body name="finger"'
+)
+
+
 def simulated(xml: str, q: Array) -> mujoco.MjData:
     model = mujoco.MjModel.from_xml_string(xml)
     data = mujoco.MjData(model)
@@ -59,21 +64,35 @@ def simulated(xml: str, q: Array) -> mujoco.MjData:
     return data
 
 
-def frame_of(data: mujoco.MjData, body: str) -> Array:
+def frame_of(data: mujoco.MjData, end: str) -> Array:
+    """Return the frame (4, 4) mm of a body or of the site tcp."""
     out = np.eye(4)
-    out[:3, :3], out[:3, 3] = data.body(body).xmat.reshape(3, 3), 1000 * data.body(body).xpos
+    found = data.site(end) if end == "tcp" else data.body(end)
+    out[:3, :3], out[:3, 3] = found.xmat.reshape(3, 3), 1000 * found.xpos
     return out
 
 
-def test_the_chain_is_mujocos(tmp_path: Path) -> None:
-    """Anchors off the bodies' origins, two joints on one body, a reference, a pitch of 90 deg, slides. mm and rad."""
-    machine = mjcf_machine(tmp_path, ARM)
+@pytest.mark.parametrize(
+    ("xml", "options", "end"),
+    [
+        (ARM, (), "finger"),
+        (ARM, ("--tip", "hand"), "hand"),
+        (SITED, ("--tip", "tcp"), "tcp"),
+        (SITED, (), "finger"),
+    ],
+)
+def test_the_chain_is_mujocos(tmp_path: Path, xml: str, options: tuple[str, ...], end: str) -> None:
+    """Anchors off the bodies' origins, two joints on one body, a reference, a pitch of 90 deg, slides. mm and rad.
+
+    It ends at the last body, which is fixed to the one that the last joint moves, at a site, or at another body.
+    """
+    machine = mjcf_machine(tmp_path, xml, *options)
     assert machine.mechanism.readings == READINGS
     model = symbolic_model(machine)
     pose = ca.Function("pose", [model.q, model.p], [model.pose])
     for q in np.random.default_rng(3).uniform([-2, -2, -2, -0.2], [2, 2, 2, 0.3], (8, 4)):
-        data = simulated(ARM, q)
-        expected = np.linalg.inv(frame_of(data, "stand")) @ frame_of(data, "hand")
+        data = simulated(xml, q)
+        expected = np.linalg.inv(frame_of(data, "stand")) @ frame_of(data, end)
         internal = [*q[:3], 1000 * q[3]]
         np.testing.assert_allclose(
             np.array(pose(internal, model.p_home)), expected, atol=1e-9
@@ -114,6 +133,13 @@ def test_the_tip_can_be_chosen_and_a_fixed_one_is_the_flange(tmp_path: Path) -> 
     assert mjcf_machine(tmp_path, ARM, "--tip", "finger").mechanism.flange == "finger"
 
 
+def test_sites_that_are_not_the_tip_are_listed(tmp_path: Path) -> None:
+    mjcf_machine(tmp_path, SITED)
+    assert "# Left out: sites, each of which --tip takes: tcp\n" in (tmp_path / "m.yaml").read_text()
+    mjcf_machine(tmp_path, SITED, "--tip", "tcp")
+    assert "Left out" not in (tmp_path / "m.yaml").read_text().replace("Left out: bodies", "")
+
+
 def test_meshes_that_are_not_there_cost_their_masses(tmp_path: Path) -> None:
     machine = mjcf_machine(tmp_path, MESHES)
     assert "base_body" not in {mass.name for mass in machine.masses}
@@ -126,7 +152,7 @@ def test_meshes_that_are_not_there_cost_their_masses(tmp_path: Path) -> None:
     [
         ("<mujoco><worldbody><body nme='x'/></worldbody></mujoco>", "", "cannot read the MJCF: XML Error"),
         ("<mujoco><worldbody/></mujoco>", "", "found several ends of a chain: none with joints"),
-        (ARM, "hnd", "--tip: found 'hnd', no body of .*did you mean 'hand'"),
+        (ARM, "hnd", "--tip: found 'hnd', no body or site of .*did you mean 'hand'"),
         (ARM, "stand", "no joint on the way to 'stand'"),
         (
             ARM.replace(

@@ -142,6 +142,17 @@ def test_prismatic_joints_have_ranges_in_lengths(tmp_path: Path) -> None:
     assert (turn["name"], turn["range"]) == ("turn", [-130.0, 130.0])
 
 
+@pytest.mark.parametrize("column", ["a", "alpha", "d", "theta"])
+def test_a_column_that_is_not_there_is_listed(tmp_path: Path, column: str) -> None:
+    cells = {"a": "25", "alpha": "90", "d": "40", "theta": "30"}
+    del cells[column]
+    path = tmp_path / "arm.csv"
+    path.write_text(f"{','.join(cells)}\n{','.join(cells.values())}\n")
+    assert (
+        f"CHECK columns that the table has not, all 0 here: {column}." in table_start(path, "standard").about
+    )
+
+
 def test_khalils_convention_shows_by_its_column_r(tmp_path: Path) -> None:
     path = tmp_path / "arm.csv"
     path.write_text("alpha,d,theta,r,beta\n0,0,0,400,0\n-90,25,0,0,0.1\n")
@@ -186,6 +197,11 @@ def test_khalils_convention_shows_by_its_column_r(tmp_path: Path) -> None:
         ("a [kg],alpha,d,theta\n25,90,4,0\n", "standard", "column 'a': found the unit 'kg'"),
         ("a,alpha,d,theta\n25,90,4,0,9\n", "standard", "line 2: found 5 cells, expected 4"),
         ("a,alpha,d,theta,min,max\n25,90,40,0,10,-10\n", "standard", "found the range [10.0, -10.0]"),
+        (
+            "a,alpha,d,theta\n25,90,40,q1\n5,90,40,90 - 0\n5,90,40,q1 + 90\n",
+            "standard",
+            "line 4, column 'theta': found the variable q1 of ",
+        ),
         ("name,a,alpha,d,theta\nq,25,90,40,0\nq,5,90,40,0\n", "standard", "found the joint 'q' twice"),
         ("a,alpha,d,theta\n", "standard", "found no rows"),
         ("", "standard", "found no header"),
