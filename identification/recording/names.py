@@ -62,7 +62,7 @@ def missing_column(table: Table, name: str, known: Collection[str]) -> InputErro
     return InputError(f"{table.file}: missing column {name!r}; {hint}")
 
 
-def _rotation_hint(spare: Collection[str]) -> str:
+def _rotation_hint(spare: set[str]) -> str:
     """Return what to do with a rotation that is there in another form; nothing where there is none."""
     if spare >= set(_QUATERNION):
         return "found a quaternion (qx, qy, qz, qw), which `truepose import` writes as rx, ry, rz"
