@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 
 from truepose.errors import TrueposeError
-from truepose.identification.check.run import unbounded
 from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.load import load_recording
@@ -59,7 +58,7 @@ def worth(folder: Path, *, rigid: bool = False, giving: bool = False) -> Worth:
     try:
         path, tables = found(folder)
         machine = load_machine(path)
-        recording = load_recording(unbounded(machine), tables)
+        recording = load_recording(machine, tables)  # in range, as `calibrate` asks
         held = np.arange(len(recording)) % EVERY == EVERY - 1
         fitted = _drawn(machine) if rigid else machine
         effects = (*fitted.effects, *(_compliances(fitted) if giving else ()))

@@ -105,7 +105,7 @@ def search(rig: Rig, as_it_stands: Weighed) -> Search:
         return Search(as_it_stands)
     every = [as_it_stands, weigh(rig, as_it_stands.hypothesis)]
     beam = [as_it_stands.hypothesis]
-    for depth in range(_DEEPEST):
+    for depth in range(_deepest(rig, as_it_stands)):
         for makers in (QUICK, SLOW) if depth == 0 else (QUICK,):
             ranked = _ranked(rig, list(_extended(rig, beam, makers, depth)))
             every += [weigh(rig, hypothesis) for hypothesis in ranked[:_WEIGHED]]
@@ -131,6 +131,12 @@ def still_columns(rig: Rig) -> tuple[str, ...]:
     read = rig.recording.observations
     columns = [name for sensor in rig.machine.sensors for name in sensor.columns if name in read]
     return tuple(name for name in columns if len(read[name]) > 1 and np.ptp(read[name]) == 0.0)
+
+
+def _deepest(rig: Rig, as_it_stands: Weighed) -> int:
+    """Return how many slips are tried at once: one where constants outnumber what was read, as any two would fit."""
+    known = np.count_nonzero(np.isfinite(rig.tolerance) & (rig.tolerance > 0))
+    return _DEEPEST if as_it_stands.stand.bad or as_it_stands.stand.residual.size >= known else 1
 
 
 def _is_right(rig: Rig, as_it_stands: Weighed) -> bool:

@@ -30,7 +30,8 @@ def clocks(rig: Rig, scene: Scene) -> Iterator[Slip]:
     steps = np.diff(time)
     if not (steps > 0).all():
         return
-    longest = _CLOCKS * float(np.median(steps))
+    # what is left is to be most of the rows: few of them fit anything
+    longest = min(_CLOCKS * float(np.median(steps)), float(time[-1] - time[0]) / 2.0)
     half = np.geomspace(longest / 64, longest, 9)
 
     def misfit(late: float) -> float:
