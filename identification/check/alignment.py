@@ -50,12 +50,7 @@ def starts(
             for tool in (stated[1], np.eye(4), stated[0], *_far_tools(seen @ stated[1], read)):
                 yield _by_points(seen, read[:, None], np.zeros((1, 3)), tool)
         elif isinstance(sensor, BallBar) and sensor.view == TOOL_IN_WORLD:
-            ball, centre = (np.array([p.nominal for p in part]) for part in (sensor.own[3:], sensor.own[:3]))
-            for tool in (stated[1], np.eye(4)):
-                balls = np.asarray(seen @ tool)[:, :3, :] @ [*ball, 1.0]
-                for found in _centres(balls, read[:, 0]):
-                    turn = stated[0][:3, :3]
-                    yield _transforms(turn[None], (centre - turn @ found)[None])[0], tool
+            yield from _by_lengths(sensor, seen, read[:, 0], stated)
         elif isinstance(sensor, Direction) and sensor.view == TOOL_IN_WORLD:
             yield from _by_directions(sensor, seen @ stated[1], read, stated)
         elif isinstance(sensor, Targets) and points is not None:
@@ -97,6 +92,21 @@ def _read(machine: Machine, rows: Recording) -> Iterator[tuple[Sensor, Array, ND
         whole = np.asarray(np.isfinite(read).all(axis=1))
         if whole.sum() >= 3:
             yield sensor, read[whole], whole
+
+
+def _by_lengths(sensor: BallBar, flange: Array, length: Array, stated: Frames) -> Iterator[Frames]:
+    """Yield bases, turned as stated, from which bars have lengths (n,), for some tools, and for these moved in turns."""
+    ball, centre = (np.array([p.nominal for p in part]) for part in (sensor.own[3:], sensor.own[:3]))
+    turn = stated[0][:3, :3]
+    for start in (stated[1], np.eye(4)):
+        tool = start.copy()
+        for last in (0, _SWEEPS):
+            for _ in range(last):  # the ball from the centre and the centre from the ball
+                found = next(_centres((flange @ tool)[:, :3] @ [*ball, 1.0], length))
+                seen = np.einsum("nji,nj->ni", flange[:, :3, :3], found - flange[:, :3, 3])
+                tool[:3, 3] = next(_centres(seen, length)) - tool[:3, :3] @ ball
+            for found in _centres((flange @ tool)[:, :3] @ [*ball, 1.0], length):
+                yield _transforms(turn[None], (centre - turn @ found)[None])[0], tool.copy()
 
 
 def _centres(balls: Array, distance: Array) -> Iterator[Array]:

@@ -109,6 +109,9 @@ def search(rig: Rig, as_it_stands: Weighed) -> Search:
         for makers in (QUICK, SLOW) if depth == 0 else (QUICK,):
             ranked = _ranked(rig, list(_extended(rig, beam, makers, depth)))
             every += [weigh(rig, hypothesis) for hypothesis in ranked[:_WEIGHED]]
+        again = weigh(rig, as_it_stands.hypothesis, NOWHERE_ELSE, undone(rig, best_of(every)))
+        if _is_right(rig, again):
+            return Search(again)
         mixed = tuple(moved(rig, as_it_stands)) if depth == 0 and not _enough(rig, every) else ()
         if mixed:
             return Search(as_it_stands, mixed=mixed)
@@ -116,12 +119,8 @@ def search(rig: Rig, as_it_stands: Weighed) -> Search:
             break
         order = sorted(every, key=lambda w: -w.score)
         beam = [w.hypothesis for w in order if len(w.hypothesis.slips) == depth + 1]
-    starts = undone(rig, best_of(every))
-    again = weigh(rig, as_it_stands.hypothesis, NOWHERE_ELSE, starts)
-    if _is_right(rig, again):
-        return Search(again)
     as_it_stands = best_of([as_it_stands, again])
-    every += [again, weigh(rig, as_it_stands.hypothesis, None, starts)]
+    every += [again, weigh(rig, as_it_stands.hypothesis, None, undone(rig, best_of(every)))]
     classes = shares(rig, every)
     return Search(as_it_stands, tuple((tuple(members), share) for members, share in classes))
 
