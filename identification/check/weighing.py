@@ -74,13 +74,13 @@ def evidence(rig: Rig, scene: Scene, misfit: float, odds: float) -> float:
     """Return the logarithm of a hypothesis' evidence, given its misfit in sigmas."""
     if not np.isfinite(misfit):
         return -np.inf
-    seen = misfit * (scene.coarse / scene.size) ** float(np.mean(rig.long))
+    seen = max(misfit, LEAST) * (scene.coarse / scene.size) ** float(np.mean(rig.long))
     # where lengths are read beside them, angles make too little of a misfit for a larger unit to earn anything
     seen *= max(scene.turned / scene.width, 1.0) ** float(np.mean(rig.wide))
     size = reach(rig, scene.p)
     unlikely = 0.5 * (np.log10(size / USUAL_REACH) / DECADES) ** 2 if size > 0 else 0.0
     beyond = len(joints_beyond(rig, scene)) * np.log(1.0 / SELDOM)
-    return float(np.log(odds) - WORTH * np.log(max(seen, LEAST)) - unlikely - beyond)
+    return float(np.log(odds) - WORTH * np.log(seen) - unlikely - beyond)
 
 
 def fits_better(rig: Rig, one: Weighed, other: Weighed) -> bool:
