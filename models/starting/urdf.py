@@ -78,15 +78,16 @@ def _usual_base(robot: Robot, root: str) -> str:
 
 
 def _only_end(robot: Robot, base: str) -> str:
-    """Return the one link without joints beyond that moving joints lead to, be they driven or followers.
+    """Return the one link without joints beyond that a chain of driven joints, and of what follows them, leads to.
 
     Where no such link can be reached without a floating or planar joint, it is one behind that joint.
     """
     ways = _ways(robot, base)
     carrying = {robot.end(joint, "parent") for joint in robot.above.values()}
     leaves = sorted(link for link, way in ways.items() if way.moving and link not in carrying)
-    ends = [link for link in leaves if not ways[link].unknown]
-    if leaves and not ends:
+    known = [link for link in leaves if not ways[link].unknown]
+    ends = [link for link in known if not ways[link].following or _follows_itself(robot, base, link)]
+    if leaves and not known:
         return leaves[0]
     if not leaves:
         raise InputError(
@@ -94,22 +95,38 @@ def _only_end(robot: Robot, base: str) -> str:
         )
     if len(ends) != 1:
         raise InputError(
-            f"{robot.path}: found several ends of the chain from {cut(base)!r}: {_named(ends)}, expected one: say "
+            f"{robot.path}: found several ends of the chain from {cut(base)!r}: {_named(ends or known)}, expected one: say "
             "which with --tip-link, which also takes a link before they part, such as the flange"
         )
     return ends[0]
 
 
 class _Way(NamedTuple):
-    """How many joints on the way to a link move, and how many are of kinds that a chain cannot have."""
+    """How many joints on the way to a link move, follow others, and are of kinds that a chain cannot have."""
 
     moving: int = 0
+    following: int = 0
     unknown: int = 0
 
     def beyond(self, joint: Element) -> _Way:
         """Return the way beyond a further joint."""
-        kind = joint.get("type", "")
-        return _Way(self.moving + (kind != "fixed"), self.unknown + (kind not in KINDS))
+        kind, follows = joint.get("type", ""), joint.find("mimic") is not None
+        return _Way(
+            self.moving + (kind != "fixed" and not follows),
+            self.following + (kind != "fixed" and follows),
+            self.unknown + (kind not in KINDS),
+        )
+
+
+def _follows_itself(robot: Robot, base: str, end: str) -> bool:
+    """Return whether joints on the way to a link follow only joints on that way."""
+    way, link = [], end
+    while link != base:
+        way.append(robot.above[link])
+        link = robot.end(way[-1], "parent")
+    names = {robot.joint_name(joint) for joint in way}
+    leads = [robot.mimic(joint) for joint in reversed(way)]
+    return all(lead is None or lead[0] in names for lead in leads)
 
 
 def _left_out(robot: Robot, bodies: Sequence[str]) -> tuple[str, ...]:
