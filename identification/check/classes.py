@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from truepose.identification.check.alignment import Frames
 from truepose.identification.check.rig import Rig
-from truepose.identification.check.weighing import Weighed, fits_better
+from truepose.identification.check.weighing import Weighed, fits_better, is_right
 from truepose.identification.recording.recording import Recording
 
 Array = NDArray[np.float64]
@@ -45,14 +45,14 @@ def _order(weighed: Weighed) -> tuple[bool, int, float]:
     return not weighed.near, len(weighed.free), -weighed.score
 
 
-def says(weighed: Weighed) -> set[str]:
+def _told(weighed: Weighed) -> set[str]:
     """Return what a hypothesis says is not as the files have it: its slips, and frames elsewhere."""
     return {slip.fix for slip in weighed.hypothesis.slips} | set(weighed.free)
 
 
 def _enough_without(rig: Rig, more: Weighed, fewer: Weighed) -> bool:
     """Whether a hypothesis says more than another that is enough or meets the readings as well: the rest is not needed."""
-    return says(fewer) < says(more) and (fewer.near or not fits_better(rig, more, fewer))
+    return _told(fewer) < _told(more) and (is_right(rig, fewer) or not fits_better(rig, more, fewer))
 
 
 def _alike(rig: Rig, one: Weighed, other: Weighed) -> bool:

@@ -9,12 +9,12 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.check.findings import PHYSICS
 from truepose.identification.check.kinds.joints import LEAST
 from truepose.identification.check.kinds.units import ANGLES, LENGTHS
 from truepose.identification.check.pair import Pair
 from truepose.identification.check.result import Found
 from truepose.identification.check.slip import Mend
+from truepose.identification.check.weighing import PHYSICS
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine import Machine
 from truepose.models.parameters import Parameter

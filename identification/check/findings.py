@@ -11,8 +11,8 @@ from truepose.identification.check.drawing import settle
 from truepose.identification.check.kinds.frames import frame_unknown
 from truepose.identification.check.result import Found, Verdict
 from truepose.identification.check.rig import Rig, Stand, motion
-from truepose.identification.check.search import PHYSICS, Search, still_columns
-from truepose.identification.check.weighing import CERTAIN, Weighed, allowed, joints_beyond
+from truepose.identification.check.search import Search, still_columns
+from truepose.identification.check.weighing import CERTAIN, PHYSICS, Weighed, allowed, joints_beyond
 from truepose.wording import joined
 
 PUSHED = 8.0
@@ -156,4 +156,4 @@ def shown(before: Stand, after: Stand) -> tuple[float | None, float | None, str]
     return before.misfit, after.misfit, "sigma"
 
 
-__all__ = ["PHYSICS", "findings", "shown", "unexplained"]
+__all__ = ["findings", "shown", "unexplained"]

@@ -184,17 +184,6 @@ class Rig:
         are given up."""
         return here.assemble(p, follow=False, larger=scene.drawn)
 
-    def away(self, p: Array, stated: Array) -> float:
-        """How far constants (np,) have base and tool from where others (np,) state them, in tolerances (0 if infinite)."""
-        places = np.concatenate([self.at[frame] for frame in FRAMES])
-        tolerance = np.maximum(self.tolerance[places], np.where(np.arange(12) % 6 < 3, 1.0, 0.01))
-        there, here = self.frames_of(p), self.frames_of(stated)
-        off = [
-            np.concatenate([b[:3, 3] - a[:3, 3], lie.log_so3(a[:3, :3].T @ b[:3, :3])])
-            for a, b in zip(here, there, strict=True)
-        ]
-        return float(np.linalg.norm(np.concatenate(off) / tolerance))
-
     def _points(self, p: Array) -> Array | None:
         for sensor in self.machine.sensors:
             if isinstance(sensor, Targets):

@@ -29,7 +29,7 @@ from truepose.identification.check.kinds.runs import clocks, stands_still
 from truepose.identification.check.kinds.table import conventions, exchanged_rows
 from truepose.identification.check.kinds.units import units
 from truepose.identification.check.result import Found
-from truepose.identification.check.rig import Rig, Scene, motion
+from truepose.identification.check.rig import Rig, Scene
 from truepose.identification.check.sessions import moved
 from truepose.identification.check.slip import Slip
 from truepose.identification.check.weighing import (
@@ -39,13 +39,12 @@ from truepose.identification.check.weighing import (
     Weighed,
     best_of,
     bound,
+    is_right,
     ways,
     weigh,
 )
 from truepose.models.machine import FRAMES
 
-PHYSICS = 0.2
-"""Share of what the tool moves that nothing left out of a model makes: an open-loop piezo is off by 0.23 of its stroke."""
 _DEEPEST, _WEIGHED, _MOST = 2, 6, 300
 """Most slips at once, hypotheses weighed in full at each depth, and quick fits at each depth beyond the first."""
 Makers = tuple[Callable[[Rig, Scene], Iterable[Slip]], ...]
@@ -101,7 +100,7 @@ class Search:
 
 def search(rig: Rig, as_it_stands: Weighed) -> Search:
     """Return what may be wrong between one machine and its recording, which was weighed as it stands."""
-    if _is_right(rig, as_it_stands) or still_columns(rig):
+    if is_right(rig, as_it_stands) or still_columns(rig):
         return Search(as_it_stands)
     every = [as_it_stands, weigh(rig, as_it_stands.hypothesis)]
     beam = [as_it_stands.hypothesis]
@@ -110,7 +109,7 @@ def search(rig: Rig, as_it_stands: Weighed) -> Search:
             ranked = _ranked(rig, list(_extended(rig, beam, makers, depth)))
             every += [weigh(rig, hypothesis) for hypothesis in ranked[:_WEIGHED]]
         again = weigh(rig, as_it_stands.hypothesis, NOWHERE_ELSE, undone(rig, best_of(every)))
-        if _is_right(rig, again):
+        if is_right(rig, again):
             return Search(again)
         mixed = tuple(moved(rig, as_it_stands)) if depth == 0 and not _enough(rig, every) else ()
         if mixed:
@@ -136,12 +135,6 @@ def _deepest(rig: Rig, as_it_stands: Weighed) -> int:
     """Return how many slips are tried at once: one where constants outnumber what was read, as any two would fit."""
     known = np.count_nonzero(np.isfinite(rig.tolerance) & (rig.tolerance > 0))
     return _DEEPEST if as_it_stands.stand.bad or as_it_stands.stand.residual.size >= known else 1
-
-
-def _is_right(rig: Rig, as_it_stands: Weighed) -> bool:
-    """Whether nothing needs to be looked for: the pair fits, and tolerances that allow for anything are not why."""
-    stand = as_it_stands.stand
-    return as_it_stands.near and stand.misfit <= PHYSICS * motion(rig, stand)
 
 
 def _extended(rig: Rig, beam: Sequence[Hypothesis], makers: Makers, depth: int) -> Iterator[Hypothesis]:
@@ -187,4 +180,4 @@ def _enough(rig: Rig, every: Sequence[Weighed]) -> bool:
     return share >= CERTAIN and members[0].near
 
 
-__all__ = ["PHYSICS", "Search", "search", "still_columns"]
+__all__ = ["Search", "search", "still_columns"]

@@ -33,6 +33,8 @@ FAR = 4.0
 """Sigmas of misfit, and tolerances of departures, that any fit may leave."""
 USUAL_REACH, DECADES = 500.0, 0.5
 """mm: the longest dimension of a robot, roughly; and by how many decades (1-sigma) robots are larger or smaller."""
+PHYSICS = 0.2
+"""Share of what the tool moves that nothing left out of a model makes: an open-loop piezo is off by 0.23 of its stroke."""
 NOWHERE_ELSE: Mapping[tuple[str, ...], float] = {(): 1.0}
 """The one way of frames that stand where the file has them."""
 
@@ -181,6 +183,11 @@ def is_near(rig: Rig, stand: Stand, settled: Settled, free: tuple[str, ...] = ()
     return eased.misfit <= most and eased.farthest <= FAR
 
 
+def is_right(rig: Rig, weighed: Weighed) -> bool:
+    """Return whether a hypothesis is near, and not by tolerances that allow for anything: nothing else is looked for then."""
+    return weighed.near and weighed.stand.misfit <= PHYSICS * motion(rig, weighed.stand)
+
+
 def departures(rig: Rig, stand: Stand, free: tuple[str, ...]) -> Array:
     """Return how far constants that are known (of frames and instrument) are from where the file has them, in tolerances."""
     tolerance = rig.tolerances(stand.scene)
@@ -214,6 +221,7 @@ __all__ = [
     "CERTAIN",
     "FAR",
     "NOWHERE_ELSE",
+    "PHYSICS",
     "Hypothesis",
     "Weighed",
     "allowed",
@@ -223,6 +231,7 @@ __all__ = [
     "evidence",
     "fits_better",
     "is_near",
+    "is_right",
     "joints_beyond",
     "reach",
     "ways",

@@ -58,33 +58,8 @@ def test_gross_rows_do_not_move_the_frames(tmp_path: Path) -> None:
     z = rig.scene.rows.observations["z"].copy()
     z[[2, 9]] += 800.0
     there = rig.stand(rig.scene.with_columns({"z": z}))
-    assert there.misfit < 0.5 and rig.away(there.p, rig.scene.p) < 0.1
-
-
-def test_how_far_frames_are_counts_in_their_tolerances(tmp_path: Path) -> None:
-    rig = rig_of(tmp_path, document(sensor=EXACT))
-    p = rig.scene.p
-    assert rig.away(p, p) == 0.0
-
-    def off(frame: str, axis: int, size: float) -> float:
-        there = p.copy()
-        there[rig.at[frame][axis]] += size
-        return rig.away(there, p)
-
-    assert off("base", 0, 15.0) == pytest.approx(3.0)  # 5 mm
-    assert off("tool", 2, -4.0) == pytest.approx(2.0)  # 2 mm
-    assert off("base", 5, np.radians(2.0)) == pytest.approx(2.0, rel=1e-3)  # 1 deg
-    assert off("tool", 5, 0.03) == pytest.approx(3.0, rel=1e-3)  # 0.5 deg, less than the least, 0.01 rad
-    there = p.copy()
-    there[rig.at["base"][0]] += 15.0
-    there[rig.at["tool"][0]] += 8.0
-    assert rig.away(there, p) == pytest.approx(5.0)  # 3 and 4 at right angles
-    unknown = document(sensor=EXACT)
-    unknown["frames"]["base"]["tolerance"] = {"xyz": float("inf"), "rpy": float("inf")}
-    free = rig_of(tmp_path, unknown)
-    far = free.scene.p.copy()
-    far[free.at["base"]] += 1.0
-    assert free.away(far, free.scene.p) == 0.0
+    assert there.misfit < 0.5
+    np.testing.assert_allclose(there.p, rig.scene.p, atol=1e-3)
 
 
 @pytest.mark.parametrize("pitch", [-1.0, 80.0, 100.0, 200.0])

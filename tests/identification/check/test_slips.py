@@ -236,6 +236,14 @@ def test_a_slip_is_named_and_the_mended_pair_is_right(
     assert again.left is not None and again.left < 3.0  # tolerances of 0.2 mm and 0.05 deg over 1.2 m
 
 
+def test_tolerances_that_allow_for_anything_prove_nothing(right: pd.DataFrame, tmp_path: Path) -> None:
+    """Degrees under ``angle: rad``: half a radian takes up whatever is left, and the unit is named all the same."""
+    machine = document(units={"angle": "rad"})
+    machine["tolerances"]["angle"] = 0.5
+    found = checked(tmp_path, machine, right)
+    assert found.verdict == "wrong" and found.found[0].where == ("units.angle",), found.found
+
+
 def test_a_header_that_says_the_wrong_unit(right: pd.DataFrame, tmp_path: Path) -> None:
     """Numbers in the file's own unit under a header that says another: the header is what is wrong."""
     said = {"q4": "q4 [rad]", "q5": "q5 [rad]", "x": "x [m]", "y": "y [m]", "z": "z [m]"}

@@ -18,13 +18,14 @@ from support.checked_arm import EXACT, Document, checked, document, recorded, ri
 from support.examples import examples
 from truepose.identification.check.classes import shares, undone
 from truepose.identification.check.drawing import expected, settle
-from truepose.identification.check.findings import PHYSICS, findings, unexplained
+from truepose.identification.check.findings import findings, unexplained
 from truepose.identification.check.kinds.joints import offset, signs
 from truepose.identification.check.rig import ABSURD, Rig, motion
 from truepose.identification.check.search import Search
 from truepose.identification.check.weighing import (
     CERTAIN,
     FAR,
+    PHYSICS,
     Hypothesis,
     Weighed,
     allowed,
