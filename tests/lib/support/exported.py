@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -188,6 +189,29 @@ def closed_in_mujoco(model: Any, machine: Machine, q: Array) -> Any:
     return data
 
 
+def urdf_pose(urdf: str, readings: dict[str, float], tip: str, root: str) -> Array:
+    """Forward kinematics of a URDF in m and rad by the format's definition, (4, 4) in mm; readings in mm and rad."""
+    robot = ElementTree.fromstring(urdf)
+    above = {j.find("child").get("link"): j for j in robot.findall("joint")}  # type: ignore[union-attr]
+    out, link = np.eye(4), tip
+    while link != root:
+        joint = above[link]
+        origin, axis = joint.find("origin"), joint.find("axis")
+        assert origin is not None
+        step = frame(origin.get("xyz", ""), origin.get("rpy", ""))
+        move = np.eye(4)
+        if axis is not None:
+            along = np.array([float(v) for v in axis.get("xyz", "").split()])
+            value = readings[joint.get("name", "")]
+            if joint.get("type") == "prismatic":
+                move[:3, 3] = along * value
+            else:
+                move[:3, :3] = Rotation.from_rotvec(along * value).as_matrix()
+        out = step @ move @ out
+        link = joint.find("parent").get("link")  # type: ignore[union-attr, assignment]
+    return out
+
+
 __all__ = [
     "LINKS",
     "TableReader",
@@ -198,4 +222,5 @@ __all__ = [
     "site_pose",
     "tool_of",
     "ur_pose",
+    "urdf_pose",
 ]

@@ -13,11 +13,10 @@ import numpy as np
 import pytest
 import yaml
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 import truepose
-from support.exported import LINKS, frame, ur_pose
+from support.exported import LINKS, frame, ur_pose, urdf_pose
 from support.generated_machines import BODIES, HEAD, machine_of
 from truepose.cli import app
 from truepose.errors import InputError
@@ -92,29 +91,6 @@ def pose_of(
     at = ca.Function("pose", [model.q, model.z, model.p], [model.world if world else model.pose])
     fixed = (model.z_home, model.p_home)
     return lambda readings: np.array(at([readings[name] for name in model.readings], *fixed))
-
-
-def urdf_pose(urdf: str, readings: dict[str, float], tip: str, root: str) -> Array:
-    """Forward kinematics of a URDF in m and rad by the format's definition, (4, 4) in mm; readings in mm and rad."""
-    robot = ElementTree.fromstring(urdf)
-    above = {j.find("child").get("link"): j for j in robot.findall("joint")}  # type: ignore[union-attr]
-    out, link = np.eye(4), tip
-    while link != root:
-        joint = above[link]
-        origin, axis = joint.find("origin"), joint.find("axis")
-        assert origin is not None
-        step = frame(origin.get("xyz", ""), origin.get("rpy", ""))
-        move = np.eye(4)
-        if axis is not None:
-            along = np.array([float(v) for v in axis.get("xyz", "").split()])
-            value = readings[joint.get("name", "")]
-            if joint.get("type") == "prismatic":
-                move[:3, 3] = along * value
-            else:
-                move[:3, :3] = Rotation.from_rotvec(along * value).as_matrix()
-        out = step @ move @ out
-        link = joint.find("parent").get("link")  # type: ignore[union-attr, assignment]
-    return out
 
 
 def same(a: Array, b: Array) -> None:
