@@ -29,7 +29,7 @@ from truepose.identification.diagnosis.refit import DRAWING, ORDINARY, Choice, M
 from truepose.identification.diagnosis.result import WHOLE, Diagnosis
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.recording.recording import Recording
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 RECORDINGS = (
     ("session_60", 60),

@@ -35,7 +35,7 @@ from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.simulate import simulate, with_inputs
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 ARM = """
 schema: truepose/machine/1

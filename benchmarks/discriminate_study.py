@@ -33,16 +33,16 @@ from challenge.simulator.writing import recording_text
 from truepose.errors import TrueposeError
 from truepose.identification.diagnosis import engine, verdict
 from truepose.identification.diagnosis.result import Diagnosis, Finding
-from truepose.identification.planning.discriminate.experiment import discriminate
-from truepose.identification.planning.discriminate.explanations import Explanation, class_of
-from truepose.identification.planning.discriminate.factors import Offer
-from truepose.identification.planning.discriminate.result import Experiment
+from truepose.identification.leaves.planning.discriminate.experiment import discriminate
+from truepose.identification.leaves.planning.discriminate.explanations import Explanation, class_of
+from truepose.identification.leaves.planning.discriminate.factors import Offer
+from truepose.identification.leaves.planning.discriminate.result import Experiment
+from truepose.identification.leaves.planning.pose_tables import experiment_table
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.json_text import json_text
-from truepose.identification.report.pose_tables import experiment_table
 from truepose.identification.report.results import diagnosis_json
 from truepose.models.load import load_machine, resolve_place
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 FIRST = Plan(poses=30, repeats=1, both_sides=False, loads=False, heat=False, held_out=0.0)

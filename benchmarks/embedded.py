@@ -17,12 +17,12 @@ from pathlib import Path
 import numpy as np
 
 from truepose.codegen.c import generate
-from truepose.codegen.embedded.measure import OPTIMISATIONS, Measurement, measure
-from truepose.codegen.embedded.section import table
+from truepose.codegen.leaves.embedded.measure import OPTIMISATIONS, Measurement, measure
+from truepose.codegen.leaves.embedded.section import table
 from truepose.codegen.printer import Real
 from truepose.errors import InputError
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 REALS: tuple[Real, ...] = ("double", "float")
 # Universal Robots' published lengths, in the modified convention: alpha (deg), d, r (mm)

@@ -29,16 +29,16 @@ sys.path.insert(
 from embedded import REALS, SEED, ur10
 
 from truepose.codegen.c import generate
-from truepose.codegen.embedded.measure import OPTIMISATIONS, Measurement, measure
 from truepose.codegen.features import ALL, Features
 from truepose.codegen.layout import layout_of
+from truepose.codegen.leaves.embedded.measure import OPTIMISATIONS, Measurement, measure
 from truepose.codegen.printer import Real, literal
 from truepose.errors import InputError
 from truepose.models import lie
-from truepose.models.chain import chain_of
-from truepose.models.kinematics import SymbolicModel, symbolic_model
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.chain import chain_of
+from truepose.models.machine.kinematics import SymbolicModel, symbolic_model
+from truepose.models.machine.machine import Machine
 
 LISTS = ("", "warm,cold,branches,p", "warm,cold,branches", "warm,cold", "warm,p", "warm")
 POSES = 10_000

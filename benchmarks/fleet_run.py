@@ -27,11 +27,11 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from truepose.identification.fleet.record import Record
-from truepose.identification.fleet.store import JOURNAL, Journal, Store
-from truepose.identification.running.ending import Folders, ended
-from truepose.identification.running.run import run_fleet
-from truepose.identification.running.work import Options
+from truepose.identification.leaves.fleet.ending import Folders, ended
+from truepose.identification.leaves.fleet.record import Record
+from truepose.identification.leaves.fleet.run import run_fleet
+from truepose.identification.leaves.fleet.store import JOURNAL, Journal, Store
+from truepose.identification.leaves.fleet.work import Options
 from truepose.pool import Cores, Pool, cluster
 
 Array = NDArray[np.float64]

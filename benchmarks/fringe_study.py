@@ -20,8 +20,8 @@ sys.path.append(str(Path(__file__).resolve().parent))
 
 from fringe_signal import FIBRE, WAVELENGTH, Detector, Run, displacement, ramp, reflected, run
 
-from truepose.identification.fringes.count import count_fringes
-from truepose.identification.fringes.move import Move, read_move
+from truepose.identification.leaves.fringes.count import count_fringes
+from truepose.identification.leaves.fringes.move import Move, read_move
 
 Array = NDArray[np.float64]
 Maker = Callable[[np.random.Generator], Run]

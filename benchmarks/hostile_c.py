@@ -20,7 +20,7 @@ from support.generated_machines import machine_of
 from support.hostile import Answers, answers, hostile_program
 from truepose.codegen.printer import Real
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 FLAGS = ["-O1", "-g", *SANITIZERS]
 MOUNT = """schema: truepose/machine/1

@@ -25,7 +25,7 @@ from truepose.identification.fit.write_machine import covariance_of
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 from truepose.models.sensors.base import Sensor
 
 Array = NDArray[np.float64]

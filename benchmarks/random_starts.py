@@ -18,9 +18,9 @@ from pathlib import Path
 
 from truepose.codegen.c import generate
 from truepose.codegen.layout import layout_of
-from truepose.models.kinematics import symbolic_model
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine
 
 ROOT = Path(__file__).resolve().parent.parent
 BUNDLED = [

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from challenge.solutions import Truth
-from truepose.models.driver import DriverKind
 from truepose.models.effects.base import effects
+from truepose.models.file.driver import DriverKind
 
 POSITION: tuple[DriverKind, ...] = ("position", "position-periodic")
 """One driver: the part's own position."""

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from truepose.identification.recording.recording import Recording
-    from truepose.models.machine import Machine
+    from truepose.models.machine.machine import Machine
 
 MACHINE, RECORDING, HELD_OUT = "machine.yaml", "recording.csv", "heldout.csv"
 DIAGNOSIS, IMPROVED, PREDICTION = "diagnosis.json", "improved.yaml", "heldout_prediction.csv"

@@ -10,7 +10,7 @@ from typing import Any
 
 from challenge.solutions import Names, Solution, Truth
 from truepose.models.effects.of_rows import OF_ROWS
-from truepose.models.parameters import element_of
+from truepose.models.machine.parameters import element_of
 
 VERDICTS = ("adequate", "missing-physics", "unknown")
 FORM = "empirical"

@@ -18,7 +18,7 @@ from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import catalogue
 from truepose.identification.signatures.signatures import Signatures
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 SHORT, TERMS = 6, 12

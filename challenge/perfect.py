@@ -12,8 +12,8 @@ import yaml
 
 from truepose.identification.prediction.predict import predict
 from truepose.identification.recording.load import load_recording
+from truepose.models.file.machine_file import write_machine
 from truepose.models.load import load_machine
-from truepose.models.machine_file import write_machine
 
 
 def without_sensor(document: Mapping[str, Any]) -> dict[str, Any]:

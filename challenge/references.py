@@ -27,7 +27,7 @@ from truepose.identification.recording.recording import Recording
 from truepose.identification.report.results import parameters_json
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

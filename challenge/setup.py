@@ -20,9 +20,9 @@ from challenge.slopes import Constant, by_constants, constants
 from truepose.errors import TrueposeError
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
-from truepose.models.driver import Driver
+from truepose.models.file.driver import Driver
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 HELD_OUT = Plan(poses=20, repeats=1, extreme=True)

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from challenge.measures import difference
 from challenge.simulator.base import Campaign, SimulatedMachine, Specimen
-from truepose.models.machine import Machine
-from truepose.models.parameters import Parameter
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.parameters import Parameter
 
 Array = NDArray[np.float64]
 STEP = 0.01

@@ -10,8 +10,8 @@ import numpy as np
 from truepose.arrays import Array
 from truepose.codegen.layout import Layout
 from truepose.codegen.reference import Reference
-from truepose.models.kinematics import SymbolicModel
-from truepose.models.velocities import twists
+from truepose.models.machine.kinematics import SymbolicModel
+from truepose.models.machine.velocities import twists
 
 _EXAMPLES = 8
 

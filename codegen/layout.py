@@ -16,11 +16,11 @@ from truepose.arrays import Array
 from truepose.codegen.printer import Real
 from truepose.codegen.reference import Reference
 from truepose.errors import InputError
-from truepose.models.controllability import free_joints, task_of
-from truepose.models.couplings import turns_freely
-from truepose.models.kinematics import SymbolicModel
-from truepose.models.machine import FRAME_OF, Machine
-from truepose.models.mechanism import COORDINATES, Actuator
+from truepose.models.machine.controllability import free_joints, task_of
+from truepose.models.machine.couplings import turns_freely
+from truepose.models.machine.kinematics import SymbolicModel
+from truepose.models.machine.machine import FRAME_OF, Machine
+from truepose.models.machine.mechanism import COORDINATES, Actuator
 from truepose.models.task import Task
 
 _STANDARD_GRAVITY = 9.80665

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 from truepose.codegen.features import ALL, Features
 from truepose.codegen.memory import followed
-from truepose.models.controllability import free_joints, machine_task
-from truepose.models.driver import STEP, Driver
-from truepose.models.kinematics import driver_default, driver_names, symbolic_model
-from truepose.models.machine import Machine
-from truepose.models.placed import PlacedEffect
+from truepose.models.file.driver import STEP, Driver
+from truepose.models.machine.controllability import free_joints, machine_task
+from truepose.models.machine.kinematics import driver_default, driver_names, symbolic_model
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.placed import PlacedEffect
 from truepose.models.task import WHOLE, Task
 from truepose.wording import joined
 

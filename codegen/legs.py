@@ -16,9 +16,9 @@ import numpy as np
 from truepose.arrays import Array
 from truepose.codegen.layout import Layout
 from truepose.codegen.loops import Equations
-from truepose.models.assembly import assemble, displacement_of, rod_ends, tool_on_flange
-from truepose.models.kinematics import SymbolicModel
-from truepose.models.mechanism import Mechanism
+from truepose.models.machine.assembly import assemble, displacement_of, rod_ends, tool_on_flange
+from truepose.models.machine.kinematics import SymbolicModel
+from truepose.models.machine.mechanism import Mechanism
 
 _APART = 0.1
 """Share of the root's size that the linear coefficient must have for a root without cancellation."""

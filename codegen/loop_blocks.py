@@ -15,7 +15,7 @@ from truepose.codegen.legs import Legs, legs_of
 from truepose.codegen.loops import Equations, LoopExpressions
 from truepose.codegen.printer import Real
 from truepose.codegen.reference import strain_of
-from truepose.models.kinematics import SymbolicModel
+from truepose.models.machine.kinematics import SymbolicModel
 
 Targets = list[tuple[str, int]]
 Arrays = tuple[tuple[str, ...], tuple[str, ...]]

@@ -18,9 +18,9 @@ from truepose.arrays import Array
 from truepose.codegen.elimination import Factors, Pivots, factors_of
 from truepose.codegen.layout import Layout
 from truepose.codegen.reference import Reference
-from truepose.models.kinematics import SymbolicModel
+from truepose.models.machine.kinematics import SymbolicModel
+from truepose.models.machine.velocities import gap_derivative, twists
 from truepose.models.task import Task
-from truepose.models.velocities import gap_derivative, twists
 
 _SAMPLES = 24
 _SMALLEST = {"double": 1e-7, "float": 1e-3}

@@ -11,7 +11,7 @@ from truepose.codegen.features import Features
 from truepose.codegen.layout import Layout
 from truepose.codegen.memory import memory_of
 from truepose.codegen.names import identifiers
-from truepose.models.kinematics import SymbolicModel
+from truepose.models.machine.kinematics import SymbolicModel
 
 
 def offered(

@@ -11,9 +11,9 @@ import casadi as ca
 import numpy as np
 
 from truepose.arrays import Array
-from truepose.models.closure import closed, one_row
-from truepose.models.home import coordinate_scale
-from truepose.models.kinematics import SymbolicModel
+from truepose.models.machine.closure import closed, one_row
+from truepose.models.machine.home import coordinate_scale
+from truepose.models.machine.kinematics import SymbolicModel
 
 _ROUNDS = 50
 _STEPS = 10

@@ -9,7 +9,7 @@ import casadi as ca
 from truepose.codegen.layout import Layout
 from truepose.codegen.loop_blocks import Writer
 from truepose.models import lie
-from truepose.models.singular import CALM, FARTHEST, NOTHING
+from truepose.models.machine.singular import CALM, FARTHEST, NOTHING
 from truepose.models.task import Task
 
 

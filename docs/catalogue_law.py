@@ -11,9 +11,9 @@ import casadi as ca
 import numpy as np
 
 from catalogue_canvas import Array
-from truepose.models.effect import Site, effects
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.effect import Site, effects
+from truepose.models.machine.machine import Machine
 
 MACHINE: Final = Path(__file__).resolve().parent / "catalogue_machine.yaml"
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from truepose.models.effect import Effect
-from truepose.models.machine import Machine
-from truepose.models.placed import Observed, Place, Settings
+from truepose.models.machine.effect import Effect
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.placed import Observed, Place, Settings
 
 LIMITED: Final = 40
 """Places of a machine that are asked."""

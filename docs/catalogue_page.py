@@ -19,11 +19,11 @@ from catalogue_canvas import Array
 from catalogue_drawings import FOLDER, drawing, path_of
 from catalogue_law import MACHINE
 from catalogue_numbers import placed, sizes, tried
-from truepose.models.driver import OF_THE_WAY, STEP, VELOCITY, Driver
-from truepose.models.effect import Effect, effects
+from truepose.models.file.driver import OF_THE_WAY, STEP, VELOCITY, Driver
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
-from truepose.models.placed import Place, Settings
+from truepose.models.machine.effect import Effect, effects
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.placed import Place, Settings
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 PAGE: Final = ROOT / "docs/catalogue.md"

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 import truepose
 from truepose.identification.diagnosis.result import Diagnosis
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 example: Any = importlib.import_module("examples.worked_example")
 FOLDER = Path(__file__).resolve().parent / "figures"

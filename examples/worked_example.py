@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 import truepose
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.recording.recording import Recording
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 MACHINE = """
 schema: truepose/machine/1

@@ -19,11 +19,11 @@ from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.files import atomic_write_text
 from truepose.identification.prior import SIZES
-from truepose.models.effect import effects
-from truepose.models.field_errors import input_error
-from truepose.models.fields import FilePart
-from truepose.models.placed import EffectAtPlace
-from truepose.models.yaml_document import document_text, flow_text, read_document
+from truepose.models.file.field_errors import input_error
+from truepose.models.file.fields import FilePart
+from truepose.models.file.yaml_document import document_text, flow_text, read_document
+from truepose.models.machine.effect import effects
+from truepose.models.machine.placed import EffectAtPlace
 from truepose.wording import joined
 
 SCHEMA: Final = "truepose/prior/1"

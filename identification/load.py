@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from truepose.errors import InputError
-from truepose.identification.fringes.lengths import read_fringes, sensor_of, with_lengths
+from truepose.identification.leaves.fringes.lengths import read_fringes, sensor_of, with_lengths
 from truepose.identification.recording.load import Sources, tables
 from truepose.identification.recording.load import load_recording as load_rows
 from truepose.identification.recording.recording import Recording

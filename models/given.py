@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Protocol, TypeAlias
 
 from truepose.errors import InputError
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 
 class HoldsMachine(Protocol):

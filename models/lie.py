@@ -17,6 +17,9 @@ from scipy.spatial.transform import Rotation
 
 from truepose.arrays import Array
 
+AXES = ("x", "y", "z", "rx", "ry", "rz")
+"""Components of a pose or a twist."""
+
 
 @cache
 def _recorded(formula: Callable[[ca.SX], ca.SX], size: int) -> ca.Function:

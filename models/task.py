@@ -16,7 +16,7 @@ import numpy as np
 
 from truepose.arrays import Array
 from truepose.models import lie
-from truepose.models.mechanism import AXES
+from truepose.models.lie import AXES
 from truepose.wording import joined
 
 AXIS: Final = {"axis": 2, "axis.x": 0, "axis.y": 1}

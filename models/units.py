@@ -4,7 +4,7 @@ Inside the program lengths are mm, angles rad, torques N*m, forces N, masses kg,
 degC, pressures hPa and plain numbers "1". Files choose their own: a `UnitSystem` says which.
 
 Use `parse_unit` to check a unit text a user wrote, `convert` for a value or an array, and the
-types of `truepose.models.fields` for everything written in a machine file. Angles are told apart from
+types of `truepose.models.file.fields` for everything written in a machine file. Angles are told apart from
 plain numbers (pint itself does not): a length, a pure angle and a pure number never stand in for one
 another, while in a compound unit such as rad/(N*m) the radian counts as 1.
 """

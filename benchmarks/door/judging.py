@@ -20,7 +20,7 @@ from truepose.identification.prediction.predictor import Predictor
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.joint_compliance import JointCompliance
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 from .pairs import found
 

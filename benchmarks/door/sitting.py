@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from truepose.errors import TrueposeError
-from truepose.identification.check.pair import Pair
-from truepose.identification.check.result import Check
-from truepose.identification.check.run import check_files
+from truepose.identification.leaves.check.pair import Pair
+from truepose.identification.leaves.check.result import Check
+from truepose.identification.leaves.check.run import check_files
 
 from .drawing import draw
 from .judging import Worth, fits, is_off, may_be_right, shows_sag, worth

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from truepose.identification.check.result import Found
+from truepose.identification.leaves.check.result import Found
 
 from .kinds import KINDS, Maker, Spoilt
 from .pairs import Pair

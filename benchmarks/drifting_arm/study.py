@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from drifting_arm.arm import FREE, write_sequence
-from truepose.identification.drift.analysis import Drift, drift
+from truepose.identification.leaves.drift.analysis import Drift, drift
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 

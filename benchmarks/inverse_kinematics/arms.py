@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.models.machine_file import write_machine
+from truepose.models.file.machine_file import write_machine
 
 Array = NDArray[np.float64]
 LENGTH, ANGLE = 1.0, 0.5

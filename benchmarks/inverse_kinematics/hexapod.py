@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.models.machine_file import write_machine
+from truepose.models.file.machine_file import write_machine
 
 from . import generated, peers
 from .arms import SEED

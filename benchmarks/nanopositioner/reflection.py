@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation
 from truepose.errors import InputError
 from truepose.identification.compensation.inverse import Inverse, PoseSolver
 from truepose.models import lie
-from truepose.models.machine import Machine
-from truepose.models.mechanism import AXES
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.mechanism import AXES
 from truepose.models.sensors.distance import Distance
 
 Array = NDArray[np.float64]

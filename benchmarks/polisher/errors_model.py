@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from truepose.identification.prediction.predictor import Predictor
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 from . import layers, regression
 from . import workspace as ws

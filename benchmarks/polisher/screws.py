@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from truepose.errors import InputError
-from truepose.models.machine import Machine
-from truepose.models.mechanism import BASE, COORDINATES, Direction, Joint, Mechanism, Step
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.mechanism import BASE, COORDINATES, Direction, Joint, Mechanism, Step
 
 Array = NDArray[np.float64]
 Limb = tuple[tuple[Joint, float], ...]

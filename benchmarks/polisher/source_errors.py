@@ -18,7 +18,7 @@ from typing import Any
 import yaml
 
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 from . import workspace as ws
 

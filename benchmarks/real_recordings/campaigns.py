@@ -17,7 +17,7 @@ from real_recordings.prepared import prepared
 from real_recordings.unseen import diagnosed
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 LOW_ORDERS = 3

@@ -13,7 +13,7 @@ import truepose
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 EVERY = 5
 SAGGING = ("q2", "q4")

@@ -27,7 +27,7 @@ from telescope_simulator import (
 from challenge.simulator.telescope_ring.beams import Section
 from challenge.simulator.telescope_ring.machine import TARGETS
 from challenge.simulator.telescope_ring.simulation import PoseSensor, TargetsSensor
-from truepose.identification.photogrammetry.pose_table import pose_table
+from truepose.identification.leaves.photogrammetry.pose_table import pose_table
 
 Array = NDArray[np.float64]
 MODELS = ("spherical", "linear", "beam", "stiffness")

@@ -14,7 +14,7 @@ from truepose.identification.recording.load import load_recording
 from truepose.models import lie
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 from .campaign import Array, Campaign
 from .implicit import ClosurePredictor

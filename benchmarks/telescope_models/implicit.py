@@ -18,10 +18,10 @@ from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.sensor_rows import Block
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
-from truepose.models.closure import closed
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.machine import Machine
-from truepose.models.mechanism import COORDINATES
+from truepose.models.machine.closure import closed
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.mechanism import COORDINATES
 from truepose.models.sensors.base import Channel
 from truepose.models.sensors.pose import Pose
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from truepose.identification.fit.estimate import Estimate
     from truepose.identification.fit.tool_pose import ToolPoints
     from truepose.identification.recording.recording import Recording
-    from truepose.models.machine import Machine
+    from truepose.models.machine.machine import Machine
 
 MEASURES = "measures.json"
 UR10, STEWART, PANDA = "ur10-laser-tracker", "stewart-mocap", "panda"

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 from . import paths
 from .controller import Followed, calibrated, follow

@@ -20,8 +20,8 @@ from truepose.identification.compensation.compiled import base_frame
 from truepose.identification.compensation.inverse import PoseSolver
 from truepose.identification.compensation.path_table import POSE, load_path
 from truepose.models import lie
-from truepose.models.kinematics import symbolic_model
-from truepose.models.machine import Machine
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 Planner = Callable[[Machine, int], Array]

@@ -35,7 +35,7 @@ from truepose.identification.compensation.rows import (
 from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.given import MachineLike, as_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 METHODS: tuple[Method, ...] = ("exact", "first-order")
 COMPILED_FROM = 20_000

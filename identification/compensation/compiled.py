@@ -19,7 +19,7 @@ from truepose.codegen.c import render
 from truepose.codegen.evaluation.compiled import NotCompiledError, load
 from truepose.errors import InputError
 from truepose.models import lie
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 from truepose.models.task import Task
 from truepose.threads import all_done
 

@@ -32,9 +32,9 @@ from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.table import Table, read_table
 from truepose.models import lie
-from truepose.models.kinematics import symbolic_model
-from truepose.models.machine import Machine
-from truepose.models.mechanism import AXIS_UNITS as POSE
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.mechanism import AXIS_UNITS as POSE
 from truepose.models.units import convert
 from truepose.wording import close_matches
 

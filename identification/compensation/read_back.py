@@ -10,7 +10,7 @@ from truepose.arrays import Array
 from truepose.errors import InputError, ReadBackError
 from truepose.identification.compensation.path_table import load_path, whole_turns
 from truepose.identification.recording.load import joint_columns
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 ROUNDING = 1e-12
 """Largest difference of a reading, as a share of it: a file has all digits of a double, and degrees are converted and back."""

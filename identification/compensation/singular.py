@@ -25,7 +25,7 @@ from truepose.identification.compensation.newton import (
     left_of,
     solve_rows,
 )
-from truepose.models.singular import CALM, FARTHEST, NOTHING
+from truepose.models.machine.singular import CALM, FARTHEST, NOTHING
 from truepose.models.task import Task
 
 _STEPS, _SETTLED = 12, 1e-12

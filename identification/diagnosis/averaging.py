@@ -28,7 +28,7 @@ from truepose.identification.fit.problem import Prior, Problem, prior_of
 from truepose.identification.posterior.state import State, moments, typical
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.placed import EffectAtPlace
+from truepose.models.machine.placed import EffectAtPlace
 
 ENOUGH = 0.1
 """Share of the states without anything rare from which on these alone speak."""

@@ -26,12 +26,12 @@ from truepose.identification.diagnosis.result import (
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue
-from truepose.models.driver import APPROACH, OF_THE_ORDER, STEP, Driver
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.effects.empirical import Empirical
-from truepose.models.machine import Machine
-from truepose.models.parameters import element_of
-from truepose.models.smooth import orthonormal, powers, scaled, waves
+from truepose.models.file.driver import APPROACH, OF_THE_ORDER, STEP, Driver
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.parameters import element_of
+from truepose.models.machine.smooth import orthonormal, powers, scaled, waves
 
 NOTABLE = 3.0
 """Log Bayes factor below which there is nothing to speak of: of a candidate alone, and between explanations as good."""

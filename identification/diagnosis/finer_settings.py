@@ -13,7 +13,7 @@ import numpy as np
 
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 PARTS, CLOSE = 4, 0.02
 """Into how many parts the way to a neighbour is divided by new values, and the share of a value within which a neighbour is as

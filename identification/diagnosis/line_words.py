@@ -9,7 +9,7 @@ from scipy.stats import binom
 
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.transmission_error import HIGHEST_ORDER
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 SLOWEST, FASTEST = 30.0, 320.0
 """Ratios of gears that are looked for where the file states none: those of strain wave gears."""

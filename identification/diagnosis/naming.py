@@ -31,8 +31,8 @@ from truepose.identification.diagnosis.search import Found, chosen
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.posterior.state import slot_odds, supports
 from truepose.models.effects.empirical import Empirical
-from truepose.models.machine import Machine
-from truepose.models.placed import EffectAtPlace
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.placed import EffectAtPlace
 
 CERTAIN = 0.95
 """Probability from which on a name is said without its look-alikes."""

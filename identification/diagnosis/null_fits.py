@@ -13,7 +13,7 @@ from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, estimate
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.recording import Recording
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.prediction.lost import told
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 from truepose.models.sensors.distance import Distance
 
 LIMIT = 0.1

@@ -15,11 +15,11 @@ from truepose.identification.diagnosis.result import NAMED, UNKNOWN, Levels, Set
 from truepose.identification.diagnosis.selection_problem import SelectionProblem
 from truepose.identification.posterior.posterior import Posterior
 from truepose.identification.signatures.candidates import Catalogue
-from truepose.models.driver import DriverKind
 from truepose.models.effects.empirical import Empirical
-from truepose.models.machine import Machine
-from truepose.models.parameters import element_of
-from truepose.models.placed import EffectAtPlace
+from truepose.models.file.driver import DriverKind
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.parameters import element_of
+from truepose.models.machine.placed import EffectAtPlace
 
 SURE = 0.9
 """Probability from which on something is spoken of as known."""

@@ -14,11 +14,11 @@ from truepose.identification.fit.summary import FitSummary
 from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.untestable import Missing, Untestable
-from truepose.models.driver import DriverKind
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.empirical import Empirical
-from truepose.models.machine import Machine
-from truepose.models.machine_file import NO_WORSE
+from truepose.models.file.driver import DriverKind
+from truepose.models.file.machine_file import NO_WORSE
+from truepose.models.machine.machine import Machine
 from truepose.shown.result import Shown, Written, frame_of
 
 if TYPE_CHECKING:

@@ -35,9 +35,9 @@ from truepose.identification.signatures.signatures import Signatures
 from truepose.identification.signatures.untestable import GRAVITY, places_of
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.effects.empirical import Empirical
-from truepose.models.machine import Machine
-from truepose.models.parameters import element_of
-from truepose.models.placed import EffectAtPlace
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.parameters import element_of
+from truepose.models.machine.placed import EffectAtPlace
 
 COMPLIANCE = "joint-compliance"
 FINER = (0, -2, -4, -8)

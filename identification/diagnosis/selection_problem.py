@@ -19,7 +19,7 @@ from truepose.identification.posterior.terms import Term, Terms
 from truepose.identification.posterior.urn import Urn
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Linearisation
-from truepose.models.placed import EffectAtPlace
+from truepose.models.machine.placed import EffectAtPlace
 
 FAINT = 0.3
 """Information, in units of its prior's, below which a direction of the errors of form is left out."""

@@ -30,7 +30,7 @@ from truepose.identification.prior import STATED
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.signatures import Signatures
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 MANY, SPARED, STEP = 20_000, 2.0, 10.0
 """Calibration rows that a search begins with where there are more than so many times as many, and how many times more follow

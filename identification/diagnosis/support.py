@@ -21,7 +21,7 @@ from truepose.identification.diagnosis.search import Found
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.signatures.untestable import Untestable
 from truepose.models.effects.empirical import Empirical
-from truepose.models.placed import EffectAtPlace
+from truepose.models.machine.placed import EffectAtPlace
 
 Replications = Callable[[Sequence[Named]], tuple[Replication | None, ...]]
 """What the halves of the rows say of names."""

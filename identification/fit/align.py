@@ -25,10 +25,10 @@ from truepose.identification.fit.sighted import (
 )
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models import lie
-from truepose.models.machine import Machine
-from truepose.models.mechanism import AXES
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.mechanism import AXES
+from truepose.models.machine.view import TOOL_IN_WORLD, WORLD
 from truepose.models.sensors.direction import ORIGIN, Direction
-from truepose.models.view import TOOL_IN_WORLD, WORLD
 
 WIDE_ANGLE = 0.2
 WIDE_LENGTH = 50.0

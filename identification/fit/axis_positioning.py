@@ -14,7 +14,7 @@ from truepose.arrays import Array, Index
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.pose_repeatability import position_channels
 from truepose.identification.recording.recording import Recording
-from truepose.models.driver import APPROACH
+from truepose.models.file.driver import APPROACH
 
 TARGETS, RUNS = 5, 2
 """Fewest targets, and fewest runs to each from each side."""

@@ -19,7 +19,7 @@ from truepose.identification.fit.problem import Problem
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 ROUNDS = 5
 """Most times that further coefficients are held at their bounds."""

@@ -15,9 +15,9 @@ from truepose.arrays import Array, Mask
 from truepose.errors import InputError
 from truepose.identification.fit.problem import Prior, Problem
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.machine import Machine
-from truepose.models.mechanism import Direction
-from truepose.models.parameters import Parameter
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.mechanism import Direction
+from truepose.models.machine.parameters import Parameter
 from truepose.models.units import convert
 from truepose.wording import close_matches
 

@@ -38,7 +38,7 @@ from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.given import MachineLike, as_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 from truepose.shown.result import Written, frame_of
 from truepose.wording import meant
 

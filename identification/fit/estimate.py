@@ -25,7 +25,7 @@ from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.given import MachineLike, as_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Solver = Callable[[Problem, Array], Solution]
 """A problem and where it starts, scaled steps (n_free,), to its minimum."""

@@ -20,7 +20,7 @@ from truepose.identification.fit.turn import Turn, Turned
 from truepose.identification.prediction.sensor_rows import Block
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 from truepose.shown.result import frame_of
 
 if TYPE_CHECKING:

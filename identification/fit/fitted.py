@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 from truepose.identification.prediction.predict import predict
 from truepose.identification.recording.load import Sources
 from truepose.identification.recording.recording import Recording
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 from truepose.shown.result import Shown, above
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from scipy.special import chdtrc
 from truepose.arrays import Array
 from truepose.identification.prediction.covariance import Quantity
 from truepose.models.effects.common import sensor_names
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 STATED = 6.0
 """The stated sigma counts like so many readings beside those of the fit: a few of them say little of their noise."""

@@ -18,11 +18,11 @@ from truepose.errors import InputError
 from truepose.identification.fit.problem import Prior
 from truepose.identification.fit.set_ups import is_set_up
 from truepose.identification.prediction.covariance import Covariance
-from truepose.models.driver import Driver
 from truepose.models.effects.frame_shift import FrameShift
-from truepose.models.machine import FRAME_OF, Machine
-from truepose.models.parameters import Parameter
-from truepose.models.placed import PlacedEffect
+from truepose.models.file.driver import Driver
+from truepose.models.machine.machine import FRAME_OF, Machine
+from truepose.models.machine.parameters import Parameter
+from truepose.models.machine.placed import PlacedEffect
 from truepose.wording import close_matches
 
 OFFSET: Final = "offset"

@@ -13,7 +13,7 @@ import numpy as np
 from truepose.arrays import Array, Index
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.recording.recording import Recording
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 VISITS = 3
 """Fewest visits of a pose from which on its spread is told."""

@@ -22,7 +22,7 @@ from truepose.identification.prediction.by_ports import Part
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prior import LONG
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,10 @@ from truepose.identification.fit.estimated import Estimate
 from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
+from truepose.models.file.machine_file import checked_machine
+from truepose.models.file.yaml_document import parse_document
 from truepose.models.load import build_machine
-from truepose.models.machine import Machine
-from truepose.models.machine_file import checked_machine
-from truepose.models.yaml_document import parse_document
+from truepose.models.machine.machine import Machine
 
 ROWS = 10
 """Rows that are predicted by both machines."""

@@ -19,7 +19,7 @@ from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.recording import Recording, frozen
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 ROUNDS = 5
 """Most fits to which the errors are estimated anew."""

@@ -10,8 +10,8 @@ from collections.abc import Iterable
 
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.frame_shift import ANEW, FrameShift
-from truepose.models.machine import Machine
-from truepose.models.placed import PlacedEffect
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.placed import PlacedEffect
 
 
 def with_set_ups(machine: Machine, recording: Recording) -> Machine:

@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from truepose.arrays import Array
 from truepose.models import lie
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.view import TOOL_IN_WORLD
 from truepose.models.sensors.direction import ORIGIN, Direction
-from truepose.models.view import TOOL_IN_WORLD
 
 _FEWEST = {True: 3, False: 2}
 """Fewest directions that tell a base, by whether they are bearings."""

@@ -19,9 +19,9 @@ from truepose.identification.fit.estimate import Estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
-from truepose.models.controllability import judged_axes
-from truepose.models.kinematics import SymbolicModel
-from truepose.models.machine_file import ExpectedPose
+from truepose.models.file.machine_file import ExpectedPose
+from truepose.models.machine.controllability import judged_axes
+from truepose.models.machine.kinematics import SymbolicModel
 
 ENOUGH = "the validation rows"
 FEWEST = 3

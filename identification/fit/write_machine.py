@@ -26,12 +26,12 @@ from truepose.identification.fit.noise import unexplained
 from truepose.identification.fit.read_back import read_back
 from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.recording.recording import Recording
-from truepose.models.driver import MEASURED_LOADS, ROW, DeclaredDriver, Driver
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.machine import Machine, Mass
-from truepose.models.machine_file import ExpectedPose, machine_text
-from truepose.models.mechanism import AXES, Direction
-from truepose.models.parameters import Parameter
+from truepose.models.file.driver import MEASURED_LOADS, ROW, DeclaredDriver, Driver
+from truepose.models.file.machine_file import ExpectedPose, machine_text
+from truepose.models.machine.machine import Machine, Mass
+from truepose.models.machine.mechanism import AXES, Direction
+from truepose.models.machine.parameters import Parameter
 from truepose.models.units import UnitSystem, convert
 
 FieldPath = tuple[str | int, ...]

@@ -15,7 +15,7 @@ import numpy as np
 from truepose.arrays import Array, Mask
 from truepose.identification.fit.decomposition import TAKES_PART, Decomposition
 from truepose.identification.fit.estimate import Estimate, Prior
-from truepose.models.machine import FRAME_OF
+from truepose.models.machine.machine import FRAME_OF
 
 LEAST_GAIN = 0.5
 """Readings determine a parameter when they at least halve the variance that its tolerance leaves."""

@@ -14,8 +14,8 @@ from truepose.identification.fit.leastsquares import triangular
 from truepose.identification.fit.problem import Prior
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
-from truepose.models.couplings import coupling_matrix
-from truepose.models.machine import Machine
+from truepose.models.machine.couplings import coupling_matrix
+from truepose.models.machine.machine import Machine
 
 SEED = 20
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import casadi as ca
 
-from truepose.models.assembly import displacement_of
-from truepose.models.kinematics import SymbolicModel
+from truepose.models.machine.assembly import displacement_of
+from truepose.models.machine.kinematics import SymbolicModel
 
 
 def computed_displacements(model: SymbolicModel) -> ca.SX:

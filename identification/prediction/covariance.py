@@ -16,7 +16,7 @@ import numpy as np
 
 from truepose.arrays import Array
 from truepose.errors import InputError
-from truepose.models.yaml_document import LongText
+from truepose.models.file.yaml_document import LongText
 
 Quantity = tuple[float, str]
 """A value in mm or rad, and which of the two."""

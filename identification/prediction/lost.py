@@ -13,7 +13,7 @@ import numpy as np
 
 from truepose.arrays import Array, Mask
 from truepose.identification.recording.recording import Recording
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 from truepose.models.sensors.base import Sensor
 
 

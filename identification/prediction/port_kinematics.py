@@ -12,7 +12,7 @@ from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.identification.prediction.by_ports import ByPorts
 from truepose.identification.prediction.sensor_rows import Sight
 from truepose.models import lie
-from truepose.models.kinematics import SymbolicModel
+from truepose.models.machine.kinematics import SymbolicModel
 
 MANY = 100
 """Coefficients from which on it pays; fewer are written out."""

@@ -21,10 +21,10 @@ from truepose.identification.prediction.spread import column_std
 from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
-from truepose.models.driver import ROW, Driver
+from truepose.models.file.driver import ROW, Driver
 from truepose.models.given import MachineLike, as_machine
-from truepose.models.machine import Machine
-from truepose.models.mechanism import AXIS_UNITS
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.mechanism import AXIS_UNITS
 from truepose.models.units import convert
 from truepose.wording import joined
 

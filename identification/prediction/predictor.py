@@ -23,13 +23,13 @@ from truepose.identification.prediction.lost import all_lost, lost_of
 from truepose.identification.prediction.port_kinematics import PortKinematics, twists_by
 from truepose.identification.prediction.sensor_rows import Block, Sight, joined, sights
 from truepose.identification.recording.recording import Recording
-from truepose.models.closure import solved
-from truepose.models.driver import PAYLOAD
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.kinematics import symbolic_model
-from truepose.models.machine import Machine
+from truepose.models.file.driver import PAYLOAD
+from truepose.models.machine.closure import solved
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.statics import load_scale
 from truepose.models.sensors.base import Channel, Comparison, Rows
-from truepose.models.statics import load_scale
 from truepose.threads import in_order
 
 BLOCK = 1024

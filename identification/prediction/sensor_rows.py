@@ -16,9 +16,9 @@ from truepose.identification.prediction.blocks import Block, joined, written_out
 from truepose.identification.prediction.by_ports import ByPorts
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.view import TOOL_IN_WORLD, View
 from truepose.models.sensors.base import Comparison, Sensor
-from truepose.models.view import TOOL_IN_WORLD, View
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.table import read_table
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.given import MachineLike, as_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 from truepose.models.units import convert
 
 

@@ -17,10 +17,10 @@ from truepose.errors import InputError
 from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prior import FORM_ERROR
-from truepose.models.driver import PAYLOAD
 from truepose.models.effects.common import sensor_names
 from truepose.models.effects.empirical import Empirical
-from truepose.models.machine import Machine
+from truepose.models.file.driver import PAYLOAD
+from truepose.models.machine.machine import Machine
 from truepose.models.sensors.base import Sensor
 
 LEAST_RANGE = 1e-6

@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 from truepose.arrays import Array, Mask
 from truepose.errors import InputError
 from truepose.identification.recording.recording import Recording, frozen
-from truepose.models.couplings import turns_freely
-from truepose.models.home import home_readings
-from truepose.models.machine import Machine
-from truepose.models.mechanism import Actuator
+from truepose.models.machine.couplings import turns_freely
+from truepose.models.machine.home import home_readings
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.mechanism import Actuator
 from truepose.models.units import convert
 
 Limits: TypeAlias = tuple[float, float]

@@ -9,7 +9,7 @@ import re
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from truepose.models.driver import Driver
+from truepose.models.file.driver import Driver
 
 Holds = Literal["number", "integer", "text", "time"]
 _PLACEHOLDER: Final = re.compile(r"<\w+>")

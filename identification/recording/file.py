@@ -25,9 +25,9 @@ from truepose.identification.recording.joint_column import (
 from truepose.identification.recording.names import in_known_case, missing_column
 from truepose.identification.recording.table import Table, read_table
 from truepose.identification.recording.times import Times, read_times
-from truepose.models.column_names import OF_ROWS
-from truepose.models.driver import APPROACH, MEASURED_LOADS, VELOCITY, DeclaredDriver, Driver
-from truepose.models.limits import LATEST
+from truepose.models.file.driver import APPROACH, MEASURED_LOADS, VELOCITY, DeclaredDriver, Driver
+from truepose.models.file.limits import LATEST
+from truepose.models.machine.column_names import OF_ROWS
 from truepose.models.units import UnitSystem, convert
 from truepose.wording import shortened
 

@@ -11,7 +11,7 @@ from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.recording.angle_range import beyond, fold, is_whole_turns, leaves_range_open
 from truepose.identification.recording.table import Table
-from truepose.models.limits import LARGEST
+from truepose.models.file.limits import LARGEST
 from truepose.models.units import COUNT_WORDS, UnitSystem, convert
 
 

@@ -24,7 +24,7 @@ from truepose.identification.recording.history import (
     side_of_arrival,
     stop_operator,
 )
-from truepose.models.driver import APPROACH, STEP, TREMBLING, Driver
+from truepose.models.file.driver import APPROACH, STEP, TREMBLING, Driver
 
 IntArray = npt.NDArray[np.int64]
 _NUMBERS: Final = {"stop": (1, 2), "loop": (3, 4), "creep": (1, 2)}

@@ -12,7 +12,7 @@ import numpy as np
 from truepose.arrays import Mask
 from truepose.errors import InputError
 from truepose.identification.recording.recording import Recording, frozen
-from truepose.models.machine import Equipment, Machine
+from truepose.models.machine.machine import Equipment, Machine
 from truepose.wording import joined
 
 

@@ -16,7 +16,7 @@ from truepose.identification.recording.joint_column import JointColumn
 from truepose.identification.recording.origin import digest_of, recorded_on, says_shuffled
 from truepose.identification.recording.recording import IntArray, Recording, frozen
 from truepose.identification.recording.table import Table
-from truepose.models.driver import DeclaredDriver, Driver
+from truepose.models.file.driver import DeclaredDriver, Driver
 from truepose.models.units import UnitSystem
 
 

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from truepose.arrays import Array, Mask
 from truepose.identification.recording.history import order_in_time
 from truepose.identification.recording.memory import from_order, remembered
-from truepose.models.driver import MEASURED_LOADS, OF_THE_ORDER, ROW, TIME, Driver
+from truepose.models.file.driver import MEASURED_LOADS, OF_THE_ORDER, ROW, TIME, Driver
 from truepose.shown.result import Shown, frame_of
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ class Recording(Shown):
     left out because nobody declared them. shuffled: that rows next to each other are declared to be no visits one after the
     other, so that their order tells nothing of how a joint came. reading_errors: estimated noise of the joints' readings,
     known only where rows are compared with each other (`truepose.identification.fit.reading_errors`). uncoupling: takes
-    readings to the joints' own motions where some hold the motion of others (`truepose.models.couplings`).
+    readings to the joints' own motions where some hold the motion of others (`truepose.models.machine.couplings`).
     """
 
     shown_by: ClassVar[str] = "truepose.identification.recording.recording_view"
@@ -176,7 +176,7 @@ class Recording(Shown):
         """(n,) values of all that was varied, by name: the joints' own motions, then every logged driver, time last.
 
         smooth: of the drivers only those that an error may be a smooth function of (`Driver.smooth`). In the units of `q`
-        and of `truepose.models.driver`.
+        and of `truepose.models.file.driver`.
         """
         logged = [name for name in self.logged if not smooth or self._bends_any(Driver.of(name))]
         found = {name: self.driver(name) for name in logged}
@@ -190,7 +190,7 @@ class Recording(Shown):
     def driver(self, name: str, sessions: Sequence[int] | None = None) -> Array | None:
         """(n,) values that the recording has for a driver; None when it has none.
 
-        Units are in `truepose.models.driver`. `temperature.air` stands in for places without a column; names with
+        Units are in `truepose.models.file.driver`. `temperature.air` stands in for places without a column; names with
         numbers are of drivers that remember (`truepose.identification.recording.memory`); `session.after.K` is 1
         from the K-th session change on, 0 before, sessions ranked among `sessions` (see `session_rank`); `row` is the place in
         the order of acquisition where no clock was recorded (`place_in_order`). Where no column tells the side that a joint

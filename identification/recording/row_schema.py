@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from truepose.identification.recording.columns import COLUMNS, JOINTS, KnownColumn
-from truepose.models.schema_line import RECORDING_SCHEMA
+from truepose.models.file.schema_line import RECORDING_SCHEMA
 from truepose.models.schemas.machine import DIALECT
 from truepose.models.schemas.plain import Schema
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from truepose.errors import InputError
-from truepose.models.limits import COLUMNS, LINE, RECORDING_BYTES, ROWS
+from truepose.models.file.limits import COLUMNS, LINE, RECORDING_BYTES, ROWS
 
 
 def check_file(path: Path) -> None:

@@ -22,10 +22,10 @@ import pyarrow.parquet as pq  # type: ignore[import-untyped]
 
 from truepose.arrays import Array, Mask
 from truepose.errors import InputError
+from truepose.identification.leaves.workbooks.spreadsheet import MAGIC, read_spreadsheet
 from truepose.identification.recording.arrow_columns import ArrowCells, parquet_cells
 from truepose.identification.recording.memory_tables import columns_of
 from truepose.identification.recording.size import check_file, check_size
-from truepose.identification.recording.spreadsheet import MAGIC, read_spreadsheet
 from truepose.identification.recording.text import SI, TextTable, read_text
 from truepose.models.units import is_unit, parse_unit
 
@@ -195,7 +195,7 @@ def bag_table(
     path: Path, topic: str | None = None, joints: Sequence[str] = (), readings: Sequence[str] = ()
 ) -> Table:
     """A ROS bag as a table, a row for each stretch in which all joints stand; see ``bags.read_bag``."""
-    from truepose.identification.recording.bags import read_bag
+    from truepose.identification.leaves.bags.bags import read_bag
 
     return _table(str(path), read_bag(path, topic, joints, readings))
 

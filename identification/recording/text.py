@@ -25,7 +25,7 @@ from truepose.identification.recording.languages import refuse_languages
 from truepose.identification.recording.plain_text import SPACES, counts
 from truepose.identification.recording.size import check_line, check_size
 from truepose.identification.recording.text_rows import TextRows, open_text
-from truepose.models.limits import LINE
+from truepose.models.file.limits import LINE
 
 SI: Final = "SI"
 """Unit of a column in the SI unit of whatever is in it, as ROS logs: metres for lengths, radians for angles."""

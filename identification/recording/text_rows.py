@@ -15,7 +15,7 @@ import pyarrow as pa  # type: ignore[import-untyped]
 from truepose.errors import InputError
 from truepose.identification.recording.plain_text import SPACES, counts, plain_columns
 from truepose.identification.recording.size import check_line
-from truepose.models.limits import LINE
+from truepose.models.file.limits import LINE
 
 BLOCK = 1 << 22
 """Characters that are read at a time."""

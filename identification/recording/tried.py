@@ -9,10 +9,10 @@ from truepose.errors import InputError
 from truepose.identification.recording.load import Sources, load_recording, tables
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.table import Table
-from truepose.models.declared import declared_driver
-from truepose.models.driver import MEASURED_LOADS, DeclaredDriver, Driver
-from truepose.models.driver_entry import DriverSpec
-from truepose.models.machine import Machine
+from truepose.models.file.driver import MEASURED_LOADS, DeclaredDriver, Driver
+from truepose.models.file.driver_entry import DriverSpec
+from truepose.models.machine.declared import declared_driver
+from truepose.models.machine.machine import Machine
 from truepose.wording import close_matches
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from truepose.errors import InputError
 from truepose.identification.diagnosis.result import WHOLE, Applied, PoseError
 from truepose.identification.report.numbers import known, measure, significant
-from truepose.models.machine import Machine
-from truepose.models.machine_file import ExpectedPose
+from truepose.models.file.machine_file import ExpectedPose
+from truepose.models.machine.machine import Machine
 
 _HOLDS = {
     WHOLE: "all that was found",

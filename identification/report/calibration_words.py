@@ -7,7 +7,7 @@ from truepose.identification.report.before_after import sensor_unit
 from truepose.identification.report.fits import stated_noise
 from truepose.identification.report.misfit_words import HIGH
 from truepose.identification.report.numbers import significant, unit_symbol
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 
 def calibrated_words(name: str, summary: FitSummary) -> tuple[str, bool]:

@@ -20,9 +20,9 @@ from truepose.identification.report.drivers import Column, column_of, joint_colu
 from truepose.identification.report.formulas import Formula, formula, terms_of
 from truepose.identification.report.numbers import finer, unit_symbol
 from truepose.identification.report.partial_residuals import PortShift, all_port_shifts
-from truepose.models.driver import Driver
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.machine import Machine
+from truepose.models.file.driver import Driver
+from truepose.models.machine.machine import Machine
 
 POINTS = 721
 MOST_PORTS, FEW, MANY = 3, 6, 20

@@ -10,8 +10,8 @@ import numpy as np
 from truepose.arrays import Array
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.numbers import unit_symbol
-from truepose.models.driver import ROW
-from truepose.models.machine import Machine
+from truepose.models.file.driver import ROW
+from truepose.models.machine.machine import Machine
 from truepose.models.sensors.base import Channel
 
 MOST = 12

@@ -8,22 +8,22 @@ from pathlib import Path
 from typing import Any
 
 from truepose.files import atomic_directory, atomic_write_text
-from truepose.identification.check.result import Check
 from truepose.identification.diagnosis.outliers import far_rows
 from truepose.identification.diagnosis.result import Diagnosis
-from truepose.identification.drift.analysis import Drift
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.tool_pose import calibrated_pose
 from truepose.identification.fit.write_machine import write_calibrated
+from truepose.identification.leaves.check.result import Check
+from truepose.identification.leaves.check.words import caution, checked
+from truepose.identification.leaves.drift.analysis import Drift
+from truepose.identification.leaves.drift.page import drift_html
+from truepose.identification.leaves.drift.words import drift_json
 from truepose.identification.report import pages
-from truepose.identification.report.check_words import caution, checked
-from truepose.identification.report.drift_page import drift_html
-from truepose.identification.report.drift_words import drift_json
 from truepose.identification.report.fitted import file_of
 from truepose.identification.report.json_text import json_text
 from truepose.identification.report.results import calibration_json, diagnosis_json
 from truepose.identification.report.row_words import far_row_words
-from truepose.models.machine_file import ExpectedPose
+from truepose.models.file.machine_file import ExpectedPose
 
 REPORT = "report.html"
 

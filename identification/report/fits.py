@@ -11,7 +11,7 @@ from truepose.arrays import Array, Mask
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.summary import FitSummary, rms_by_kind
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 NAMES = {
     "free": ("free fit", "ordinary fit, parameters free"),

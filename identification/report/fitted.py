@@ -18,7 +18,7 @@ from truepose.identification.fit.tool_pose import calibrated_pose
 from truepose.identification.fit.write_machine import calibrated_text
 from truepose.identification.report.applied_words import expected_pose
 from truepose.identification.report.judgement_words import diagnosis_judgement
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 from truepose.models.units import convert
 
 

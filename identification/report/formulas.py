@@ -11,8 +11,8 @@ import numpy as np
 from truepose.arrays import Array
 from truepose.identification.diagnosis.result import Diagnosis, Finding
 from truepose.models.effects.base import PlacedEffect, Site
-from truepose.models.machine import Machine
-from truepose.models.states import asked, state_names
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.states import asked, state_names
 
 
 @dataclass(frozen=True)

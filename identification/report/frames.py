@@ -10,16 +10,16 @@ import pandas as pd
 from truepose.identification.compensation.inverse import Inverse, Reach
 from truepose.identification.compensation.rows import Compensation
 from truepose.identification.diagnosis.result import Diagnosis, Finding
-from truepose.identification.drift.analysis import Drift
-from truepose.identification.drift.sizes import Movement
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.identifiability.analysis import Identifiability
 from truepose.identification.identifiability.observability import identifiable
-from truepose.identification.planning.discriminate.result import Experiment
-from truepose.identification.planning.plan import Plan
+from truepose.identification.leaves.drift.analysis import Drift
+from truepose.identification.leaves.drift.sizes import Movement
+from truepose.identification.leaves.planning.discriminate.result import Experiment
+from truepose.identification.leaves.planning.plan import Plan
+from truepose.identification.leaves.planning.pose_tables import experiment_table, plan_table
 from truepose.identification.report.diagnosis_words import explanation, separating_experiment
-from truepose.identification.report.pose_tables import experiment_table, plan_table
 from truepose.identification.report.results import drawing_of, unbounded
 
 CONSTANTS = ["parameter", "value", "std", "nominal", "unit", "tolerance", "in_tolerances", "identifiable"]

@@ -10,8 +10,8 @@ import numpy as np
 from truepose.arrays import Array, Mask
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.report.diagnosis_words import several
-from truepose.models.machine import FRAME_OF, FRAMES
-from truepose.models.mechanism import AXES
+from truepose.models.machine.machine import FRAME_OF, FRAMES
+from truepose.models.machine.mechanism import AXES
 from truepose.wording import shortened
 
 TAKES_PART = 1e-2

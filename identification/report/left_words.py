@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from truepose.identification.check.rows import Left, column_words, row_words
-from truepose.identification.check.weighing import FAR
 from truepose.identification.diagnosis.result import Diagnosis
+from truepose.identification.leaves.check.rows import Left, column_words, row_words
+from truepose.identification.leaves.check.weighing import FAR
 
 
 def left_words(diagnosis: Diagnosis) -> str:

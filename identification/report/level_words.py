@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 from truepose.identification.diagnosis.result import NAMED, Finding, Lead, Replication, Together
 from truepose.identification.report.numbers import percent
-from truepose.models.driver import DriverKind
 from truepose.models.effects.base import effects
+from truepose.models.file.driver import DriverKind
 from truepose.wording import joined, shortened
 
 SAID = 0.9

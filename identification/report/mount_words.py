@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.report.document import Block, Table
-from truepose.models.mount_terms import Said, said_terms
+from truepose.models.machine.mount_terms import Said, said_terms
 
 
 def terms_of_fit(fit: Estimate) -> tuple[Said, ...]:

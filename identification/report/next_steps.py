@@ -10,7 +10,7 @@ from truepose.identification.report.diagnosis_words import separating_experiment
 from truepose.identification.report.left_words import left_words
 from truepose.identification.report.lines import COLUMNS, wrapped
 from truepose.models.effects.of_rows import OF_ROWS
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 NEXT = "next: "
 

@@ -25,8 +25,8 @@ from truepose.identification.report.scene.guilt import Guilty
 from truepose.identification.report.scene.scene import scene_of
 from truepose.identification.report.untestable_words import missing_words, untestable_lines
 from truepose.identification.report.verdict_reasons import doubts
-from truepose.models.machine import Machine
-from truepose.models.machine_file import ExpectedPose
+from truepose.models.file.machine_file import ExpectedPose
+from truepose.models.machine.machine import Machine
 from truepose.wording import joined
 
 MOST, DOUBTS = 3, 2

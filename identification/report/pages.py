@@ -41,7 +41,7 @@ from truepose.identification.report.sections.residuals import (
 )
 from truepose.identification.report.sections.truth import truth_section
 from truepose.identification.report.sections.uncertainty import uncertainty_section
-from truepose.models.machine_file import ExpectedPose
+from truepose.models.file.machine_file import ExpectedPose
 
 SUSPICIOUS = 1.3
 """Misfit chi2 per degree of freedom above which a calibration alone does not explain the readings."""

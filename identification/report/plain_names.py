@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from truepose.identification.report.level_words import title
-from truepose.models.placed import Coefficient, PlacedEffect
+from truepose.models.machine.placed import Coefficient, PlacedEffect
 
 
 def plain_names(terms: Sequence[PlacedEffect]) -> dict[str, str]:

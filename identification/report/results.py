@@ -29,7 +29,7 @@ from truepose.identification.report.json_text import Json, finite
 from truepose.identification.report.judgement_words import diagnosis_judgement, judgement_json
 from truepose.identification.report.notes import diagnosis_notes
 from truepose.identification.report.unseen_words import meaning
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 DIAGNOSIS_SCHEMA = "truepose/diagnosis/1"
 FIT_SCHEMA = "truepose/fit/1"

@@ -34,7 +34,7 @@ from truepose.identification.report.results import diagnosis_json
 from truepose.identification.report.row_words import excluded_words, far_row_words
 from truepose.identification.report.untestable_words import missing_words
 from truepose.identification.report.verdict_reasons import doubts
-from truepose.models.machine_file import ExpectedPose
+from truepose.models.file.machine_file import ExpectedPose
 from truepose.wording import shortened
 
 PLACES, ROWS, RIVALS, SETS = 6, 12, 4, 3

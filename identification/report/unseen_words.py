@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from truepose.identification.identifiability.observability import Direction, Knowledge
 from truepose.identification.identifiability.patterns import Blind, Pattern
-from truepose.models.machine import FRAME_OF
+from truepose.models.machine.machine import FRAME_OF
 from truepose.wording import joined, shortened
 
 TOGETHER = 10

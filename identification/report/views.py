@@ -13,18 +13,20 @@ import numpy as np
 from truepose.identification.compensation.inverse import Inverse, Reach
 from truepose.identification.compensation.rows import Compensation
 from truepose.identification.diagnosis.result import Diagnosis, Finding
-from truepose.identification.drift.analysis import Drift
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.summary import FitSummary, summarise
 from truepose.identification.identifiability.analysis import Identifiability
-from truepose.identification.planning.discriminate.result import Experiment
-from truepose.identification.planning.plan import Plan
-from truepose.identification.report import diagnosis_words, drift_words, pictures
+from truepose.identification.leaves.drift import words as drift_words
+from truepose.identification.leaves.drift.analysis import Drift
+from truepose.identification.leaves.planning.discriminate.result import Experiment
+from truepose.identification.leaves.planning.discriminate.words import sentences
+from truepose.identification.leaves.planning.plan import Plan
+from truepose.identification.leaves.planning.words import plan_lines, plan_notes
+from truepose.identification.report import diagnosis_words, pictures
 from truepose.identification.report.applied_words import applied_words
 from truepose.identification.report.calibration_words import calibrated_words
 from truepose.identification.report.compensation_words import error_sentence
-from truepose.identification.report.experiment_words import sentences
 from truepose.identification.report.frames import frame
 from truepose.identification.report.identifiability_words import (
     poses_line,
@@ -35,12 +37,11 @@ from truepose.identification.report.identifiability_words import (
 from truepose.identification.report.level_words import levels_words
 from truepose.identification.report.notes import diagnosis_notes, worded
 from truepose.identification.report.numbers import measure, percent, significant, unit_symbol
-from truepose.identification.report.plan_words import plan_lines, plan_notes
 from truepose.identification.report.row_words import excluded_words
 from truepose.identification.report.unseen_words import unseen_sentences
 from truepose.identification.report.untestable_words import untestable_lines
 from truepose.identification.report.verdict_reasons import doubts
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 from truepose.shown.view import View
 from truepose.wording import shortened
 

@@ -28,7 +28,6 @@ from truepose.identification.signatures.untestable import (
     unloaded,
     why_untestable,
 )
-from truepose.models.driver import MEASURED_LOADS, ROW, Driver
 from truepose.models.effects.base import PlacedEffect, Settings
 from truepose.models.effects.common import sensor_names
 from truepose.models.effects.empirical import WIDTH, Empirical
@@ -40,8 +39,9 @@ from truepose.models.effects.empirical_sources import (
     seen_over,
 )
 from truepose.models.effects.sights import XYZ, point_names
-from truepose.models.machine import FRAMES, Machine
-from truepose.models.placed import EffectAtPlace
+from truepose.models.file.driver import MEASURED_LOADS, ROW, Driver
+from truepose.models.machine.machine import FRAMES, Machine
+from truepose.models.machine.placed import EffectAtPlace
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.forms import Forms
 from truepose.identification.signatures.point import Point
 from truepose.identification.signatures.row_columns import RowColumns, Sums
-from truepose.models.driver import PAYLOAD
+from truepose.models.file.driver import PAYLOAD
 from truepose.models.registry import load_once, loaded_plugins
 from truepose.pool import numbered, present
 from truepose.threads import one_thread

@@ -21,7 +21,7 @@ from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.series import over_arc
 from truepose.models.effects.transmission_error import HIGHEST_ORDER, SERIES, TransmissionError
-from truepose.models.setting_range import HARMONIC
+from truepose.models.file.setting_range import HARMONIC
 
 FINEST = 4096
 """Highest order that is looked for: 2^12, twenty cycles of a motor behind a gear of 200."""

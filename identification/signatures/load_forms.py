@@ -9,11 +9,11 @@ import numpy as np
 from truepose.arrays import Array
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
-from truepose.models.driver import MEASURED_LOADS, Driver
 from truepose.models.effects.base import Settings
 from truepose.models.effects.empirical import TURNS
 from truepose.models.effects.empirical_sources import LOAD, LOAD_CURVE, MOMENT, seen_over
-from truepose.models.machine import FRAMES, Machine
+from truepose.models.file.driver import MEASURED_LOADS, Driver
+from truepose.models.machine.machine import FRAMES, Machine
 
 SAME = 1e-6
 """Share of a load (N, N m) below which its changes are rounding."""

@@ -25,7 +25,7 @@ from truepose.identification.signatures.products import Columns
 from truepose.identification.signatures.shift_function import ShiftFunction
 from truepose.identification.signatures.weighed import blocks_of_every_set
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 from truepose.threads import in_order
 
 Sums = tuple[tuple[Array, ...], list[int]]

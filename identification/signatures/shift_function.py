@@ -12,9 +12,9 @@ from truepose.arrays import Array, Index
 from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect, Site
-from truepose.models.kinematics import driver_default
-from truepose.models.machine import Machine
-from truepose.models.states import state_names
+from truepose.models.machine.kinematics import driver_default
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.states import state_names
 
 
 class ShiftFunction:

@@ -24,7 +24,7 @@ from truepose.identification.signatures.linearisation import Linearisation
 from truepose.identification.signatures.point import Point
 from truepose.identification.signatures.row_columns import RowColumns, parted
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.placed import EffectAtPlace
+from truepose.models.machine.placed import EffectAtPlace
 
 
 class Signatures(RowColumns):

@@ -13,7 +13,10 @@ from scipy.constants import g
 
 from truepose.arrays import Array
 from truepose.identification.recording.recording import Recording
-from truepose.models.driver import (
+from truepose.models.effects.base import Effect, PlacedEffect, effects
+from truepose.models.effects.empirical_sources import travel_of
+from truepose.models.effects.thermometers import any_thermometer
+from truepose.models.file.driver import (
     APPROACH,
     OF_THE_ORDER,
     OF_THE_WAY,
@@ -23,10 +26,7 @@ from truepose.models.driver import (
     TIME,
     Driver,
 )
-from truepose.models.effects.base import Effect, PlacedEffect, effects
-from truepose.models.effects.empirical_sources import travel_of
-from truepose.models.effects.thermometers import any_thermometer
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 GRAVITY = (0.0, 0.0, -g)
 """What weight pulls with where the base stands upright, m/s^2."""

@@ -15,8 +15,8 @@ from typing import Any, Literal, Self
 from pydantic import model_validator
 
 from truepose.models.builders.driven import Driven
-from truepose.models.context import BuildContext
-from truepose.models.fields import Angle, Length, Section, bad_value
+from truepose.models.file.fields import Angle, Length, Section, bad_value
+from truepose.models.machine.context import BuildContext
 
 CONVENTIONS = ("khalil", "modified", "standard")
 _KEPT = tuple(Driven.model_fields)

@@ -8,10 +8,10 @@ from typing import Any, Self
 from pydantic import Field, model_validator
 
 from truepose.errors import InputError
-from truepose.models.context import BuildContext
-from truepose.models.fields import Number, Period, Pitch, Range, Ratio, Section, bad_value, quantity
-from truepose.models.limits import positive
-from truepose.models.mechanism import Actuator
+from truepose.models.file.fields import Number, Period, Pitch, Range, Ratio, Section, bad_value, quantity
+from truepose.models.file.limits import positive
+from truepose.models.machine.context import BuildContext
+from truepose.models.machine.mechanism import Actuator
 from truepose.models.units import convert, counts_unit
 from truepose.wording import close_matches
 

@@ -14,12 +14,12 @@ from typing import Annotated, Literal, Protocol
 from pydantic import model_validator
 
 from truepose.errors import InputError
-from truepose.models.context import BuildContext
-from truepose.models.fields import In, Length, Number, Section, bad_value
-from truepose.models.flexure import SHAPE
-from truepose.models.home_directions import home_directions
-from truepose.models.mechanism import ElasticChain, Flexures, Mechanism
-from truepose.models.parameters import Parameter
+from truepose.models.file.fields import In, Length, Number, Section, bad_value
+from truepose.models.machine.context import BuildContext
+from truepose.models.machine.flexure import SHAPE
+from truepose.models.machine.home_directions import home_directions
+from truepose.models.machine.mechanism import ElasticChain, Flexures, Mechanism
+from truepose.models.machine.parameters import Parameter
 
 Model = Literal["spherical", "linear", "beam", "stiffness", "elastic"]
 SECTION = {"bending": "N*mm^2", "tension": "N", "torsion": "N*mm^2"}

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping
 
 from truepose.errors import InputError
-from truepose.models.context import BuildContext
-from truepose.models.fields import Number, Section
-from truepose.models.formula import FUNCTIONS, Formula, Law
+from truepose.models.file.fields import Number, Section
+from truepose.models.file.formula import FUNCTIONS, Formula, Law
+from truepose.models.machine.context import BuildContext
 
 _OWN = ("x", "y", "z", "rx", "ry", "rz", "offset")
 """Parameters that every joint has."""

@@ -16,8 +16,7 @@ from truepose.models.builders.base import builders
 from truepose.models.builders.driven import Driven, Encoder
 from truepose.models.builders.followers import Mimic, check_lengths, law_of, ratio_name, ratio_unit
 from truepose.models.builders.limbs import limbs_of, thermal_lengths
-from truepose.models.context import BuildContext
-from truepose.models.fields import (
+from truepose.models.file.fields import (
     AngleVector,
     In,
     Length,
@@ -28,8 +27,9 @@ from truepose.models.fields import (
     bad_value,
 )
 from truepose.models.lie import unit_vector
-from truepose.models.mechanism import BASE, COORDINATES, Follower, Joint, Mechanism, Step
-from truepose.models.parameters import Parameter
+from truepose.models.machine.context import BuildContext
+from truepose.models.machine.mechanism import BASE, COORDINATES, Follower, Joint, Mechanism, Step
+from truepose.models.machine.parameters import Parameter
 from truepose.models.units import convert
 from truepose.wording import close_matches
 

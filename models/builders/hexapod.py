@@ -16,8 +16,7 @@ from truepose.errors import InputError
 from truepose.models.builders.base import builders
 from truepose.models.builders.driven import Driven
 from truepose.models.builders.flexures import Bar, Flexure, Model, flexed
-from truepose.models.context import BuildContext
-from truepose.models.fields import (
+from truepose.models.file.fields import (
     Gain,
     In,
     Length,
@@ -27,8 +26,9 @@ from truepose.models.fields import (
     Vector,
 )
 from truepose.models.lie import exp_so3, unit_vector
-from truepose.models.mechanism import BASE, Actuator, Direction, Joint, Limb, Mechanism, Rod, Step
-from truepose.models.parameters import Parameter
+from truepose.models.machine.context import BuildContext
+from truepose.models.machine.mechanism import BASE, Actuator, Direction, Joint, Limb, Mechanism, Rod, Step
+from truepose.models.machine.parameters import Parameter
 
 PLATFORM = "platform"
 _POINT = ("x", "y", "z")

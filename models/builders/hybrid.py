@@ -18,9 +18,9 @@ from pydantic import Field, model_validator
 from truepose.models.builders.base import builders
 from truepose.models.builders.driven import Encoder, with_encoders
 from truepose.models.builders.graph import Graph, mechanism_of
-from truepose.models.context import BuildContext
-from truepose.models.fields import In, Length, Number, Pitch, Section, bad_value
-from truepose.models.mechanism import Mechanism
+from truepose.models.file.fields import In, Length, Number, Pitch, Section, bad_value
+from truepose.models.machine.context import BuildContext
+from truepose.models.machine.mechanism import Mechanism
 from truepose.models.units import UnitSystem
 
 LIMBS = (1, 2, 3)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from truepose.models.loops import Part, around, looped, serial_part
-from truepose.models.mechanism import Joint, Limb, Mechanism
+from truepose.models.machine.loops import Part, around, looped, serial_part
+from truepose.models.machine.mechanism import Joint, Limb, Mechanism
 
 _XYZ = ("x", "y", "z")
 _HUB = 3

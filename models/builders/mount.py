@@ -15,10 +15,10 @@ from typing import Any, Literal
 from truepose.errors import InputError
 from truepose.models.builders.base import builders
 from truepose.models.builders.driven import Driven
-from truepose.models.context import BuildContext
-from truepose.models.fields import Angle, Section
-from truepose.models.mechanism import BASE, Inertial, Joint, Mechanism, Step
-from truepose.models.parameters import Parameter
+from truepose.models.file.fields import Angle, Section
+from truepose.models.machine.context import BuildContext
+from truepose.models.machine.mechanism import BASE, Inertial, Joint, Mechanism, Step
+from truepose.models.machine.parameters import Parameter
 
 STANDARD_GRAVITY = 9.80665
 UNWEIGHED = (Inertial("tool", 10.0, (500.0, 0.0, 0.0)), Inertial("tube", 10.0, (-500.0, 0.0, 0.0)))

@@ -20,10 +20,10 @@ from pydantic_core import PydanticCustomError
 from truepose.errors import InputError
 from truepose.models.builders.base import builders
 from truepose.models.builders.dh_table import CONVENTIONS, ChainJoint, khalil_section, table_frames
-from truepose.models.context import BuildContext
-from truepose.models.fields import Angle, Length, Section
-from truepose.models.mechanism import BASE, Joint, Mechanism, Step
-from truepose.models.parameters import Parameter
+from truepose.models.file.fields import Angle, Length, Section
+from truepose.models.machine.context import BuildContext
+from truepose.models.machine.mechanism import BASE, Joint, Mechanism, Step
+from truepose.models.machine.parameters import Parameter
 
 _STEPS = (
     ("ry", "beta", "rad"),

@@ -23,9 +23,9 @@ from truepose.models.builders.followers import ratio_unit
 from truepose.models.builders.graph import Graph, mechanism_of
 from truepose.models.builders.urdf_file import Robot
 from truepose.models.builders.urdf_inertials import gravity_in, inertials_of
-from truepose.models.context import BuildContext
-from truepose.models.fields import Section
-from truepose.models.mechanism import BASE, Mechanism
+from truepose.models.file.fields import Section
+from truepose.models.machine.context import BuildContext
+from truepose.models.machine.mechanism import BASE, Mechanism
 from truepose.models.units import UnitSystem, convert
 from truepose.wording import close_matches, cut
 

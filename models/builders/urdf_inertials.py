@@ -15,7 +15,7 @@ import numpy as np
 from truepose.arrays import Array
 from truepose.models.builders.urdf_file import FARTHEST, MM_PER_M, Robot
 from truepose.models.lie import pose_of, rpy_matrix
-from truepose.models.mechanism import Inertial
+from truepose.models.machine.mechanism import Inertial
 from truepose.wording import shortened
 
 STANDARD_GRAVITY = 9.80665

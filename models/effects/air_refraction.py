@@ -12,8 +12,8 @@ from truepose.models.effects.base import Coefficient, Effect, Observed, Place, S
 from truepose.models.effects.common import sensor_at, sensors_where
 from truepose.models.effects.sights import bent_up, of_stars, optical, stretched
 from truepose.models.effects.thermometers import borrowed, from_settings, others
-from truepose.models.machine import Machine
-from truepose.models.setting_range import ANY, SWITCH, ranges
+from truepose.models.file.setting_range import ANY, SWITCH, ranges
+from truepose.models.machine.machine import Machine
 
 REFRACTIVITY = 2.7e-4
 """n - 1 of dry air at 20 degC and 1013.25 hPa: 2.72e-4 at 633 nm, 2.69e-4 at 1550 nm."""

@@ -18,9 +18,9 @@ from truepose.models.effects.common import (
     rails,
     singly,
 )
-from truepose.models.loops import looped
-from truepose.models.machine import Machine
-from truepose.models.setting_range import COUNT, ranges
+from truepose.models.file.setting_range import COUNT, ranges
+from truepose.models.machine.loops import looped
+from truepose.models.machine.machine import Machine
 
 LETTERS = "xyz"
 TOWARDS = "e"

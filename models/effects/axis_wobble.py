@@ -17,10 +17,10 @@ from truepose.models.effects.common import (
     own_offset,
     singly,
 )
-from truepose.models.machine import Machine
-from truepose.models.mechanism import AXES
-from truepose.models.setting_range import COUNT, ranges
-from truepose.models.states import across
+from truepose.models.file.setting_range import COUNT, ranges
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.mechanism import AXES
+from truepose.models.machine.states import across
 
 LARGEST = 1e-3
 DECAY = 1.5

@@ -1,8 +1,16 @@
-"""What an effect's file imports: the contract is in ``truepose.models.effect`` and ``truepose.models.placed``."""
+"""What an effect's file imports; contracts: ``truepose.models.machine.effect`` and ``truepose.models.machine.placed``."""
 
-from truepose.models.driver import DriverKind
-from truepose.models.effect import Effect, Site, effects
-from truepose.models.placed import SERIES, Coefficient, Observed, Place, PlacedEffect, Settings, Shifts
+from truepose.models.file.driver import DriverKind
+from truepose.models.machine.effect import Effect, Site, effects
+from truepose.models.machine.placed import (
+    SERIES,
+    Coefficient,
+    Observed,
+    Place,
+    PlacedEffect,
+    Settings,
+    Shifts,
+)
 
 __all__ = [
     "SERIES",

@@ -12,10 +12,10 @@ from scipy.spatial.transform import Rotation
 
 from truepose.arrays import Array
 from truepose.errors import InputError
-from truepose.models.driver import VELOCITY, Driver
 from truepose.models.effects.base import Coefficient, Observed, Place, Settings, Site
-from truepose.models.machine import Machine
-from truepose.models.mechanism import AXES, Actuator, Direction, Joint, Limb
+from truepose.models.file.driver import VELOCITY, Driver
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.mechanism import AXES, Actuator, Direction, Joint, Limb
 from truepose.models.sensors.base import Sensor
 from truepose.wording import joined
 

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from truepose.arrays import Array
-from truepose.models.smooth import chebyshev
+from truepose.models.machine.smooth import chebyshev
 
 LINE_END = 2.0
 """Where a line ends, in halves of the range seen: most that is linear goes on, but not for ever."""

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 
 import casadi as ca
 
-from truepose.models.driver import STEP, Driver
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import (
     actuator_at,
@@ -15,8 +14,9 @@ from truepose.models.effects.common import (
     nominal_gain,
     singly_and_together,
 )
-from truepose.models.machine import Machine
-from truepose.models.setting_range import NOT_NEGATIVE, SWITCH, ranges
+from truepose.models.file.driver import STEP, Driver
+from truepose.models.file.setting_range import NOT_NEGATIVE, SWITCH, ranges
+from truepose.models.machine.machine import Machine
 
 LARGEST = {"mm": 0.3, "rad": 3e-3, "1": 3e-3}
 """Of the joint with the longest way, and of the whole step: 25 ms before the end of a stop from 10 rad/s^2, or from 1 m/s^2."""

@@ -9,7 +9,6 @@ import casadi as ca
 import numpy as np
 
 from truepose.arrays import Array
-from truepose.models.driver import TIME
 from truepose.models.effects.base import (
     Coefficient,
     DriverKind,
@@ -39,9 +38,10 @@ from truepose.models.effects.empirical_sources import (
     usual_range,
 )
 from truepose.models.effects.sights import XYZ, moved_point, point_names, seen_point
-from truepose.models.machine import FRAMES, Machine
-from truepose.models.mechanism import AXES, AXIS_UNITS
-from truepose.models.setting_range import COLUMN, COUNT, POSITIVE, ranges
+from truepose.models.file.driver import TIME
+from truepose.models.file.setting_range import COLUMN, COUNT, POSITIVE, ranges
+from truepose.models.machine.machine import FRAMES, Machine
+from truepose.models.machine.mechanism import AXES, AXIS_UNITS
 from truepose.wording import joined
 
 LARGEST = {"mm": 1.0, "rad": 0.01}

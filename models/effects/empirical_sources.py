@@ -7,11 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from truepose.errors import InputError
-from truepose.models.driver import TIME, Driver
 from truepose.models.effects.base import Place, Settings
 from truepose.models.effects.common import SECONDS_PER_HOUR
 from truepose.models.effects.curves import Source
-from truepose.models.machine import FRAMES, Machine
+from truepose.models.file.driver import TIME, Driver
+from truepose.models.machine.machine import FRAMES, Machine
 from truepose.wording import joined
 
 CURVE, LINE = 4, 1

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from truepose.models.effects.base import Place, effects
 from truepose.models.effects.of_rows import OfRows
-from truepose.models.machine import Machine
-from truepose.models.setting_range import NO_SETTINGS
+from truepose.models.file.setting_range import NO_SETTINGS
+from truepose.models.machine.machine import Machine
 
 
 @effects.add("fringe-miscount")

@@ -17,8 +17,8 @@ from truepose.models.effects.measured_loads import (
     measured_settings,
     measured_words,
 )
-from truepose.models.machine import Machine
-from truepose.models.setting_range import NOT_NEGATIVE, ORDER, ranges
+from truepose.models.file.setting_range import NOT_NEGATIVE, ORDER, ranges
+from truepose.models.machine.machine import Machine
 
 BENT_AT = 100.0
 """N m (N): the load at which a bent characteristic is told."""

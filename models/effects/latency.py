@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 
 import casadi as ca
 
-from truepose.models.couplings import own_motions
-from truepose.models.driver import VELOCITY, Driver
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import moves_while_read, sensor_names
-from truepose.models.machine import Machine
-from truepose.models.setting_range import SWITCH, ranges
+from truepose.models.file.driver import VELOCITY, Driver
+from truepose.models.file.setting_range import SWITCH, ranges
+from truepose.models.machine.couplings import own_motions
+from truepose.models.machine.machine import Machine
 
 LONGEST = 0.5
 

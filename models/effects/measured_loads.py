@@ -6,9 +6,9 @@ A column may be the load that pulls at the joint or what the drive holds against
 
 from __future__ import annotations
 
-from truepose.models.driver import CURRENT, MEASURED_LOADS, Driver
 from truepose.models.effects.base import Coefficient, Observed, Settings
-from truepose.models.machine import Machine
+from truepose.models.file.driver import CURRENT, MEASURED_LOADS, Driver
+from truepose.models.machine.machine import Machine
 
 PER_AMPERE = 10.0
 """N m (N) that an ampere of a geared motor holds, to a power of ten. Chosen."""

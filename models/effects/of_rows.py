@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 OF_ROWS = ("outliers", "fringe-miscount")
 """Their slugs: findings of these alone say nothing against the model."""

@@ -17,10 +17,10 @@ from truepose.models.effects.sights import (
     point_names,
     seen_point,
 )
-from truepose.models.machine import FRAMES, Machine
+from truepose.models.file.setting_range import NOT_NEGATIVE, ORDER, ranges
+from truepose.models.machine.machine import FRAMES, Machine
 from truepose.models.sensors.base import Sensor
 from truepose.models.sensors.distance import Distance
-from truepose.models.setting_range import NOT_NEGATIVE, ORDER, ranges
 
 FRINGE, ENCODER = 2.5e-5, 2e-5
 NOWHERE = 1e-12

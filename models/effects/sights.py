@@ -8,10 +8,10 @@ import casadi as ca
 import numpy as np
 
 from truepose.models import lie
-from truepose.models.assembly import assemble, frame_of
 from truepose.models.effects.base import Site
-from truepose.models.home import home_readings
-from truepose.models.mechanism import AXES
+from truepose.models.machine.assembly import assemble, frame_of
+from truepose.models.machine.home import home_readings
+from truepose.models.machine.mechanism import AXES
 from truepose.models.sensors.base import Sensor
 from truepose.models.sensors.direction import ORIGIN, Direction
 

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from truepose.arrays import Array
-from truepose.models.driver import AIR, TEMPERATURE, TIME, Driver
 from truepose.models.effects.base import Settings
-from truepose.models.machine import Machine
+from truepose.models.file.driver import AIR, TEMPERATURE, TIME, Driver
+from truepose.models.machine.machine import Machine
 from truepose.models.units import compatible
 
 FROM = "from."

@@ -8,8 +8,8 @@ from math import hypot, pi, sqrt
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import ARCSEC, actuator_at, sine_coefficients, sine_pair, singly
 from truepose.models.effects.series import SEEN, over_arc, series, series_coefficients
-from truepose.models.machine import Machine
-from truepose.models.setting_range import ANY, HARMONIC, ORDER, ranges
+from truepose.models.file.setting_range import ANY, HARMONIC, ORDER, ranges
+from truepose.models.machine.machine import Machine
 
 HIGHEST_ORDER = 30
 SERIES = 60.0

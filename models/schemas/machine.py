@@ -9,15 +9,15 @@ import json
 from collections.abc import Mapping
 from typing import Any, Final
 
-from truepose.models.builder import builders
-from truepose.models.effect import effects
-from truepose.models.effect_entry import EffectEntry
-from truepose.models.fields import Section
-from truepose.models.machine_file import DefaultTolerances, MachineDocument
+from truepose.models.file.effect_entry import EffectEntry
+from truepose.models.file.fields import Section
+from truepose.models.file.machine_file import DefaultTolerances, MachineDocument
+from truepose.models.file.schema_line import MACHINE_SCHEMA
+from truepose.models.machine.builder import builders
+from truepose.models.machine.effect import effects
+from truepose.models.machine.sensor import sensors
 from truepose.models.registry import Registry
-from truepose.models.schema_line import MACHINE_SCHEMA
 from truepose.models.schemas.plain import Schema, plain_schema
-from truepose.models.sensor import sensors
 
 DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-from truepose.models.fields import Section
+from truepose.models.file.fields import Section
 
 Schema = dict[str, Any]
 _DEFS: Final = "#/$defs/"

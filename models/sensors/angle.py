@@ -10,8 +10,7 @@ import casadi as ca
 from pydantic import Field
 
 from truepose.errors import InputError
-from truepose.models.context import BuildContext
-from truepose.models.fields import (
+from truepose.models.file.fields import (
     AngleSigma,
     AngleTolerance,
     In,
@@ -20,8 +19,9 @@ from truepose.models.fields import (
     Number,
     Section,
 )
-from truepose.models.mechanism import Actuator, Mechanism
-from truepose.models.parameters import Parameter
+from truepose.models.machine.context import BuildContext
+from truepose.models.machine.mechanism import Actuator, Mechanism
+from truepose.models.machine.parameters import Parameter
 from truepose.models.sensors.base import Channel, Sensor, sensors
 from truepose.wording import close_matches, joined
 

@@ -8,12 +8,12 @@ from typing import Any, Literal
 
 import casadi as ca
 
-from truepose.models.context import BuildContext
-from truepose.models.fields import LengthSigma, LengthToleranceVector, LengthVector, Section
-from truepose.models.parameters import Parameter
+from truepose.models.file.fields import LengthSigma, LengthToleranceVector, LengthVector, Section
+from truepose.models.machine.context import BuildContext
+from truepose.models.machine.parameters import Parameter
+from truepose.models.machine.view import TOOL_IN_WORLD, View, ViewSection
+from truepose.models.machine.view import prefix as opening
 from truepose.models.sensors.base import Channel, Sensor, sensors
-from truepose.models.view import TOOL_IN_WORLD, View, ViewSection
-from truepose.models.view import prefix as opening
 
 _XYZ = ("x", "y", "z")
 _NOWHERE = (0.0, 0.0, 0.0)

@@ -1,7 +1,7 @@
-"""What a sensor's file imports: the contract is in ``truepose.models.sensor``."""
+"""What a sensor's file imports: the contract is in ``truepose.models.machine.sensor``."""
 
 from truepose.arrays import Array
-from truepose.models.sensor import (
+from truepose.models.machine.sensor import (
     TOOL,
     Channel,
     Comparison,

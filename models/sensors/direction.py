@@ -11,8 +11,7 @@ import numpy as np
 from pydantic import model_validator
 
 from truepose.models import lie
-from truepose.models.context import BuildContext
-from truepose.models.fields import (
+from truepose.models.file.fields import (
     AngleSigma,
     AngleToleranceVector,
     AngleVector,
@@ -21,8 +20,9 @@ from truepose.models.fields import (
     Section,
     bad_value,
 )
-from truepose.models.mechanism import AXES, AXIS_UNITS
-from truepose.models.parameters import Parameter
+from truepose.models.machine.context import BuildContext
+from truepose.models.machine.mechanism import AXES, AXIS_UNITS
+from truepose.models.machine.parameters import Parameter
 from truepose.models.sensors.base import Array, Channel, Sensor, sensors
 
 ORIGIN = "origin"

@@ -10,8 +10,7 @@ import casadi as ca
 from pydantic import Field
 
 from truepose.models import lie
-from truepose.models.context import BuildContext
-from truepose.models.fields import (
+from truepose.models.file.fields import (
     Angle,
     AngleTolerance,
     Length,
@@ -21,7 +20,8 @@ from truepose.models.fields import (
     LengthVector,
     Section,
 )
-from truepose.models.parameters import Parameter
+from truepose.models.machine.context import BuildContext
+from truepose.models.machine.parameters import Parameter
 from truepose.models.sensors.base import TOOL, Channel, Sensor, flange_of, sensors
 
 

@@ -8,9 +8,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, WithJsonSchema, model_validator
 
-from truepose.models.context import BuildContext
-from truepose.models.fabry_perot import Reflectivities
-from truepose.models.fields import Length, bad_value
+from truepose.models.file.fields import Length, bad_value
+from truepose.models.machine.context import BuildContext
+from truepose.models.machine.fabry_perot import Reflectivities
 from truepose.models.sensors.base import sensors
 from truepose.models.sensors.distance import CavitySection, Distance, cavity_parameters
 

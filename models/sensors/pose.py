@@ -10,11 +10,11 @@ import casadi as ca
 import numpy as np
 
 from truepose.models import lie
-from truepose.models.context import BuildContext
-from truepose.models.fields import AngleSigma, LengthSigma, Section
-from truepose.models.mechanism import AXES, AXIS_UNITS
+from truepose.models.file.fields import AngleSigma, LengthSigma, Section
+from truepose.models.machine.context import BuildContext
+from truepose.models.machine.mechanism import AXES, AXIS_UNITS
+from truepose.models.machine.view import TOOL_IN_WORLD, View, ViewSection, prefix
 from truepose.models.sensors.base import Array, Channel, Sensor, sensors
-from truepose.models.view import TOOL_IN_WORLD, View, ViewSection, prefix
 
 _XYZ, _ROT = AXES[:3], AXES[3:]
 

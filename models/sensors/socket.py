@@ -13,12 +13,12 @@ from scipy.sparse import csr_matrix
 
 from truepose.arrays import Index, Mask
 from truepose.errors import InputError
-from truepose.models.context import BuildContext
-from truepose.models.fields import Length, LengthSigma, LengthToleranceVector, LengthVector, Section
-from truepose.models.parameters import Parameter
+from truepose.models.file.fields import Length, LengthSigma, LengthToleranceVector, LengthVector, Section
+from truepose.models.machine.context import BuildContext
+from truepose.models.machine.parameters import Parameter
+from truepose.models.machine.view import TOOL_IN_WORLD, View, ViewSection
+from truepose.models.machine.view import prefix as opening
 from truepose.models.sensors.base import Array, Channel, Comparison, Rows, Sensor, sensors
-from truepose.models.view import TOOL_IN_WORLD, View, ViewSection
-from truepose.models.view import prefix as opening
 
 _XYZ = ("x", "y", "z")
 SET, PLACEMENT, SOCKET = "set", "placement", "socket"

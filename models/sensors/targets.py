@@ -9,11 +9,11 @@ from typing import Any, Literal
 import casadi as ca
 
 from truepose.errors import InputError
-from truepose.models.context import BuildContext
-from truepose.models.fields import LengthSigma, LengthTolerance, LengthVector, Section
-from truepose.models.parameters import Parameter, vector_of
+from truepose.models.file.fields import LengthSigma, LengthTolerance, LengthVector, Section
+from truepose.models.machine.context import BuildContext
+from truepose.models.machine.parameters import Parameter, vector_of
+from truepose.models.machine.view import TOOL_IN_WORLD, View, ViewSection
 from truepose.models.sensors.base import Channel, Sensor, sensors
-from truepose.models.view import TOOL_IN_WORLD, View, ViewSection
 
 _XYZ = ("x", "y", "z")
 

@@ -11,9 +11,9 @@ import numpy as np
 
 from truepose.errors import InputError
 from truepose.models import lie
-from truepose.models.context import BuildContext
-from truepose.models.fields import Angle, AngleSigma, AngleTolerance, Section
-from truepose.models.parameters import Parameter
+from truepose.models.file.fields import Angle, AngleSigma, AngleTolerance, Section
+from truepose.models.machine.context import BuildContext
+from truepose.models.machine.parameters import Parameter
 from truepose.models.sensors.base import Channel, Sensor, sensors
 
 TURNS = ("base.rx", "base.ry", "base.rz")

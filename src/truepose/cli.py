@@ -13,25 +13,25 @@ import typer
 from truepose import faults
 from truepose.commands.catalogue import effects
 from truepose.commands.challenge import challenge
-from truepose.commands.check import check
 from truepose.commands.common import QuietOption
 from truepose.commands.compensate import compensate
 from truepose.commands.controller import codegen
-from truepose.commands.drift import drift
-from truepose.commands.export import export
-from truepose.commands.fleet import fleet
 from truepose.commands.identifiability import identifiability
 from truepose.commands.identify import calibrate, diagnose
-from truepose.commands.import_ import import_
-from truepose.commands.init import init
 from truepose.commands.one_line import OneLineCommand, OneLineGroup
-from truepose.commands.plan import plan
-from truepose.commands.poses import poses
 from truepose.commands.progress import quietly
 from truepose.commands.schema import schema
 from truepose.commands.tables import predict, simulate
 from truepose.commands.try_columns import WithTryColumns
 from truepose.demo import demo
+from truepose.identification.leaves.check.command import check
+from truepose.identification.leaves.drift.command import drift
+from truepose.identification.leaves.fleet.command import fleet
+from truepose.identification.leaves.importing.command import import_
+from truepose.identification.leaves.photogrammetry.command import poses
+from truepose.identification.leaves.planning.command import plan
+from truepose.models.leaves.export.command import export
+from truepose.models.leaves.starting.command import init
 
 app = typer.Typer(
     name="truepose",

@@ -12,7 +12,7 @@ import truepose
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.signatures.candidates import catalogue
 from truepose.identification.signatures.untestable import missing_inputs
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 
 def made(tmp_path: Path, kind: str, seed: int) -> tuple[study.Arm, Machine, Path]:

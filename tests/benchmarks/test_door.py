@@ -17,8 +17,8 @@ from door.sitting import Answer, sit
 from door.slips import NEEDS, SLIPS
 from door.table import table
 
-from truepose.identification.check.pair import Pair
-from truepose.identification.check.result import Check, Found
+from truepose.identification.leaves.check.pair import Pair
+from truepose.identification.leaves.check.result import Check, Found
 from truepose.identification.load import load_recording
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models.load import load_machine

@@ -25,7 +25,7 @@ from truepose.identification.diagnosis import engine
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 BUNDLED = ROOT / "models" / "machines" / "nanopositioner"
 PACKAGE = BENCHMARKS / "nanopositioner"

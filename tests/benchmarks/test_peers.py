@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from support.generated_c import needs_compiler
-from truepose.models.kinematics import symbolic_model
 from truepose.models.load import load_machine
+from truepose.models.machine.kinematics import symbolic_model
 
 arms = import_module("inverse_kinematics.arms")
 branches = import_module("inverse_kinematics.branches")

@@ -17,7 +17,7 @@ from support.tiny_machine import MACHINE
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 GEAR = 1e-3
 """Amplitude of the wave, rad: 0.4 mm at the tool, where the tracker's sigma is 0.01 mm."""

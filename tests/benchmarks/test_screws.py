@@ -20,7 +20,7 @@ from truepose.identification.recording.joint_column import JointColumn
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.table import Column, Table
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 from truepose.models.units import UnitSystem
 
 Array = npt.NDArray[np.float64]

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from support.generated_c import needs_compiler
 from support.six_joint_arms import ARMS, BUILT, DRAWN, BuiltArm, apart, built, counted, errors, search
-from truepose.codegen.branches import branches_of
 from truepose.codegen.chain import ChainExpressions
 from truepose.codegen.layout import layout_of
-from truepose.models.chain import chain_of
-from truepose.models.kinematics import symbolic_model
+from truepose.codegen.leaves.all_solutions.branches import branches_of
+from truepose.models.machine.chain import chain_of
+from truepose.models.machine.kinematics import symbolic_model
 
 mp: Any = import_module("mpmath")  # comes with sympy
 pytestmark = needs_compiler

@@ -13,9 +13,9 @@ from support.generated_machines import machine_of
 from truepose.codegen.c import generate
 from truepose.codegen.names import identifiers
 from truepose.codegen.printer import Real
-from truepose.models.machine import Machine
-from truepose.models.mechanism import Actuator, Joint, Mechanism, Step
-from truepose.models.parameters import Parameter
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.mechanism import Actuator, Joint, Mechanism, Step
+from truepose.models.machine.parameters import Parameter
 
 
 def four_bar() -> Machine:

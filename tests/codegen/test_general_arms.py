@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from support.generated_c import COMPILER, WARNINGS, needs_compiler
 from support.six_joint_arms import ARMS, GENERAL, BuiltArm, built, counted, errors, folded, search
 from truepose.codegen.c import generate
+from truepose.codegen.leaves.all_solutions.resultant import Screws, solutions
 from truepose.codegen.printer import Real
-from truepose.codegen.resultant import Screws, solutions
 
 Array = NDArray[np.float64]
 TURNS = (True,) * 6

@@ -22,9 +22,9 @@ from truepose.codegen.c import generate, render
 from truepose.codegen.names import identifiers
 from truepose.codegen.quoting import c_string, code_span, comment, markdown, python_string
 from truepose.errors import InputError
+from truepose.models.file.machine_file import checked_machine
 from truepose.models.load import build_machine
-from truepose.models.machine import Machine
-from truepose.models.machine_file import checked_machine
+from truepose.models.machine.machine import Machine
 
 CPP = shutil.which("g++")
 PLAIN = ("q1", "q2", "strain", "link")

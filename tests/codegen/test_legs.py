@@ -20,7 +20,7 @@ from truepose.codegen.layout import layout_of
 from truepose.codegen.legs import legs_of
 from truepose.codegen.loops import LoopExpressions
 from truepose.codegen.printer import Real
-from truepose.models.kinematics import symbolic_model
+from truepose.models.machine.kinematics import symbolic_model
 
 Array = NDArray[np.float64]
 

@@ -17,9 +17,9 @@ from support.moving_machines import written
 from truepose.codegen import layout
 from truepose.codegen.layout import layout_of
 from truepose.codegen.legs import legs_of
-from truepose.models.kinematics import SymbolicModel, symbolic_model
 from truepose.models.load import load_machine
-from truepose.models.mechanism import Joint
+from truepose.models.machine.kinematics import SymbolicModel, symbolic_model
+from truepose.models.machine.mechanism import Joint
 
 
 def model_of(folder: Path, text: str) -> SymbolicModel:

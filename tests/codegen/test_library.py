@@ -18,7 +18,7 @@ from support.generated_c import COMPILER, WARNINGS, Built, build, cases, needs_c
 from support.generated_machines import machine_of
 from truepose.codegen.c import generate
 from truepose.codegen.names import identifiers
-from truepose.models.kinematics import SymbolicModel
+from truepose.models.machine.kinematics import SymbolicModel
 
 Array = NDArray[np.float64]
 CLOSED = ("turns", "rails", "hybrid", "planar")

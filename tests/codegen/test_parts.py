@@ -15,15 +15,16 @@ from scipy.spatial.transform import Rotation
 
 from support.graph_machines import machine_of, model_of
 from support.six_joint_arms import ARMS, BUILT, DRAWN, GENERAL
-from truepose.codegen import branches, layout, reference
-from truepose.codegen.branches import branches_of
+from truepose.codegen import layout, reference
 from truepose.codegen.chain import ChainExpressions, pivot_order
 from truepose.codegen.layout import layout_of
+from truepose.codegen.leaves.all_solutions import branches
+from truepose.codegen.leaves.all_solutions.branches import branches_of
 from truepose.codegen.loops import Equations
 from truepose.codegen.printer import Real
 from truepose.codegen.reference import Reference
-from truepose.models.chain import chain_of
-from truepose.models.kinematics import SymbolicModel, symbolic_model
+from truepose.models.machine.chain import chain_of
+from truepose.models.machine.kinematics import SymbolicModel, symbolic_model
 
 Array = NDArray[np.float64]
 LOOPED = ("planar", "delta", "hybrid", "pus", "ups")

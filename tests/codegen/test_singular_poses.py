@@ -18,8 +18,8 @@ from support.recordings import rows_of
 from support.wrapped import python_at
 from truepose.codegen.c import generate
 from truepose.identification.compensation.compensate import Compensation, compensate
-from truepose.models.kinematics import symbolic_model
-from truepose.models.machine import Machine
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 TILTING = {"mill": "A", "head_and_table": "B", "delta5": "turn_x"}

@@ -24,11 +24,11 @@ from support.embedded import needs_toolchain
 from support.generated_c import COMPILER, WARNINGS, needs_compiler
 from truepose.cli import app
 from truepose.codegen.c import generate, render
-from truepose.codegen.embedded.measure import measure
-from truepose.codegen.embedded.section import table
 from truepose.codegen.features import Features
+from truepose.codegen.leaves.embedded.measure import measure
+from truepose.codegen.leaves.embedded.section import table
 from truepose.codegen.printer import Real
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 HEAD = """schema: truepose/machine/1

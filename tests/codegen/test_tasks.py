@@ -22,7 +22,7 @@ from truepose.identification.compensation.compensate import compensate
 from truepose.identification.compensation.compiled import base_frame
 from truepose.identification.compensation.inverse import PoseSolver
 from truepose.identification.compensation.rows import twists_between
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 CASES = [(name, real) for real in ("double", "float") for name in PARTIAL]

@@ -15,8 +15,8 @@ from support import MACHINES
 from support.calibrated_machines import calibrated
 from truepose.cli import app
 from truepose.codegen.features import ALL, Features
-from truepose.commands.programs import Options
 from truepose.errors import InputError
+from truepose.identification.leaves.programs.command import Options
 
 WORSE = "the file would leave the tool worse"
 MACHINE = (MACHINES / "serial.yaml").read_text(encoding="utf-8")
@@ -81,7 +81,9 @@ def test_what_is_generated_is_what_was_asked_for(
 
     files = [Path("out/b.h"), Path("out/a.c")]
     monkeypatch.setattr("truepose.codegen.c.generate", called("plain", files))
-    monkeypatch.setattr("truepose.codegen.embedded.write.generate_measured", called("measured", (files, [])))
+    monkeypatch.setattr(
+        "truepose.codegen.leaves.embedded.write.generate_measured", called("measured", (files, []))
+    )
     done = run(f"codegen arm.yaml -o out {options} --json")
     told = json.loads(done.stdout)
     ((kind, arguments, named),) = heard

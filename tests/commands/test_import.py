@@ -13,10 +13,10 @@ from support.skips import NOTHING_BESIDE, SHARED
 from support.workbook import write_workbook
 from truepose.cli import app
 from truepose.errors import InputError
-from truepose.identification.recording.importing import read_foreign
+from truepose.identification.leaves.importing.importing import read_foreign
+from truepose.identification.leaves.importing.tpoint import read_tpoint
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.table import read_table
-from truepose.identification.recording.tpoint import read_tpoint
 from truepose.models.load import load_machine
 
 XYZ = [[1234.5678, -12.5, 800.0], [1300.25, 40.125, 790.5], [1400.0, 99.0, -3.25]]

@@ -16,7 +16,7 @@ from truepose.commands.judgement import refuse
 from truepose.commands.progress import quietly
 from truepose.errors import InputError
 from truepose.identification.fit.absurd import Judgement
-from truepose.identification.running.work import Options
+from truepose.identification.leaves.fleet.work import Options
 from truepose.pool import Cores
 from truepose.threads import cores
 
@@ -127,7 +127,7 @@ def test_an_accuracy_that_is_enough_is_that_of_every_reading_of_its_kind(
     options: list[str], accepted: dict[str, float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     loaded(monkeypatch, "drift")
-    heard = stopping_at(monkeypatch, "truepose.identification.drift.analysis.drift")
+    heard = stopping_at(monkeypatch, "truepose.identification.leaves.drift.analysis.drift")
     words = [word for text in options for word in ("--accuracy", text)]
     assert ENOUGH in run("drift", "m.yaml", "a.csv", *words).stderr
     assert heard[0]["accuracy"] == pytest.approx(accepted)
@@ -152,7 +152,7 @@ def test_how_a_fleet_is_worked_with_reaches_its_run(
     """Paths are whole: other processes read them. No number of machines at once means one for each processor."""
     Path("mine.py").touch()
     words, options = FLEETS[case]
-    heard = stopping_at(monkeypatch, "truepose.identification.running.run.run_fleet")
+    heard = stopping_at(monkeypatch, "truepose.identification.leaves.fleet.run.run_fleet")
     done = run("fleet", "line", "-o", "out", *words, *(["-j", workers] if workers else []))
     assert ENOUGH in done.stderr
     folders, pool, told = heard[0][""]
@@ -163,13 +163,13 @@ def test_how_a_fleet_is_worked_with_reaches_its_run(
 def test_a_fleet_says_what_was_done_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """And has failed where no machine could be diagnosed."""
     found = SimpleNamespace(diagnosed=())
-    monkeypatch.setattr("truepose.identification.running.run.run_fleet", lambda *_, **__: found)
+    monkeypatch.setattr("truepose.identification.leaves.fleet.run.run_fleet", lambda *_, **__: found)
     for place, told in (
         ("fleet_json", {"machines": 1}),
         ("fleet_lines", ["one line"]),
         ("headline", "None."),
     ):
-        monkeypatch.setattr(f"truepose.identification.report.fleet_words.{place}", lambda *_, said=told: said)
+        monkeypatch.setattr(f"truepose.identification.leaves.fleet.words.{place}", lambda *_, said=told: said)
     done = run("fleet", "line", "-o", "out")
     assert (done.exit_code, done.stdout) == (2, "one line\n")
     assert done.stderr == f"error: line: None. {Path('out') / 'fleet.csv'} says why\n"

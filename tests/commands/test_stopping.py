@@ -77,7 +77,8 @@ def ran(script: str, *words: object) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.parametrize(
-    "library", ["truepose.cli", "typer", "truepose.commands.fleet", "importlib.resources"]
+    "library",
+    ["truepose.cli", "typer", "truepose.identification.leaves.fleet.command", "importlib.resources"],
 )
 @pytest.mark.parametrize(("sent", "code"), [("SIGINT", 130), ("SIGTERM", 143)])
 def test_while_libraries_load(library: str, sent: str, code: int, tmp_path: Path) -> None:

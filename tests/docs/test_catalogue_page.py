@@ -11,7 +11,7 @@ import catalogue_canvas
 import catalogue_law
 import catalogue_page
 from catalogue_drawings import DRAWINGS, FOLDER, drawing, path_of
-from truepose.models.effect import effects
+from truepose.models.machine.effect import effects
 
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
 POINT = re.compile(r"[ML](-?\d+\.\d) (-?\d+\.\d)")

@@ -15,9 +15,9 @@ from support import ROOT
 from support.documents import Block, blocks, complete, write_files
 from truepose.cli import app
 from truepose.identification.recording.load import load_recording
-from truepose.models.kinematics import symbolic_model
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine
 
 DOCS = ROOT / "docs"
 PAGES = [DOCS / f"{name}.md" for name in ("reference/machine-file", "reference/recording")]

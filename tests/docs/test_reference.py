@@ -20,18 +20,18 @@ from truepose.errors import InputError
 from truepose.identification.recording import columns, file
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.row_schema import row_schema
-from truepose.models.builder import builders
-from truepose.models.column_names import OF_ROWS
-from truepose.models.driver import Driver
-from truepose.models.fields import Section
+from truepose.models.file.driver import Driver
+from truepose.models.file.fields import Section
+from truepose.models.file.machine_file import write_machine
+from truepose.models.file.schema_line import MACHINE_SCHEMA, RECORDING_SCHEMA, SCHEMA_LINE
+from truepose.models.file.yaml_document import read_document
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
-from truepose.models.machine_file import write_machine
-from truepose.models.schema_line import MACHINE_SCHEMA, RECORDING_SCHEMA, SCHEMA_LINE
+from truepose.models.machine.builder import builders
+from truepose.models.machine.column_names import OF_ROWS
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.sensor import sensors
 from truepose.models.schemas import MACHINE, RECORDING, stored
 from truepose.models.schemas.machine import machine_schema
-from truepose.models.sensor import sensors
-from truepose.models.yaml_document import read_document
 
 OWN = sorted(MACHINES.glob("*.yaml"))
 BUNDLED = sorted((ROOT / "models/machines").glob("*/machine.yaml"))

@@ -6,11 +6,13 @@ import pytest
 
 from support import ROOT
 from truepose.bounded import MIB
-from truepose.identification.programs import program
-from truepose.identification.recording import bag_limits, importing, mcap_records, workbook_limits
-from truepose.models import limits, machine_name, setting_range
+from truepose.identification.leaves.bags import bag_limits, mcap_records
+from truepose.identification.leaves.importing import importing
+from truepose.identification.leaves.programs import program
+from truepose.identification.leaves.workbooks import workbook_limits
 from truepose.models.builders import urdf_file, urdf_xml
-from truepose.models.starting import compiled_mjcf
+from truepose.models.file import limits, machine_name, setting_range
+from truepose.models.leaves.starting import compiled_mjcf
 
 PAGE = (ROOT / "docs" / "reference" / "refused.md").read_text(encoding="utf-8")
 SAID = {

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from truepose.identification.check.run import check
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.diagnosis.result import Diagnosis
+from truepose.identification.leaves.check.run import check
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 

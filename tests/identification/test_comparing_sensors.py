@@ -24,7 +24,7 @@ from truepose.identification.recording.recording import Recording
 from truepose.identification.report.partial_residuals import all_port_shifts
 from truepose.identification.signatures.signatures import Signatures
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 Seen = tuple[Machine, Recording]

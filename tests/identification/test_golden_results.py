@@ -22,8 +22,8 @@ from support.fleets import mixed_machines
 from support.fringe_journeys import FIBRE, journey
 from support.golden_results import Json, calibrated, counted, differences, kept, summed, weighed
 from support.results import drifting
-from truepose.identification.fringes.move import read_move
-from truepose.identification.report.drift_words import drift_json
+from truepose.identification.leaves.drift.words import drift_json
+from truepose.identification.leaves.fringes.move import read_move
 
 CASES, GOLDEN = TESTS / "golden_diagnoses", TESTS / "golden_results"
 WEIGHED = (

@@ -20,13 +20,13 @@ from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import catalogue
-from truepose.models.effect_entry import read_effects
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.transmission_error import TransmissionError
+from truepose.models.file.effect_entry import read_effects
+from truepose.models.file.setting_range import HARMONIC
+from truepose.models.file.yaml_document import document_text, parse_document
 from truepose.models.load import place_effect
-from truepose.models.machine import Machine
-from truepose.models.setting_range import HARMONIC
-from truepose.models.yaml_document import document_text, parse_document
+from truepose.models.machine.machine import Machine
 
 ROWS = 40
 

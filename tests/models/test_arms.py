@@ -16,13 +16,13 @@ from scipy.spatial.transform import Rotation
 
 from support import ROOT
 from truepose.errors import InputError
-from truepose.models.kinematics import symbolic_model
+from truepose.models.file.machine_file import checked_machine
+from truepose.models.file.yaml_document import parse_document, read_document
+from truepose.models.leaves.starting.arms import bundled, bundled_names, bundled_start
+from truepose.models.leaves.starting.written import Asked, written
 from truepose.models.load import build_machine
-from truepose.models.machine import Machine
-from truepose.models.machine_file import checked_machine
-from truepose.models.starting.arms import bundled, bundled_names, bundled_start
-from truepose.models.starting.written import Asked, written
-from truepose.models.yaml_document import parse_document, read_document
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 Link = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
@@ -177,7 +177,7 @@ def test_a_machine_is_built_and_says_where_its_numbers_are_from(name: str) -> No
     )  # at a latitude of 45 deg
     assert machine.gravity == pytest.approx([9.80665 * v for v in down], abs=1e-12)
     assert machine.name == name.replace("-", "_")  # as C can have it
-    document = read_document(ROOT / "models" / "arms" / f"{name}.yaml")
+    document = read_document(ROOT / "models" / "leaves" / "starting" / "bundled_arms" / f"{name}.yaml")
     assert document["sources"]
     assert document["notes"]
     if (

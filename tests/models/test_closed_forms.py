@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from support.telescope_legs import UNEVEN, leg_rows
 from truepose.models import lie
-from truepose.models.kinematics import symbolic_model
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 HEAD = "schema: truepose/machine/1\nname: m\ntolerances: {length: 0.2, angle: 0.1}\n"

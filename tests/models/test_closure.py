@@ -18,10 +18,10 @@ from truepose.codegen.reference import Reference
 from truepose.errors import InputError
 from truepose.identification.compensation.inverse import PoseSolver
 from truepose.identification.prediction.loops import Loops
-from truepose.models.closure import CoordinateScale, closed, solved
-from truepose.models.kinematics import symbolic_model
+from truepose.models.file.machine_file import read_machine
 from truepose.models.load import build_machine, load_machine
-from truepose.models.machine_file import read_machine
+from truepose.models.machine.closure import CoordinateScale, closed, solved
+from truepose.models.machine.kinematics import symbolic_model
 
 Array = NDArray[np.float64]
 

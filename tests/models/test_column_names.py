@@ -14,11 +14,11 @@ from truepose.identification.compensation.path_table import load_path
 from truepose.identification.prediction.predict import predict
 from truepose.identification.recording.columns import LOGGED, ORDER
 from truepose.identification.recording.load import load_recording
+from truepose.models.leaves.starting.sensors import PRESETS
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
-from truepose.models.mechanism import AXIS_UNITS
-from truepose.models.sensor import sensors
-from truepose.models.starting.sensors import PRESETS
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.mechanism import AXIS_UNITS
+from truepose.models.machine.sensor import sensors
 
 AXES = np.eye(3).astype(int).tolist()
 OPENED = [name for name in PRESETS if sensors.get(name, "here").opens_columns]

@@ -23,10 +23,10 @@ from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
-from truepose.models.export.write import export
-from truepose.models.formula import Formula
+from truepose.models.file.formula import Formula
+from truepose.models.leaves.export.write import export
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 GROUND, CRANK, COUPLER, ROCKER = 300.0, 120.0, 280.0, 200.0

@@ -8,9 +8,9 @@ import pytest
 
 from support.short_arm import FRAMES, HEAD, JOINTS, POSE
 from truepose.errors import InputError
-from truepose.models.driver import DeclaredDriver, Driver
+from truepose.models.file.driver import DeclaredDriver, Driver
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 
 def declaring(folder: Path, drivers: str) -> Machine:

@@ -9,7 +9,7 @@ import pytest
 from support.built_machines import FRAMES, POSE
 from support.moving_machines import written
 from support.telescope_legs import leg_rows
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 HOME = "  home: [0, 0, 440, 0, 0, 5]\n  legs:\n"
 

@@ -19,8 +19,8 @@ from support.other_numbers import complex_step
 from truepose.models import lie
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.effects.of_rows import OF_ROWS
-from truepose.models.kinematics import symbolic_model
-from truepose.models.machine import Machine
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine
 from truepose.models.sensors.base import sensors
 
 Array = NDArray[np.float64]

@@ -20,10 +20,10 @@ from truepose.errors import InputError
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.recording.load import load_recording
-from truepose.models.kinematics import symbolic_model
+from truepose.models.file.machine_file import read_machine
 from truepose.models.load import build_machine, load_machine
-from truepose.models.machine import Machine
-from truepose.models.machine_file import read_machine
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]

@@ -14,14 +14,14 @@ from support.generated_c import needs_compiler
 from truepose import parse_effect, predict
 from truepose.codegen.c import generate
 from truepose.identification.compensation.compiled import CompiledKinematics
-from truepose.identification.planning.discriminate.factors import Offer, factors
+from truepose.identification.leaves.planning.discriminate.factors import Offer, factors
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.drivers import columns
-from truepose.models.controllability import machine_task
-from truepose.models.driver import AIR, Driver
 from truepose.models.effects.base import Coefficient, Effect, PlacedEffect
-from truepose.models.kinematics import driver_default
+from truepose.models.file.driver import AIR, Driver
 from truepose.models.load import load_machine
+from truepose.models.machine.controllability import machine_task
+from truepose.models.machine.kinematics import driver_default
 
 KINDS = ("payload", "pressure", "humidity", "temperature", "approach", "velocity", "session", "time", "tilt")
 PLACES = st.one_of(st.just(""), st.from_regex(r"[a-z][a-z0-9_]{0,6}(\.[a-z]{1,3})?", fullmatch=True))

@@ -20,14 +20,14 @@ from truepose.identification.compensation.compensate import compensate
 from truepose.identification.compensation.path_table import commands, load_path
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.write_machine import write_calibrated
+from truepose.identification.leaves.planning.plan import plan
+from truepose.identification.leaves.planning.pose_tables import plan_table
 from truepose.identification.load import load_recording
-from truepose.identification.planning.plan import plan
 from truepose.identification.prediction.predict import predict
-from truepose.identification.report.pose_tables import plan_table
-from truepose.models.export.write import export
-from truepose.models.kinematics import symbolic_model
+from truepose.models.leaves.export.write import export
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine
 from truepose.models.units import convert, counts_unit
 
 EVERY = sorted(COUPLED)

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 
 from truepose.errors import InputError
 from truepose.models.builders.urdf_file import Robot
-from truepose.models.formula import LONGEST, Formula
+from truepose.models.file.formula import LONGEST, Formula
+from truepose.models.file.yaml_document import parse_document
 from truepose.models.load import load_machine
 from truepose.models.units import parse_unit
-from truepose.models.yaml_document import parse_document
 
 MOMENT = 20.0
 """Seconds, on a busy machine: what is not refused at once takes hours."""
@@ -119,7 +119,7 @@ def test_a_robot_description_has_no_entities(kind: str, encoding: str) -> None:
 @pytest.mark.skipif(find_spec("mujoco") is None, reason="no mujoco")
 @pytest.mark.parametrize("kind", XML)
 def test_a_model_of_mujoco_has_no_entities(kind: str) -> None:
-    from truepose.models.starting.mjcf import mjcf_start
+    from truepose.models.leaves.starting.mjcf import mjcf_start
 
     Path("a.xml").write_text(XML[kind].replace("robot", "mujoco"))
     with pytest.raises(InputError, match=r"^a\.xml: found <!DOCTYPE>"):

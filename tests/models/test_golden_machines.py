@@ -18,10 +18,10 @@ from support import MACHINES, TESTS
 from support.effect_machines import READINGS, read_machines
 from support.effects import Solved
 from support.golden_pages import as_committed
-from truepose.models.home import home_readings
-from truepose.models.kinematics import symbolic_model
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.home import home_readings
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine
 
 NAMES = (*READINGS, *(f"{path.stem} file" for path in sorted(MACHINES.glob("*.yaml"))))
 

@@ -24,8 +24,8 @@ from support.loop_closed_forms import (
 from truepose.errors import InputError
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models import lie
-from truepose.models.kinematics import SymbolicModel, symbolic_model
-from truepose.models.machine import Machine
+from truepose.models.machine.kinematics import SymbolicModel, symbolic_model
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 NAMES = ("planar", "delta", "hybrid")

@@ -15,9 +15,9 @@ from support import ROOT
 from support.graph_machines import Document, document_of, machine_of, model_of, poses, spread, written
 from truepose.errors import InputError
 from truepose.models.effect_text import parse_effect
-from truepose.models.kinematics import symbolic_model
 from truepose.models.load import load_machine
-from truepose.models.loops import looped
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.loops import looped
 
 
 def test_the_shorthand_is_its_graph(tmp_path: Path) -> None:

@@ -13,8 +13,8 @@ from support.moving_machines import HEXAPODS, SERIAL, TEXTS, drawn, named, nomin
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models import lie
 from truepose.models.effects.base import PlacedEffect, effects
-from truepose.models.kinematics import symbolic_model
-from truepose.models.machine import Machine
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 

@@ -11,9 +11,9 @@ import pytest
 from pydantic import ValidationError
 
 from truepose.errors import InputError
-from truepose.models.driver import AIR, Driver, driven_by_unit
-from truepose.models.field_errors import input_error
-from truepose.models.fields import (
+from truepose.models.file.driver import AIR, Driver, driven_by_unit
+from truepose.models.file.field_errors import input_error
+from truepose.models.file.fields import (
     AngleTolerance,
     FilePart,
     Length,
@@ -29,10 +29,10 @@ from truepose.models.fields import (
     quantity,
     with_texts,
 )
-from truepose.models.formula import Formula, Law
-from truepose.models.formula_checks import no_formula, no_readings, no_shifts
-from truepose.models.limits import LARGEST, LATEST, SMALLEST, positive, within
-from truepose.models.setting_range import (
+from truepose.models.file.formula import Formula, Law
+from truepose.models.file.formula_checks import no_formula, no_readings, no_shifts
+from truepose.models.file.limits import LARGEST, LATEST, SMALLEST, positive, within
+from truepose.models.file.setting_range import (
     ANY,
     COLUMN,
     COUNT,

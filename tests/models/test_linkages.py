@@ -12,9 +12,18 @@ from numpy.typing import NDArray
 
 from support.moving_machines import record
 from truepose.identification.prediction.predictor import Predictor
-from truepose.models.machine import FRAMES, Machine
-from truepose.models.mechanism import AXES, BASE, Actuator, Direction, Joint, JointKind, Mechanism, Step
-from truepose.models.parameters import Parameter
+from truepose.models.machine.machine import FRAMES, Machine
+from truepose.models.machine.mechanism import (
+    AXES,
+    BASE,
+    Actuator,
+    Direction,
+    Joint,
+    JointKind,
+    Mechanism,
+    Step,
+)
+from truepose.models.machine.parameters import Parameter
 from truepose.models.sensors.pose import Position
 
 Array = NDArray[np.float64]

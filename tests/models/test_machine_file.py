@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 from support import ROOT
 from truepose.errors import InputError
 from truepose.files import atomic_directory, atomic_write_text
-from truepose.models.machine_file import MachineFile, read_machine, write_machine
-from truepose.models.yaml_document import FastLoader, PlainLoader, document_text, read_document
+from truepose.models.file.machine_file import MachineFile, read_machine, write_machine
+from truepose.models.file.yaml_document import FastLoader, PlainLoader, document_text, read_document
 
 BASIC = """\
 schema: truepose/machine/1

@@ -21,7 +21,7 @@ from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 JOINTS = [f"q{k}" for k in range(1, 7)]

@@ -27,11 +27,11 @@ from truepose.codegen.c import generate
 from truepose.errors import InputError
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.write_machine import write_calibrated
-from truepose.models.export.write import export
-from truepose.models.kinematics import symbolic_model
+from truepose.models.leaves.export.write import export
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
-from truepose.models.velocities import gap_derivative, twists
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.velocities import gap_derivative, twists
 
 Array = NDArray[np.float64]
 GRIP = """<robot name="grip">

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
-from truepose.models.mount_terms import ARCSEC, terms_of
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.mount_terms import ARCSEC, terms_of
 
 Array = NDArray[np.float64]
 PHI = np.radians(39.0)

@@ -10,9 +10,9 @@ import pytest
 from support.moving_machines import ARM, FRAMED, POSE, PUS, record, written
 from truepose.errors import InputError
 from truepose.identification.prediction.predictor import Predictor
-from truepose.models.kinematics import symbolic_model
 from truepose.models.load import load_machine
-from truepose.models.mechanism import AXES
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.mechanism import AXES
 
 
 def effect_entry(slug: str, *places: str) -> str:

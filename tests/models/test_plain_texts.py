@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truepose.errors import InputError
+from truepose.models.file.machine_file import checked_machine
+from truepose.models.file.plain_texts import check_text, hidden_character
 from truepose.models.load import build_machine, load_machine
-from truepose.models.machine_file import checked_machine
-from truepose.models.plain_texts import check_text, hidden_character
 
 HIDDEN: tuple[str, ...] = (
     "\x00",

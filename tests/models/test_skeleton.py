@@ -23,15 +23,15 @@ from support.moving_machines import read_machines as moving_machines
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
-from truepose.models.kinematics import symbolic_model
+from truepose.models.file.machine_file import checked_machine
+from truepose.models.file.yaml_document import parse_document
+from truepose.models.leaves.starting.arms import bundled_names, bundled_start
+from truepose.models.leaves.starting.written import Asked, written
 from truepose.models.load import build_machine, load_machine
-from truepose.models.machine import Machine
-from truepose.models.machine_file import checked_machine
-from truepose.models.mechanism import AXES
-from truepose.models.skeleton import Piece, Skeleton, at_home, skeleton
-from truepose.models.starting.arms import bundled_names, bundled_start
-from truepose.models.starting.written import Asked, written
-from truepose.models.yaml_document import parse_document
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.mechanism import AXES
+from truepose.models.machine.skeleton import Piece, Skeleton, at_home, skeleton
 
 Array = NDArray[np.float64]
 BUNDLED = ("telescope", "nanopositioner", "polisher")

@@ -15,7 +15,7 @@ from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 GRAVITY, KG, COM = 9.81, 20.0, np.array([0.0, 40.0, 0.0, 1.0])

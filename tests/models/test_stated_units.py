@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from truepose.errors import InputError
-from truepose.models.fields import quantity
+from truepose.models.file.fields import quantity
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 MACHINE = """
 schema: truepose/machine/1

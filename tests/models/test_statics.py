@@ -14,8 +14,8 @@ from support.moving_machines import SERIAL, drawn, named, nominal, read_machines
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models import lie
 from truepose.models.effects.base import PlacedEffect, effects
-from truepose.models.machine import Machine
-from truepose.models.mechanism import AXES
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.mechanism import AXES
 
 Array = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from support.partial_machines import PARTIAL, partial_machine
 from truepose.errors import InputError
 from truepose.identification.compensation.inverse import PoseSolver
 from truepose.models.load import load_machine
-from truepose.models.mechanism import AXES
+from truepose.models.machine.mechanism import AXES
 from truepose.models.task import AXIS, COMPONENTS, WHOLE, Task
 
 Array = NDArray[np.float64]

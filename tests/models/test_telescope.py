@@ -33,9 +33,9 @@ from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.models import lie
 from truepose.models.effects.base import PlacedEffect, effects
-from truepose.models.flexure import SHAPE, gain
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.flexure import SHAPE, gain
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 NEAR_HOME = ("linear", "stiffness")

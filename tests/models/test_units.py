@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from truepose.errors import InputError
-from truepose.models.fields import (
+from truepose.models.file.fields import (
     Angle,
     AngleToleranceVector,
     Gain,

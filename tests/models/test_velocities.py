@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from support import telescope_models
 from support.generated_machines import machine_of
-from truepose.models import kinematics
-from truepose.models.kinematics import SymbolicModel, symbolic_model
-from truepose.models.machine import FRAMES, Machine
-from truepose.models.mechanism import AXES, BASE, Actuator, Joint, JointKind, Mechanism, Rod, Step
-from truepose.models.parameters import Parameter
+from truepose.models.machine import kinematics
+from truepose.models.machine.kinematics import SymbolicModel, symbolic_model
+from truepose.models.machine.machine import FRAMES, Machine
+from truepose.models.machine.mechanism import AXES, BASE, Actuator, Joint, JointKind, Mechanism, Rod, Step
+from truepose.models.machine.parameters import Parameter
+from truepose.models.machine.velocities import gap_derivative, twists
 from truepose.models.sensors.pose import Position
-from truepose.models.velocities import gap_derivative, twists
 
 Array = NDArray[np.float64]
 OFFSETS = tuple(f"{letter}.{kind}" for letter in "abcde" for kind in ("tx", "ty", "rz", "rx"))

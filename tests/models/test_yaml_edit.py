@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from support import ROOT
 from support.examples import examples
-from truepose.models.yaml_document import parse_document
-from truepose.models.yaml_edit import edited_text
+from truepose.models.file.yaml_document import parse_document
+from truepose.models.file.yaml_edit import edited_text
 
-ARMS = sorted((ROOT / "models" / "arms").glob("*.yaml"))
+ARMS = sorted((ROOT / "models" / "leaves" / "starting" / "bundled_arms").glob("*.yaml"))
 TEXT = """\
 # the arm in the corner
 name: arm  # its name

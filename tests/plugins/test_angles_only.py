@@ -21,7 +21,7 @@ import casadi as ca
 import numpy as np
 
 from truepose.models.sensors.base import Channel, Sensor, sensors
-from truepose.models.fields import Section
+from truepose.models.file.fields import Section
 
 
 class Stand(Section):

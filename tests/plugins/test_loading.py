@@ -25,10 +25,10 @@ from typing import Any, ClassVar
 
 import casadi as ca
 
-from truepose.models.context import BuildContext
-from truepose.models.parameters import Parameter
+from truepose.models.machine.context import BuildContext
+from truepose.models.machine.parameters import Parameter
 from truepose.models.sensors.base import Channel, Sensor, sensors
-from truepose.models.fields import Length, Section
+from truepose.models.file.fields import Length, Section
 
 
 class Dials(Section):

@@ -20,7 +20,7 @@ from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 from truepose.models.registry import load_plugin
 
 ARM = """

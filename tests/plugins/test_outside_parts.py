@@ -17,9 +17,9 @@ from truepose.errors import InputError
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models.builders.base import builders
-from truepose.models.context import BuildContext
-from truepose.models.mechanism import BASE, Actuator, Joint, Mechanism, Step
-from truepose.models.parameters import Parameter
+from truepose.models.machine.context import BuildContext
+from truepose.models.machine.mechanism import BASE, Actuator, Joint, Mechanism, Step
+from truepose.models.machine.parameters import Parameter
 from truepose.models.sensors.base import Channel, Sensor, sensors
 
 

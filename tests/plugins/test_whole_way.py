@@ -26,9 +26,9 @@ from truepose.cli import app
 from truepose.identification.prediction.predict import predict
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
-from truepose.models.kinematics import symbolic_model
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine
 from truepose.models.registry import load_plugin
 
 Array = NDArray[np.float64]
@@ -70,9 +70,9 @@ SLIDES_AND_DIALS = '''
 from dataclasses import dataclass
 
 from truepose.models.builders.base import builders
-from truepose.models.mechanism import Actuator, Joint, Mechanism, Step
+from truepose.models.machine.mechanism import Actuator, Joint, Mechanism, Step
 from truepose.models.sensors.base import Channel, Sensor, sensors
-from truepose.models.fields import Angle, Length, Section
+from truepose.models.file.fields import Angle, Length, Section
 
 
 class Slides(Section):

@@ -26,12 +26,12 @@ OF_MODULES = {
 KNOWN = {
     ("identification/signatures/chunks.py", "pickle.loads"),  # what this program sent to its own workers
     (
-        "identification/recording/inflated.py",
+        "identification/leaves/bags/inflated.py",
         "importlib.import_module",
     ),  # a compression, by a name of this package
     ("models/builders/urdf_xml.py", "ElementTree.fromstring"),  # what this program wrote a moment ago
     ("models/registry.py", "importlib.import_module"),  # modules of this package
-    ("models/starting/descriptions.py", "importlib.import_module"),  # a name of the command line
+    ("models/leaves/starting/descriptions.py", "importlib.import_module"),  # a name of the command line
     ("src/truepose/shown/result.py", "importlib.import_module"),  # a constant of a class
 }
 LOADERS = {"FastLoader", "PlainLoader"}

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from truepose.models.machine import Machine
-from truepose.models.parameters import element_of
-from truepose.models.skeleton import Piece
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.parameters import element_of
+from truepose.models.machine.skeleton import Piece
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,8 @@ from truepose.identification.report.drivers import reading_unit
 from truepose.identification.report.numbers import measure
 from truepose.identification.report.scene.guilt import Guilty, pieces_of
 from truepose.identification.report.scene.sights import Sights, sights
-from truepose.models.machine import Machine
-from truepose.models.skeleton import Skeleton, skeleton
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.skeleton import Skeleton, skeleton
 
 POSES, POINTS = 150, 1500
 """Most poses in which the whole machine is drawn, and most points."""

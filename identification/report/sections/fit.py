@@ -10,7 +10,7 @@ from truepose.identification.report.document import Block, Charts, Section, Tabl
 from truepose.identification.report.figures import fit as fit_figures
 from truepose.identification.report.fits import FitColumn, fit_columns, stated_noise
 from truepose.identification.report.numbers import measure, significant
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 
 def fit_section(diagnosis: Diagnosis) -> Section:

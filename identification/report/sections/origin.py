@@ -13,7 +13,7 @@ from truepose.identification.report.document import Section, Table
 from truepose.identification.report.numbers import measure
 from truepose.identification.report.opening import file_name, recording_names
 from truepose.identification.report.sections.glossary import words_of_diagnoses, words_of_fits
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 from truepose.version import VERSION
 
 NOT_A_FILE = "not a file"

@@ -17,7 +17,7 @@ from truepose.identification.report.frames import frame
 from truepose.identification.report.mount_words import mount_blocks
 from truepose.identification.report.numbers import significant, unit_symbol
 from truepose.identification.report.plain_names import plain_names
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 FEW = 12
 """Coefficients of effects up to which they stand among the constants."""

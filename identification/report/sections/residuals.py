@@ -11,8 +11,8 @@ from truepose.identification.report.document import Block, Charts, Fold, Section
 from truepose.identification.report.drivers import Column, columns, component_groups
 from truepose.identification.report.figures import residuals
 from truepose.identification.report.figures.residuals import Drawn
-from truepose.models.driver import Driver
-from truepose.models.machine import Machine
+from truepose.models.file.driver import Driver
+from truepose.models.machine.machine import Machine
 
 
 def residual_section(diagnosis: Diagnosis, rows: Index) -> Section:

@@ -18,7 +18,9 @@ from truepose.commands.common import (
     progress,
     reported,
 )
-from truepose.commands.programs import (
+from truepose.errors import InputError
+from truepose.files import atomic_file
+from truepose.identification.leaves.programs.command import (
     AtOption,
     BaseOption,
     DialectOption,
@@ -29,13 +31,11 @@ from truepose.commands.programs import (
     TurnOption,
     correct_program,
 )
-from truepose.errors import InputError
-from truepose.files import atomic_file
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from truepose.models.machine import Machine
+    from truepose.models.machine.machine import Machine
 
 PathArg = Annotated[
     Path,
@@ -100,7 +100,7 @@ def _corrected(
     machine: Machine, path: Path, output: Path, method: str, options: Options
 ) -> tuple[dict[str, object], list[str], list[str]]:
     """Write the commands for a table or a robot program; summary, lines and notes."""
-    from truepose.identification.programs.dialects import dialect_of
+    from truepose.identification.leaves.programs.dialects import dialect_of
 
     known = dialect_of(path, options.dialect)
     if known is None:

@@ -23,10 +23,10 @@ from truepose.commands.results import check_code, check_directory
 from truepose.errors import InputError
 
 if TYPE_CHECKING:
-    from truepose.codegen.embedded.measure import Measurement
     from truepose.codegen.features import Features
+    from truepose.codegen.leaves.embedded.measure import Measurement
     from truepose.codegen.printer import Real
-    from truepose.models.machine import Machine
+    from truepose.models.machine.machine import Machine
 
 RealOption = Annotated[str, typer.Option(help="Type of every number.", metavar="double|float")]
 FeaturesOption = Annotated[
@@ -100,7 +100,7 @@ def _write(
 ) -> tuple[list[Path], list[Measurement]]:
     """Write the C, which compensates for what differs from the drawing; the paths, and what it takes where asked for."""
     from truepose.codegen.c import generate
-    from truepose.codegen.embedded.write import generate_measured
+    from truepose.codegen.leaves.embedded.write import generate_measured
 
     drawing = (machine.file.nominal if machine.file else {}) or None
     if measure:
@@ -112,7 +112,7 @@ def _told(
     machine: Machine, features: Features, measured: Sequence[Measurement]
 ) -> tuple[dict[str, object], list[str]]:
     """What the C holds, what it leaves out and what it takes: for --json, and in lines."""
-    from truepose.codegen.embedded.section import summary
+    from truepose.codegen.leaves.embedded.section import summary
     from truepose.codegen.left_out import left_out, left_out_json, left_out_words
     from truepose.identification.report.applied_words import expected_words, pose_json
 

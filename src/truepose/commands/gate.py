@@ -11,9 +11,9 @@ import typer
 from truepose.errors import InputError
 
 if TYPE_CHECKING:
-    from truepose.identification.check.result import Check
+    from truepose.identification.leaves.check.result import Check
     from truepose.identification.recording.recording import Recording
-    from truepose.models.machine import Machine
+    from truepose.models.machine.machine import Machine
 
 GateOption = Annotated[
     bool,
@@ -37,8 +37,8 @@ def gated(
     With ``anyway`` what was found stands above the result; a file without a sensor is refused all the same. ``tried``: columns
     that nobody declared and that are to be drivers (none named: all). ``shuffled`` rows are no visits one after the other.
     """
-    from truepose.identification.check.run import check_files
-    from truepose.identification.report.check_words import refusal
+    from truepose.identification.leaves.check.run import check_files
+    from truepose.identification.leaves.check.words import refusal
 
     check, loaded, rows = check_files(
         machine, recordings, irradiance=irradiance, tried=tried, shuffled=shuffled

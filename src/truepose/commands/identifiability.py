@@ -18,7 +18,7 @@ from truepose.commands.common import (
     reported,
     written,
 )
-from truepose.models.limits import POSES
+from truepose.models.file.limits import POSES
 
 PosesArg = Annotated[
     list[Path] | None,

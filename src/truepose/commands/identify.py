@@ -28,9 +28,9 @@ from truepose.commands.try_columns import TryColumnsOption, tried_names
 from truepose.stopping import stopping
 
 if TYPE_CHECKING:
-    from truepose.identification.check.result import Check
     from truepose.identification.diagnosis.result import Diagnosis
     from truepose.identification.fit.calibrate import Calibration
+    from truepose.identification.leaves.check.result import Check
 
 FITTING = (
     ("checking", 1.0),
@@ -145,7 +145,7 @@ def _calibration_written(
     """Write the results into ``output``; what is told of them, for --json and in lines."""
     from truepose.identification.diagnosis.outliers import far_rows
     from truepose.identification.fit.tool_pose import calibrated_pose
-    from truepose.identification.report.check_words import caution, caution_lines, checked
+    from truepose.identification.leaves.check.words import caution, caution_lines, checked
     from truepose.identification.report.files import write_calibration
     from truepose.identification.report.results import calibration_json
     from truepose.identification.report.terminal import calibration_lines
@@ -212,7 +212,7 @@ def diagnose(
 
 def _diagnosis_written(result: Diagnosis, check: Check, output: Path) -> tuple[dict[str, Any], list[str]]:
     """Write the results into ``output``; what is told of them, for --json and in lines."""
-    from truepose.identification.report.check_words import caution_lines, checked
+    from truepose.identification.leaves.check.words import caution_lines, checked
     from truepose.identification.report.files import write_diagnosis
     from truepose.identification.report.lines import LINES
     from truepose.identification.report.terminal import diagnosis_lines, diagnosis_summary

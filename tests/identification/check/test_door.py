@@ -23,10 +23,10 @@ from support.right_pairs import (
     known_machine,
     right_recording,
 )
-from truepose.identification.check.result import Check
-from truepose.identification.check.run import check_files, check_loaded
+from truepose.identification.leaves.check.result import Check
+from truepose.identification.leaves.check.run import check_files, check_loaded
 from truepose.identification.recording.recording import Recording
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 XYZ, TURNS = ("x", "y", "z"), ("rx", "ry", "rz")

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 import truepose
 from support.checked_arm import Document, written
-from truepose.identification.check.encoders import encoders
-from truepose.identification.check.pair import Pair
-from truepose.identification.check.result import Found
+from truepose.identification.leaves.check.encoders import encoders
+from truepose.identification.leaves.check.pair import Pair
+from truepose.identification.leaves.check.result import Found
 
 Array = NDArray[np.float64]
 ROWS = 20

@@ -11,12 +11,12 @@ import pytest
 from numpy.typing import NDArray
 
 from support.checked_arm import EXACT, Document, document, rig_of
-from truepose.identification.check.frame_fit import KEPT, FrameFit
-from truepose.identification.check.rig import Rig
-from truepose.identification.check.scene import chosen
-from truepose.identification.check.weighing import departures
+from truepose.identification.leaves.check.frame_fit import KEPT, FrameFit
+from truepose.identification.leaves.check.rig import Rig
+from truepose.identification.leaves.check.scene import chosen
+from truepose.identification.leaves.check.weighing import departures
 from truepose.identification.prediction.predictor import Predictor
-from truepose.models.machine import FRAMES
+from truepose.models.machine.machine import FRAMES
 
 Array = NDArray[np.float64]
 POINTS = {"P1": [0.0, 30.0, 0.0], "P2": [10.0, -30.0, 5.0], "P3": [80.0, 0.0, 20.0]}

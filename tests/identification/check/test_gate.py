@@ -22,7 +22,7 @@ from support.checked_arm import (
     written,
 )
 from truepose.cli import app
-from truepose.identification.check.run import check_files
+from truepose.identification.leaves.check.run import check_files
 
 MACHINES = Path(truepose.__path__[0]) / "models/machines"
 

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 import truepose
 from support.checked_arm import JOINTS, document, recorded, written
-from truepose.identification.check.pair import Pair
-from truepose.identification.check.result import Found
-from truepose.identification.check.run import check_loaded
+from truepose.identification.leaves.check.pair import Pair
+from truepose.identification.leaves.check.result import Found
+from truepose.identification.leaves.check.run import check_loaded
 
 DOWN, UP = [0.0, 0.0, -9.80665], [0.0, 0.0, 9.80665]
 MASSES = {

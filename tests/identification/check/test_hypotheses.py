@@ -15,18 +15,24 @@ from scipy.spatial.transform import Rotation
 import truepose
 from support.checked_arm import JOINTS, document, recorded, written
 from support.slip_cases import ROWS, Case, columns_of, sides
-from truepose.identification.check.kinds.axes import mirrored, targets, turned
-from truepose.identification.check.kinds.frames import frame_unknown, frames_swapped
-from truepose.identification.check.kinds.joints import exchanged, mirrored_zeros, offset, quarter_turns, signs
-from truepose.identification.check.kinds.order import shifted
-from truepose.identification.check.kinds.poses import poses
-from truepose.identification.check.kinds.readings import counts, coupled
-from truepose.identification.check.kinds.runs import clocks
-from truepose.identification.check.kinds.table import conventions, exchanged_rows
-from truepose.identification.check.kinds.units import units
-from truepose.identification.check.rig import Rig
-from truepose.identification.check.scene import Scene
-from truepose.identification.check.slip import Slip
+from truepose.identification.leaves.check.kinds.axes import mirrored, targets, turned
+from truepose.identification.leaves.check.kinds.frames import frame_unknown, frames_swapped
+from truepose.identification.leaves.check.kinds.joints import (
+    exchanged,
+    mirrored_zeros,
+    offset,
+    quarter_turns,
+    signs,
+)
+from truepose.identification.leaves.check.kinds.order import shifted
+from truepose.identification.leaves.check.kinds.poses import poses
+from truepose.identification.leaves.check.kinds.readings import counts, coupled
+from truepose.identification.leaves.check.kinds.runs import clocks
+from truepose.identification.leaves.check.kinds.table import conventions, exchanged_rows
+from truepose.identification.leaves.check.kinds.units import units
+from truepose.identification.leaves.check.rig import Rig
+from truepose.identification.leaves.check.scene import Scene
+from truepose.identification.leaves.check.slip import Slip
 
 
 @pytest.fixture(scope="module", params=["pose", "targets", "slide"])

@@ -18,13 +18,13 @@ from support.checked_arm import (
     written,
 )
 from truepose.cli import app
-from truepose.identification.check.kinds.units import file_lengths
-from truepose.identification.check.pair import Pair, Sheet
-from truepose.identification.check.rig import Rig
-from truepose.identification.check.run import check_files
+from truepose.identification.leaves.check.kinds.units import file_lengths
+from truepose.identification.leaves.check.pair import Pair, Sheet
+from truepose.identification.leaves.check.rig import Rig
+from truepose.identification.leaves.check.run import check_files
 from truepose.identification.recording.load import tables
-from truepose.models.urdf_lengths import rescaled
-from truepose.models.yaml_document import document_text
+from truepose.models.file.yaml_document import document_text
+from truepose.models.machine.urdf_lengths import rescaled
 
 
 @pytest.fixture(scope="module")

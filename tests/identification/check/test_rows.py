@@ -15,11 +15,11 @@ from scipy.spatial.transform import Rotation
 from support.checked_arm import ARM, checked, document, recorded, standing, written
 from support.examples import examples
 from support.right_pairs import known_machine, right_recording
-from truepose.identification.check.pair import Pair
-from truepose.identification.check.result import Check, Found
-from truepose.identification.check.run import check_files, check_loaded
+from truepose.identification.leaves.check.pair import Pair
+from truepose.identification.leaves.check.result import Check, Found
+from truepose.identification.leaves.check.run import check_files, check_loaded
 from truepose.identification.recording.recording import Recording
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 from truepose.wording import shortened
 
 Array = NDArray[np.float64]

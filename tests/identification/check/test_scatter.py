@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 import truepose
 from support import MACHINES
 from support.checked_arm import EXACT, document, rig_of
-from truepose.identification.check.pair import Pair
-from truepose.identification.check.result import Found
-from truepose.identification.check.rig import Rig
-from truepose.identification.check.scene import chosen
-from truepose.identification.check.sigma import FAR, sigmas
 from truepose.identification.identifiability.poses import drawn_poses
+from truepose.identification.leaves.check.pair import Pair
+from truepose.identification.leaves.check.result import Found
+from truepose.identification.leaves.check.rig import Rig
+from truepose.identification.leaves.check.scene import chosen
+from truepose.identification.leaves.check.sigma import FAR, sigmas
 
 Array = NDArray[np.float64]
 

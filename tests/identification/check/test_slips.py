@@ -22,10 +22,10 @@ from support.checked_arm import (
     metres,
     recorded,
 )
-from truepose.identification.check.pair import Pair
-from truepose.identification.check.result import Check
-from truepose.identification.check.run import check_files
-from truepose.models.yaml_document import document_text
+from truepose.identification.leaves.check.pair import Pair
+from truepose.identification.leaves.check.result import Check
+from truepose.identification.leaves.check.run import check_files
+from truepose.models.file.yaml_document import document_text
 
 
 @pytest.fixture(scope="module")

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from support.checked_arm import EXACT, Document, checked, document, recorded, rig_of
 from support.examples import examples
-from truepose.identification.check.classes import shares, undone
-from truepose.identification.check.drawing import expected, settle
-from truepose.identification.check.findings import findings, unexplained
-from truepose.identification.check.kinds.joints import offset, signs
-from truepose.identification.check.rig import ABSURD, Rig, motion
-from truepose.identification.check.search import Search
-from truepose.identification.check.weighing import (
+from truepose.identification.leaves.check.classes import shares, undone
+from truepose.identification.leaves.check.drawing import expected, settle
+from truepose.identification.leaves.check.findings import findings, unexplained
+from truepose.identification.leaves.check.kinds.joints import offset, signs
+from truepose.identification.leaves.check.rig import ABSURD, Rig, motion
+from truepose.identification.leaves.check.search import Search
+from truepose.identification.leaves.check.weighing import (
     CERTAIN,
     FAR,
     PHYSICS,

@@ -24,7 +24,7 @@ from truepose.identification.prediction.predict import predict
 from truepose.identification.recording.recording import Recording
 from truepose.models.lie import log_so3
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = npt.NDArray[np.float64]
 POSE = ["x", "y", "z", "rx", "ry", "rz"]

@@ -24,8 +24,8 @@ from truepose.identification.compensation.compensate import Compensation, compen
 from truepose.identification.compensation.compiled import CompiledKinematics
 from truepose.identification.compensation.path_table import load_path
 from truepose.identification.prediction.predict import predictor_for
-from truepose.models.kinematics import symbolic_model
-from truepose.models.machine import Machine
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine
 from truepose.models.task import WHOLE
 
 Array = npt.NDArray[np.float64]

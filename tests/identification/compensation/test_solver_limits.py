@@ -21,9 +21,9 @@ from truepose.identification.compensation.path_file import csv_text
 from truepose.identification.compensation.path_table import commands, load_path
 from truepose.identification.compensation.rows import Follower, joined
 from truepose.models import lie
-from truepose.models.kinematics import symbolic_model
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine
 from truepose.models.task import WHOLE
 
 Array = NDArray[np.float64]

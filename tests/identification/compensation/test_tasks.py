@@ -20,8 +20,8 @@ from truepose.identification.compensation.compiled import base_frame
 from truepose.identification.compensation.inverse import PoseSolver
 from truepose.identification.compensation.path_table import load_path
 from truepose.identification.compensation.rows import ideal_constants
-from truepose.models.kinematics import symbolic_model
-from truepose.models.machine import Machine
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 POSITION, TURN = 1e-6, 1e-9

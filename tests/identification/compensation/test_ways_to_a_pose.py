@@ -14,9 +14,9 @@ from truepose.errors import InputError
 from truepose.identification.compensation.compiled import base_frame
 from truepose.identification.compensation.inverse import PoseSolver, Reach, inverse
 from truepose.identification.compensation.rows import ideal_constants, twists_between
-from truepose.models.kinematics import symbolic_model
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 

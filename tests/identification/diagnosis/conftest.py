@@ -11,7 +11,7 @@ from support.linear_models import shifts_of
 from support.sensor_bench import Bench
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 
 @pytest.fixture(scope="session")

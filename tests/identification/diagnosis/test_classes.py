@@ -16,7 +16,7 @@ from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.state import State, slot_odds, supports
 from truepose.identification.prior import ONLY_ALIKE, beyond_usual
 from truepose.models.effects.empirical import Empirical
-from truepose.models.placed import EffectAtPlace
+from truepose.models.machine.placed import EffectAtPlace
 
 # -- one name, its class, and what is only like it ----------------------------------------------------------------
 

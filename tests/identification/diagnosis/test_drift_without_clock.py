@@ -29,7 +29,7 @@ from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.predict import predict, unheard
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 N = 80

@@ -16,7 +16,7 @@ from truepose.identification.diagnosis.place_evidence import PlaceEvidence
 from truepose.identification.diagnosis.posterior_summary import Inclusion
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.posterior.state import State, slot_odds
-from truepose.models.placed import EffectAtPlace
+from truepose.models.machine.placed import EffectAtPlace
 
 Array = NDArray[np.float64]
 PLAYS = EffectAtPlace("backlash", ("q1",)), EffectAtPlace("backlash", ("q2",))

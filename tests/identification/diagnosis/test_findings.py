@@ -26,8 +26,8 @@ from truepose.identification.diagnosis.result import UNNAMED, Form, Replication
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue
-from truepose.models.machine import Machine
-from truepose.models.placed import EffectAtPlace
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.placed import EffectAtPlace
 
 Array = NDArray[np.float64]
 

@@ -24,7 +24,7 @@ from support.round_trips import check_round_trip
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.report.lines import COLUMNS, LINES
 from truepose.identification.report.terminal import diagnosis_lines
-from truepose.models.placed import EffectAtPlace
+from truepose.models.machine.placed import EffectAtPlace
 
 GOLDEN = TESTS / "golden_diagnoses"
 CASES = sorted(file.parent.name for file in GOLDEN.glob("*/machine.yaml"))

@@ -11,7 +11,7 @@ from support.sensor_bench import ARM, HEAD
 from truepose.identification.diagnosis.line_words import common_ratio, line_words
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 
 def machine(folder: Path, ratio: str = "") -> Machine:

@@ -25,7 +25,7 @@ from truepose.identification.report.diagnosis_words import form_words
 from truepose.identification.signatures.candidates import catalogue, empirical_forms
 from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 JOINTS = tuple(f"q{k}" for k in range(1, 7))

@@ -29,8 +29,8 @@ from truepose.models.effect_text import parse_effect
 from truepose.models.effects.axis_coupling import AxisCoupling
 from truepose.models.effects.empirical import Empirical
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
-from truepose.models.placed import EffectAtPlace
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.placed import EffectAtPlace
 
 ARM = """schema: truepose/machine/1
 name: arm

@@ -13,9 +13,9 @@ from truepose.identification.diagnosis.naming import Summary, summarised
 from truepose.identification.diagnosis.posterior_summary import Presence, driver_of, parts_of
 from truepose.identification.diagnosis.result import NAMED
 from truepose.identification.diagnosis.search import Found
-from truepose.models.driver import Driver, DriverKind
 from truepose.models.effects.base import PlacedEffect, effects
-from truepose.models.machine import Machine
+from truepose.models.file.driver import Driver, DriverKind
+from truepose.models.machine.machine import Machine
 
 
 @pytest.fixture(scope="module")

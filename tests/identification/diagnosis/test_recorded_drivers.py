@@ -22,7 +22,7 @@ from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.recording.tried import try_columns
 from truepose.identification.signatures.candidates import catalogue
 from truepose.identification.signatures.untestable import missing_inputs
-from truepose.models.driver import Driver
+from truepose.models.file.driver import Driver
 
 SEED = 2
 """Of an arm without masses whose q2 gives way."""

@@ -22,7 +22,7 @@ from truepose.identification.signatures.candidates import Catalogue, catalogue
 from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effects.base import effects
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 

@@ -25,7 +25,7 @@ from truepose.identification.fit.estimate import Estimate
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.posterior import Posterior
 from truepose.identification.posterior.state import State, slot_odds
-from truepose.models.placed import EffectAtPlace
+from truepose.models.machine.placed import EffectAtPlace
 
 MIXING = 0.02
 """How far probabilities may be off: by so much the chains may differ when they end."""

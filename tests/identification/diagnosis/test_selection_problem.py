@@ -26,7 +26,7 @@ from truepose.identification.signatures.candidates import Catalogue, empirical_f
 from truepose.identification.signatures.linearisation import Linearisation
 from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 

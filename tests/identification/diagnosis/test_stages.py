@@ -23,7 +23,7 @@ from truepose.identification.signatures.candidates import catalogue
 from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 ROWS = 1000
 

@@ -28,7 +28,7 @@ from truepose.identification.signatures.untestable import GRAVITY, Untestable, p
 from truepose.models.effect_text import parse_effect
 from truepose.models.effects.base import Effect, PlacedEffect, effects
 from truepose.models.load import load_machine
-from truepose.models.placed import EffectAtPlace
+from truepose.models.machine.placed import EffectAtPlace
 
 ARM = """
 schema: truepose/machine/1

@@ -21,9 +21,9 @@ from typer.testing import CliRunner
 from support import MACHINES
 from truepose.cli import app
 from truepose.errors import InputError
-from truepose.identification.drift.analysis import Drift, drift
+from truepose.identification.leaves.drift.analysis import Drift, drift
+from truepose.identification.leaves.drift.words import drift_json, drift_lines, drift_notes
 from truepose.identification.recording.load import load_recording
-from truepose.identification.report.drift_words import drift_json, drift_lines, drift_notes
 from truepose.models.load import load_machine
 
 Array = NDArray[np.float64]

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from support import MACHINES
-from truepose.identification.drift import analysis
-from truepose.identification.drift.durability import Check, durability, fit_when_met, noise_of
-from truepose.identification.drift.movement_posterior import Likeliest, likeliest
-from truepose.identification.drift.sessions import Session, bounded, sessions_of
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.problem import Prior, Problem, prior_of
 from truepose.identification.fit.summary import rms_by_kind
+from truepose.identification.leaves.drift import analysis
+from truepose.identification.leaves.drift.durability import Check, durability, fit_when_met, noise_of
+from truepose.identification.leaves.drift.movement_posterior import Likeliest, likeliest
+from truepose.identification.leaves.drift.sessions import Session, bounded, sessions_of
 from truepose.identification.prediction.predict import predict
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine

@@ -24,8 +24,8 @@ from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.effect_text import parse_effect
-from truepose.models.machine import Machine
-from truepose.models.mechanism import Mechanism
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.mechanism import Mechanism
 
 ARM = """
 schema: truepose/machine/1

@@ -21,7 +21,7 @@ from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 TUNED: Mapping[str, Callable[[Spectrum], LinearEstimate]] = {"liu": liu, "ridge": ridge, "pcr": pcr}

@@ -14,14 +14,14 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from truepose.identification.check.run import check
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.sighted import base_by_bearings, base_of, station_of
+from truepose.identification.leaves.check.run import check
 from truepose.identification.recording.load import load_recording
 from truepose.models import lie
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 from truepose.models.sensors.direction import Direction
 
 Array = NDArray[np.float64]

@@ -18,7 +18,7 @@ from truepose.identification.fit.summary import worst_allowed
 from truepose.identification.fit.widening import independent_columns
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 from truepose.models.sensors.pose import Pose
 
 

@@ -18,7 +18,7 @@ from truepose.identification.fit.leastsquares import WIDE_PROBLEM, Status
 from truepose.identification.fit.problem import Prior, Problem
 from truepose.identification.fit.relinearised import Scaling, Shrunk, relinearised
 from truepose.identification.recording.recording import Recording
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 TOLERANCE = np.array([0.3, 2.0, 0.05, 1.0, 0.2])

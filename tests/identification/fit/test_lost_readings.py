@@ -25,7 +25,7 @@ from truepose.identification.fit.summary import summarise
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 ARM = """
 schema: truepose/machine/1

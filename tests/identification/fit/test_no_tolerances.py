@@ -13,7 +13,7 @@ from truepose.cli import app
 from truepose.errors import InputError
 from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 ARM = """\
 schema: truepose/machine/1

@@ -21,9 +21,9 @@ from truepose.identification.prediction.predict import predict
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
+from truepose.models.file.machine_file import write_machine
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
-from truepose.models.machine_file import write_machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 TEXT = """

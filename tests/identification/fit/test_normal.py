@@ -17,7 +17,7 @@ from truepose.identification.fit.normal import NormalEquations
 from truepose.identification.fit.problem import Problem
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.recording import Recording
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 pytestmark = needs_compiler
 Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ import yaml
 
 from truepose.identification.fit.calibrate import calibrate
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 SLIDES = [
     {"name": "A", "kind": "prismatic", "r": 100.0},

@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 import truepose
 from support.pushed_arm import RANGES, SENSOR, TOOL, G, held, placed, sensor_turn, text
 from truepose.errors import InputError
-from truepose.identification.check.run import check_loaded
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.write_machine import write_calibrated
+from truepose.identification.leaves.check.run import check_loaded
 from truepose.identification.prediction.predict import predict
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 JOINTS = [f"q{k}" for k in range(1, 7)]

@@ -15,7 +15,7 @@ from truepose.identification.load import load_recording
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 MILL = """
 schema: truepose/machine/1

@@ -26,7 +26,7 @@ from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.leastsquares import minimise, triangular
 from truepose.identification.fit.problem import Problem, prior_of
 from truepose.identification.prediction.predictor import Predictor
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 
 @pytest.fixture(scope="module")

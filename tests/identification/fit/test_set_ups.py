@@ -18,17 +18,17 @@ from typer.testing import CliRunner
 
 from truepose.cli import app
 from truepose.errors import InputError
-from truepose.identification.check.run import check_loaded
 from truepose.identification.diagnosis.engine import diagnose
-from truepose.identification.drift.analysis import drift
 from truepose.identification.fit.calibrate import Calibration, calibrate
 from truepose.identification.fit.write_machine import write_calibrated
+from truepose.identification.leaves.check.run import check_loaded
+from truepose.identification.leaves.drift.analysis import drift
 from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.prediction.predict import predict, unknown_frames
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 DEG = np.pi / 180.0
 FAR: Mapping[str, Sequence[float]] = {

@@ -22,7 +22,7 @@ from truepose.identification.fit.simultaneous import OPTIONS
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 TELESCOPE = ROOT / "models/machines/telescope"

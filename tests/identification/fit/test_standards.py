@@ -19,7 +19,7 @@ from support.moving_machines import record, written
 from truepose.identification.fit.axis_positioning import AxisTest, axis_tests
 from truepose.identification.fit.pose_repeatability import PoseTest, pose_test
 from truepose.identification.recording.recording import Recording
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 LAWS = settings(max_examples=examples(8), deadline=None)

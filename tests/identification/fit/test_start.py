@@ -14,7 +14,7 @@ from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.simulate import simulate, with_inputs
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 FRAMES = """frames:
   base: {{in: world, xyz: [{base}], rpy: [{turn}], tolerance: {{xyz: {loose}, rpy: {tilt}}}}}

@@ -26,7 +26,7 @@ from truepose.identification.fit.tool_spread import (
 )
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 from truepose.models.sensors.base import Channel, Sensor
 
 Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models import lie
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 
 @pytest.fixture(scope="module")

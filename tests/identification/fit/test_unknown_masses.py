@@ -18,7 +18,7 @@ from truepose.identification.prediction.predict import predict
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 LINKS = ((0.0, 0.0, 300.0), (0.0, 0.0, 400.0), (0.0, 0.0, 350.0))

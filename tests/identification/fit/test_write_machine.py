@@ -27,10 +27,10 @@ from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.effect_text import parse_effect
 from truepose.models.effects.base import PlacedEffect
+from truepose.models.file.machine_file import machine_text, write_machine
+from truepose.models.file.yaml_document import read_document
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
-from truepose.models.machine_file import machine_text, write_machine
-from truepose.models.yaml_document import read_document
+from truepose.models.machine.machine import Machine
 
 KINDS = ("serial", "pus", "ups", "distance")
 EFFECTS = {

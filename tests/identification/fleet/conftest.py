@@ -6,7 +6,7 @@ import pytest
 
 from support.sensor_bench import Bench
 from truepose.identification.recording.recording import Recording
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 
 @pytest.fixture(scope="session")

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from truepose.identification.fleet.changes import Change, compared, limit, paired
-from truepose.identification.fleet.record import Record
+from truepose.identification.leaves.fleet.changes import Change, compared, limit, paired
+from truepose.identification.leaves.fleet.record import Record
 
 
 def record(

@@ -14,9 +14,9 @@ from support import TESTS
 from truepose.cli import app
 from truepose.identification.diagnosis.place_evidence import PlaceEvidence
 from truepose.identification.diagnosis.result import Diagnosis
-from truepose.identification.fleet.evidence import kept
-from truepose.identification.fleet.summary import Summary
 from truepose.identification.learned_prior import EffectPrior, LearnedPrior, PlacePrior, write_prior
+from truepose.identification.leaves.fleet.evidence import kept
+from truepose.identification.leaves.fleet.summary import Summary
 from truepose.identification.prior import SIZES
 
 CASE = TESTS / "golden_diagnoses/arm-two"

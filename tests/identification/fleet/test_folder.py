@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from truepose.errors import InputError
-from truepose.identification.fleet.folder import Member, members
+from truepose.identification.leaves.fleet.folder import Member, members
 
 
 def put(folder: Path, *names: str) -> None:

@@ -15,8 +15,6 @@ from truepose.errors import InputError
 from truepose.identification import prior
 from truepose.identification.diagnosis.selection_problem import SelectionProblem, selection_problem
 from truepose.identification.fit.estimate import estimate
-from truepose.identification.fleet.learn import learned
-from truepose.identification.fleet.summary import Summary, total
 from truepose.identification.learned_prior import (
     FleetPrior,
     LearnedPrior,
@@ -24,12 +22,14 @@ from truepose.identification.learned_prior import (
     read_prior,
     write_prior,
 )
+from truepose.identification.leaves.fleet.learn import learned
+from truepose.identification.leaves.fleet.summary import Summary, total
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue, catalogue
 from truepose.identification.signatures.linearisation import Linearisation
 from truepose.identification.signatures.signatures import Signatures
-from truepose.models.machine import Machine
-from truepose.models.placed import EffectAtPlace
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.placed import EffectAtPlace
 
 Array = NDArray[np.float64]
 

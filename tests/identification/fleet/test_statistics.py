@@ -10,8 +10,8 @@ from scipy.special import expit
 from scipy.stats import t as student
 
 from support.fleets import DrawnFleet
-from truepose.identification.fleet.hierarchy import FINE, joined, quantiles, single
-from truepose.identification.fleet.likelihood import (
+from truepose.identification.leaves.fleet.hierarchy import FINE, joined, quantiles, single
+from truepose.identification.leaves.fleet.likelihood import (
     LOG_ODDS,
     RATIOS,
     SLAB,
@@ -20,15 +20,15 @@ from truepose.identification.fleet.likelihood import (
     of_presence,
     of_spread,
 )
-from truepose.identification.fleet.record import figures_of, parameters_of, rounded
-from truepose.identification.fleet.statistics import (
+from truepose.identification.leaves.fleet.record import figures_of, parameters_of, rounded
+from truepose.identification.leaves.fleet.statistics import (
     EffectInFleet,
     Interval,
     log_normal,
     most_frequent,
     statistics,
 )
-from truepose.identification.fleet.summary import Summary, total
+from truepose.identification.leaves.fleet.summary import Summary, total
 
 
 def kept(**changes: Any) -> dict[str, Any]:

@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truepose.errors import InputError
-from truepose.identification.fleet.record import STATUSES, Record
-from truepose.identification.fleet.store import GROUP, JOURNAL, STORE, SUMS, Journal, Line, Store
-from truepose.identification.fleet.summary import Summary
+from truepose.identification.leaves.fleet.record import STATUSES, Record
+from truepose.identification.leaves.fleet.store import GROUP, JOURNAL, STORE, SUMS, Journal, Line, Store
+from truepose.identification.leaves.fleet.summary import Summary
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
 RECORDS = st.builds(

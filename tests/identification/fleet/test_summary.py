@@ -15,11 +15,11 @@ from scipy.special import expit
 
 from support.fleets import DrawnFleet, mixed_machines
 from truepose.errors import InputError
-from truepose.identification.fleet.columns import Columns
-from truepose.identification.fleet.hierarchy import FINE
-from truepose.identification.fleet.likelihood import KERNEL, LOG_ODDS, SLAB, by_size
-from truepose.identification.fleet.statistics import statistics, trees
-from truepose.identification.fleet.summary import Summary, total
+from truepose.identification.leaves.fleet.columns import Columns
+from truepose.identification.leaves.fleet.hierarchy import FINE
+from truepose.identification.leaves.fleet.likelihood import KERNEL, LOG_ODDS, SLAB, by_size
+from truepose.identification.leaves.fleet.statistics import statistics, trees
+from truepose.identification.leaves.fleet.summary import Summary, total
 
 
 def machines(seed: int, number: int, places: int = 3, ratio: float = 1.0) -> list[Summary]:

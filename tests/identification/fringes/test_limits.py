@@ -10,17 +10,17 @@ import pytest
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.identification.fringes import excursions, faults, lengths, motions, move, scan, turns
-from truepose.identification.fringes.count import Count, End
-from truepose.identification.fringes.excursions import Excursions, centre_means, find_excursions
-from truepose.identification.fringes.levels import Levels, Noise, noise_of
-from truepose.identification.fringes.move import Move, read_move
-from truepose.identification.fringes.passages import evenly, normalised
-from truepose.identification.fringes.photocurrent import read_fast, read_samples
-from truepose.identification.fringes.rest import find_rest
-from truepose.identification.fringes.scan import Scan
+from truepose.identification.leaves.fringes import excursions, faults, lengths, motions, move, scan, turns
+from truepose.identification.leaves.fringes.count import Count, End
+from truepose.identification.leaves.fringes.excursions import Excursions, centre_means, find_excursions
+from truepose.identification.leaves.fringes.levels import Levels, Noise, noise_of
+from truepose.identification.leaves.fringes.move import Move, read_move
+from truepose.identification.leaves.fringes.passages import evenly, normalised
+from truepose.identification.leaves.fringes.photocurrent import read_fast, read_samples
+from truepose.identification.leaves.fringes.rest import find_rest
+from truepose.identification.leaves.fringes.scan import Scan
 from truepose.identification.recording.table import read_table
-from truepose.models.fabry_perot import coupling, folded_phase, fringe
+from truepose.models.machine.fabry_perot import coupling, folded_phase, fringe
 from truepose.models.units import UnitSystem
 
 Array = NDArray[np.float64]

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from truepose.identification.fringes import move
-from truepose.identification.fringes.count import Count, End
-from truepose.identification.fringes.faults import Fault
-from truepose.identification.fringes.levels import Levels
-from truepose.identification.fringes.scan import Scan
+from truepose.identification.leaves.fringes import move
+from truepose.identification.leaves.fringes.count import Count, End
+from truepose.identification.leaves.fringes.faults import Fault
+from truepose.identification.leaves.fringes.levels import Levels
+from truepose.identification.leaves.fringes.scan import Scan
 
 BASE = 1.56e-3
 UNIT = BASE / (4.0 * np.pi)

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from truepose.identification.fringes import faults, lengths, levels, motions
-from truepose.identification.fringes.excursions import (
+from truepose.identification.leaves.fringes import faults, lengths, levels, motions
+from truepose.identification.leaves.fringes.excursions import (
     Excursions,
     centre_means,
     extremes,
     find_excursions,
 )
-from truepose.identification.fringes.levels import (
+from truepose.identification.leaves.fringes.levels import (
     Levels,
     Noise,
     evenly_passed,
@@ -24,10 +24,10 @@ from truepose.identification.fringes.levels import (
     rough_levels,
     tracked_levels,
 )
-from truepose.identification.fringes.rest import find_rest
-from truepose.identification.fringes.scan import Scan, read_scan
-from truepose.identification.fringes.turns import Verdict
-from truepose.models.fabry_perot import folded_phase, fringe
+from truepose.identification.leaves.fringes.rest import find_rest
+from truepose.identification.leaves.fringes.scan import Scan, read_scan
+from truepose.identification.leaves.fringes.turns import Verdict
+from truepose.models.machine.fabry_perot import folded_phase, fringe
 
 Array = NDArray[np.float64]
 G = 0.2

@@ -9,12 +9,12 @@ import pytest
 from numpy.typing import NDArray
 
 from support.fringe_series import EVERY, RATE, G, series, steady
-from truepose.identification.fringes import passages, turns
-from truepose.identification.fringes.excursions import Excursions
-from truepose.identification.fringes.levels import Noise
-from truepose.identification.fringes.passages import Series, evenly
-from truepose.identification.fringes.rest import Rest
-from truepose.models.fabry_perot import folded_phase, fringe
+from truepose.identification.leaves.fringes import passages, turns
+from truepose.identification.leaves.fringes.excursions import Excursions
+from truepose.identification.leaves.fringes.levels import Noise
+from truepose.identification.leaves.fringes.passages import Series, evenly
+from truepose.identification.leaves.fringes.rest import Rest
+from truepose.models.machine.fabry_perot import folded_phase, fringe
 
 Array = NDArray[np.float64]
 QUIET = Noise(0.0, 0.0)

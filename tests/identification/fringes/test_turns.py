@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from truepose.identification.fringes.count import count_fringes
-from truepose.identification.fringes.faults import Fault
-from truepose.identification.fringes.levels import Noise
-from truepose.identification.fringes.move import read_move
-from truepose.identification.fringes.turns import Verdict, Visit, judge
-from truepose.models.fabry_perot import coupling, fringe
+from truepose.identification.leaves.fringes.count import count_fringes
+from truepose.identification.leaves.fringes.faults import Fault
+from truepose.identification.leaves.fringes.levels import Noise
+from truepose.identification.leaves.fringes.move import read_move
+from truepose.identification.leaves.fringes.turns import Verdict, Visit, judge
+from truepose.models.machine.fabry_perot import coupling, fringe
 
 Array = NDArray[np.float64]
 FIBRE = (0.04, 0.9)

@@ -9,10 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 from support.fringe_series import EVERY, RATE, G, series, steady
-from truepose.identification.fringes import passages, turns
-from truepose.identification.fringes.passages import evenly
-from truepose.identification.fringes.rest import Rest
-from truepose.models.fabry_perot import fringe
+from truepose.identification.leaves.fringes import passages, turns
+from truepose.identification.leaves.fringes.passages import evenly
+from truepose.identification.leaves.fringes.rest import Rest
+from truepose.models.machine.fabry_perot import fringe
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, kstest
 
 from truepose.errors import InputError
-from truepose.identification.photogrammetry.body_pose import BodyPose, body_pose
-from truepose.identification.photogrammetry.pose_table import COLUMNS, PAIRS, pose_table
+from truepose.identification.leaves.photogrammetry.body_pose import BodyPose, body_pose
+from truepose.identification.leaves.photogrammetry.pose_table import COLUMNS, PAIRS, pose_table
 from truepose.models import lie
 from truepose.models.units import UnitSystem
 

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from truepose.cli import app
-from truepose.identification.photogrammetry.pose_table import COLUMNS, pose_table
+from truepose.identification.leaves.photogrammetry.pose_table import COLUMNS, pose_table
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 

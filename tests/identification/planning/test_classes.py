@@ -14,13 +14,13 @@ import pytest
 from support.experiments import UNEVEN, YIELDING, arm, poses
 from truepose.errors import InputError
 from truepose.identification.identifiability.note import Note
-from truepose.identification.planning.discriminate.experiment import discriminate
-from truepose.identification.planning.discriminate.explanations import Class, class_of, explanation
-from truepose.identification.planning.discriminate.factors import Offer
-from truepose.identification.planning.discriminate.result import Experiment
-from truepose.identification.planning.discriminate.rows import recording_of
-from truepose.identification.planning.discriminate.targets import Target
-from truepose.models.machine import Mass
+from truepose.identification.leaves.planning.discriminate.experiment import discriminate
+from truepose.identification.leaves.planning.discriminate.explanations import Class, class_of, explanation
+from truepose.identification.leaves.planning.discriminate.factors import Offer
+from truepose.identification.leaves.planning.discriminate.result import Experiment
+from truepose.identification.leaves.planning.discriminate.rows import recording_of
+from truepose.identification.leaves.planning.discriminate.targets import Target
+from truepose.models.machine.machine import Mass
 
 QUANTITY = {"c": "rad/(N*m)", "b": "rad", "a": "rad", "s": "1"}
 

@@ -9,8 +9,12 @@ import pytest
 from numpy.typing import NDArray
 
 from support.experiments import arm
-from truepose.identification.planning.discriminate.explanations import EXPECTED, Explanation, explanation
-from truepose.identification.planning.discriminate.race import (
+from truepose.identification.leaves.planning.discriminate.explanations import (
+    EXPECTED,
+    Explanation,
+    explanation,
+)
+from truepose.identification.leaves.planning.discriminate.race import (
     FOUND,
     RIVAL_FORMS,
     Field,
@@ -20,7 +24,7 @@ from truepose.identification.planning.discriminate.race import (
     race,
     shares,
 )
-from truepose.identification.planning.discriminate.rows import WIDE, Signals
+from truepose.identification.leaves.planning.discriminate.rows import WIDE, Signals
 from truepose.models.effects.base import PlacedEffect
 
 Array = NDArray[np.float64]

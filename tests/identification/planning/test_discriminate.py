@@ -16,18 +16,24 @@ from support import MACHINES
 from support.examples import examples
 from support.experiments import BENT, COMPLIANT, UNEVEN, YIELDING, arm, planned, planned_on, poses, telescope
 from truepose.identification.fit.estimate import estimate
-from truepose.identification.planning.discriminate.criterion import Contest, Race, chosen
-from truepose.identification.planning.discriminate.experiment import discriminate
-from truepose.identification.planning.discriminate.explanations import EXPECTED, Class, explanation
-from truepose.identification.planning.discriminate.factors import MOST, Factor, Offer, factors, settings
-from truepose.identification.planning.discriminate.rows import Rows, recording_of, signals
-from truepose.identification.planning.discriminate.targets import Target, with_targets
-from truepose.identification.planning.information import PoseInformation
+from truepose.identification.leaves.planning.discriminate.criterion import Contest, Race, chosen
+from truepose.identification.leaves.planning.discriminate.experiment import discriminate
+from truepose.identification.leaves.planning.discriminate.explanations import EXPECTED, Class, explanation
+from truepose.identification.leaves.planning.discriminate.factors import (
+    MOST,
+    Factor,
+    Offer,
+    factors,
+    settings,
+)
+from truepose.identification.leaves.planning.discriminate.rows import Rows, recording_of, signals
+from truepose.identification.leaves.planning.discriminate.targets import Target, with_targets
+from truepose.identification.leaves.planning.discriminate.words import sentences
+from truepose.identification.leaves.planning.information import PoseInformation
+from truepose.identification.leaves.planning.pose_tables import experiment_table
 from truepose.identification.prediction.simulate import simulate, with_inputs
 from truepose.identification.recording.load import load_recording
-from truepose.identification.report.experiment_words import sentences
 from truepose.identification.report.notes import worded
-from truepose.identification.report.pose_tables import experiment_table
 from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine

@@ -14,13 +14,13 @@ from typer.testing import CliRunner, Result
 from support import MACHINES
 from support.experiments import BENT, COMPLIANT, UNEVEN, YIELDING, arm, planned, poses, telescope
 from truepose.cli import app
-from truepose.commands.discriminate import Request
 from truepose.errors import InputError
-from truepose.identification.planning.discriminate.experiment import discriminate
-from truepose.identification.planning.discriminate.explanations import class_of
-from truepose.identification.planning.discriminate.factors import Offer
-from truepose.identification.planning.discriminate.targets import Target
-from truepose.identification.report.experiment_words import experiment_json, sentences
+from truepose.identification.leaves.planning.discriminate.command import Request
+from truepose.identification.leaves.planning.discriminate.experiment import discriminate
+from truepose.identification.leaves.planning.discriminate.explanations import class_of
+from truepose.identification.leaves.planning.discriminate.factors import Offer
+from truepose.identification.leaves.planning.discriminate.targets import Target
+from truepose.identification.leaves.planning.discriminate.words import experiment_json, sentences
 from truepose.identification.report.notes import worded
 from truepose.models.load import load_machine
 

@@ -12,7 +12,7 @@ import pytest
 from support import MACHINES
 from support.experiments import arm, poses
 from truepose.errors import InputError
-from truepose.identification.planning.discriminate.factors import (
+from truepose.identification.leaves.planning.discriminate.factors import (
     MOST,
     Factor,
     Offer,
@@ -20,9 +20,9 @@ from truepose.identification.planning.discriminate.factors import (
     settings,
     unplanned,
 )
-from truepose.identification.planning.discriminate.pool import Pool
+from truepose.identification.leaves.planning.discriminate.pool import Pool
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 
 def reads(*drivers: str, load: bool = False, slug: str = "some", **settings: float) -> Any:

@@ -13,7 +13,7 @@ from support import MACHINES
 from support.graph_machines import machine_of
 from support.plans import written
 from truepose.cli import app
-from truepose.identification.planning.plan import plan
+from truepose.identification.leaves.planning.plan import plan
 from truepose.identification.recording.load import load_recording
 
 

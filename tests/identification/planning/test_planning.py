@@ -13,14 +13,14 @@ from support.graph_machines import machine_of
 from support.plans import NAMES, landscape, poses, written
 from truepose.errors import InputError
 from truepose.identification.fit.problem import prior_of
-from truepose.identification.planning.continuous import climb
-from truepose.identification.planning.criteria import CRITERIA
-from truepose.identification.planning.exchange import Pool, exchange
-from truepose.identification.planning.information import PoseInformation
-from truepose.identification.planning.plan import plan
+from truepose.identification.leaves.planning.continuous import climb
+from truepose.identification.leaves.planning.criteria import CRITERIA
+from truepose.identification.leaves.planning.exchange import Pool, exchange
+from truepose.identification.leaves.planning.information import PoseInformation
+from truepose.identification.leaves.planning.plan import plan
+from truepose.identification.leaves.planning.pose_tables import plan_table
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
-from truepose.identification.report.pose_tables import plan_table
 from truepose.models.load import load_machine
 from truepose.models.sensors.pose import Position
 

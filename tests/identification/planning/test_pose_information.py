@@ -15,15 +15,15 @@ from support.graph_machines import machine_of
 from support.plans import NAMES, landscape, poses
 from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.fit.problem import prior_of
-from truepose.identification.planning.criteria import CRITERIA, Objective
-from truepose.identification.planning.information import PoseInformation
-from truepose.identification.planning.plan import plan
+from truepose.identification.leaves.planning.criteria import CRITERIA, Objective
+from truepose.identification.leaves.planning.information import PoseInformation
+from truepose.identification.leaves.planning.plan import plan
+from truepose.identification.leaves.planning.pose_tables import plan_table
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.simulate import simulate, with_inputs
 from truepose.identification.recording.load import load_recording
-from truepose.identification.report.pose_tables import plan_table
 from truepose.models.effect_text import parse_effect
-from truepose.models.machine import Machine, Mass
+from truepose.models.machine.machine import Machine, Mass
 from truepose.models.sensors.pose import Position
 
 

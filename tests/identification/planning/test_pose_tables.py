@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from truepose.identification.planning.discriminate.result import Experiment
-from truepose.identification.planning.discriminate.rows import Rows
-from truepose.identification.planning.plan import Plan
-from truepose.identification.report.pose_tables import BETWEEN, experiment_table, plan_table
-from truepose.models.driver import SESSION, TIME
-from truepose.models.machine import Machine
+from truepose.identification.leaves.planning.discriminate.result import Experiment
+from truepose.identification.leaves.planning.discriminate.rows import Rows
+from truepose.identification.leaves.planning.plan import Plan
+from truepose.identification.leaves.planning.pose_tables import BETWEEN, experiment_table, plan_table
+from truepose.models.file.driver import SESSION, TIME
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 Q = np.array([[0.5, 10.0], [1.0, 20.0], [0.5, 10.0], [0.5, 20.0]])

@@ -14,14 +14,14 @@ from support.experiments import arm, poses, telescope
 from support.moving_machines import ARM as SIX_JOINTS
 from support.moving_machines import FRAMED, POSE, TOLERANCES, written
 from truepose.errors import InputError
-from truepose.identification.planning.discriminate.explanations import explanation
-from truepose.identification.planning.discriminate.rows import Rows, recording_of, signals
-from truepose.identification.planning.discriminate.targets import Target, with_targets
-from truepose.identification.planning.information import PoseInformation
+from truepose.identification.leaves.planning.discriminate.explanations import explanation
+from truepose.identification.leaves.planning.discriminate.rows import Rows, recording_of, signals
+from truepose.identification.leaves.planning.discriminate.targets import Target, with_targets
+from truepose.identification.leaves.planning.information import PoseInformation
 from truepose.identification.prediction.simulate import simulate
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 from truepose.models.sensors.pose import Pose
 from truepose.models.sensors.targets import Targets
 

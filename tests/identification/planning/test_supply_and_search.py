@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from support.graph_machines import machine_of
 from support.plans import landscape, poses
 from truepose.errors import InputError
-from truepose.identification.planning.continuous import Landscape, climb
-from truepose.identification.planning.criteria import CRITERIA
-from truepose.identification.planning.information import UNKNOWN, PoseInformation, Poses
-from truepose.identification.planning.plan import DRAWS, Plan, plan
-from truepose.identification.planning.rounding import rounded
-from truepose.identification.planning.supply import CANDIDATES, STRONG, Supply
-from truepose.models.machine import Machine
+from truepose.identification.leaves.planning.continuous import Landscape, climb
+from truepose.identification.leaves.planning.criteria import CRITERIA
+from truepose.identification.leaves.planning.information import UNKNOWN, PoseInformation, Poses
+from truepose.identification.leaves.planning.plan import DRAWS, Plan, plan
+from truepose.identification.leaves.planning.rounding import rounded
+from truepose.identification.leaves.planning.supply import CANDIDATES, STRONG, Supply
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from support.experiments import BENT, COMPLIANT, UNEVEN, YIELDING, arm, telescope
 from truepose.errors import InputError
-from truepose.identification.planning.criteria import CRITERIA, OPEN, Objective
-from truepose.identification.planning.discriminate.criterion import Contest, Race, chosen
-from truepose.identification.planning.discriminate.explanations import explanation
-from truepose.identification.planning.discriminate.factors import (
+from truepose.identification.leaves.planning.criteria import CRITERIA, OPEN, Objective
+from truepose.identification.leaves.planning.discriminate.criterion import Contest, Race, chosen
+from truepose.identification.leaves.planning.discriminate.explanations import explanation
+from truepose.identification.leaves.planning.discriminate.factors import (
     MOST,
     Factor,
     Offer,
@@ -22,13 +22,13 @@ from truepose.identification.planning.discriminate.factors import (
     settings,
     unplanned,
 )
-from truepose.identification.planning.discriminate.race import ordered
-from truepose.identification.planning.discriminate.result import IDENTICAL, SPLIT, Experiment, Pair
-from truepose.identification.planning.discriminate.rows import Rows, recording_of
-from truepose.identification.planning.discriminate.targets import Target
-from truepose.identification.planning.exchange import Pool, exchange
-from truepose.identification.planning.rounding import decimals, rounded
-from truepose.models.machine import Machine
+from truepose.identification.leaves.planning.discriminate.race import ordered
+from truepose.identification.leaves.planning.discriminate.result import IDENTICAL, SPLIT, Experiment, Pair
+from truepose.identification.leaves.planning.discriminate.rows import Rows, recording_of
+from truepose.identification.leaves.planning.discriminate.targets import Target
+from truepose.identification.leaves.planning.exchange import Pool, exchange
+from truepose.identification.leaves.planning.rounding import decimals, rounded
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 

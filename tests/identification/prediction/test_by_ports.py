@@ -14,7 +14,7 @@ from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effects.base import PlacedEffect, effects
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 from truepose.threads import VARIABLE
 
 Array = NDArray[np.float64]

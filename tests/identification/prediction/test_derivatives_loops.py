@@ -19,8 +19,8 @@ from support.derivative_machines import read_machines, readings, symbols_of
 from support.moving_machines import drawn, record
 from support.other_numbers import DIGITS, run
 from truepose.identification.prediction.predictor import Predictor
-from truepose.models.kinematics import SymbolicModel
-from truepose.models.machine import Machine
+from truepose.models.machine.kinematics import SymbolicModel
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 

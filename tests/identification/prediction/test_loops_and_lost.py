@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from support import MACHINES
 from truepose.errors import InputError
-from truepose.identification.planning.discriminate.targets import Target, with_targets
+from truepose.identification.leaves.planning.discriminate.targets import Target, with_targets
 from truepose.identification.prediction import predict as predict_module
 from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.prediction.lost import all_lost, lost_of
@@ -22,9 +22,9 @@ from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
-from truepose.models.home import slides_of
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.home import slides_of
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 

@@ -20,7 +20,7 @@ from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 from truepose.models.units import convert
 
 KINDS = ("serial", "pus", "ups", "distance")
@@ -206,8 +206,8 @@ def test_a_file_in_other_units_predicts_the_same(tmp_path: Path) -> None:
 
 def _in_micrometres(text: str, path: Path) -> Machine:
     """The same arm with every length in um and every angle in mrad."""
-    from truepose.models.machine_file import write_machine
-    from truepose.models.yaml_document import read_document
+    from truepose.models.file.machine_file import write_machine
+    from truepose.models.file.yaml_document import read_document
 
     path.write_text(text, encoding="utf-8")
     raw, um, mrad = read_document(path), 1000.0, float(np.radians(1.0)) * 1000.0

@@ -16,7 +16,7 @@ from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.sensor_rows import Sight, sights
 from truepose.identification.recording.load import load_recording
 from truepose.models import lie
-from truepose.models.mechanism import AXES
+from truepose.models.machine.mechanism import AXES
 
 Array = NDArray[np.float64]
 SENSORS = {

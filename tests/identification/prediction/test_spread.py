@@ -21,7 +21,7 @@ from truepose.identification.prior import FORM_ERROR
 from truepose.identification.recording.load import load_recording
 from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 EFFECTS = """

@@ -21,9 +21,9 @@ from truepose.identification.prediction.predict import predict
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prior import FORM_ERROR
 from truepose.models.effect_text import parse_effect
+from truepose.models.file.yaml_document import document_text, parse_document
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
-from truepose.models.yaml_document import document_text, parse_document
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 COLUMNS = ("x", "y", "z")

@@ -31,7 +31,7 @@ from truepose.identification.recording.recording import Recording
 from truepose.models.effect_text import parse_effect
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 

@@ -25,12 +25,12 @@ from support.program_robots import (
 )
 from truepose.errors import InputError
 from truepose.identification.compensation.inverse import PoseSolver
-from truepose.identification.programs.correct import NEARBY, Correction, correct
-from truepose.identification.programs.dialects import DIALECTS
-from truepose.identification.programs.frames import Cell
-from truepose.identification.programs.robot import Robot
+from truepose.identification.leaves.programs.correct import NEARBY, Correction, correct
+from truepose.identification.leaves.programs.dialects import DIALECTS
+from truepose.identification.leaves.programs.frames import Cell
+from truepose.identification.leaves.programs.robot import Robot
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 DRAWN, REAL = arms()

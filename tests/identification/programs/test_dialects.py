@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from support.program_robots import RAPID_MODULE, arms, joints, machine_file
 from truepose.errors import InputError
-from truepose.identification.programs.dialects import DIALECTS
-from truepose.identification.programs.program import Program
+from truepose.identification.leaves.programs.dialects import DIALECTS
+from truepose.identification.leaves.programs.program import Program
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 DRAWN, REAL = arms()
 DAT = """&ACCESS RVP

@@ -11,10 +11,10 @@ from support.partial_machines import as_built, partial_machine, readings
 from support.program_robots import numbers_of
 from truepose.errors import InputError
 from truepose.identification.compensation.inverse import PoseSolver
-from truepose.identification.programs.correct import correct
-from truepose.identification.programs.dialects import DIALECTS
-from truepose.identification.programs.frames import Cell
-from truepose.identification.programs.robot import Robot
+from truepose.identification.leaves.programs.correct import correct
+from truepose.identification.leaves.programs.dialects import DIALECTS
+from truepose.identification.leaves.programs.frames import Cell
+from truepose.identification.leaves.programs.robot import Robot
 
 
 @pytest.mark.parametrize("dialect", ["kuka", "rapid"])

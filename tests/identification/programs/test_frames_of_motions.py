@@ -11,16 +11,16 @@ import pytest
 from support.program_robots import arms, joints, machine_file, shape, status_turn
 from truepose.errors import InputError
 from truepose.identification.compensation.inverse import PoseSolver
-from truepose.identification.programs.branches import Branches, flipped
-from truepose.identification.programs.configurations import StatusTurn
-from truepose.identification.programs.forms import Euler, Quaternion
-from truepose.identification.programs.frames import Cell, Frames, Told, shown_name
-from truepose.identification.programs.krl_frames import Stand, fdats, frames, motions
-from truepose.identification.programs.program import BASE_ITSELF, Number, Program, Target
-from truepose.identification.programs.rapid_frames import Move, cell_of, moves
-from truepose.identification.programs.shape import ArmShape
+from truepose.identification.leaves.programs.branches import Branches, flipped
+from truepose.identification.leaves.programs.configurations import StatusTurn
+from truepose.identification.leaves.programs.forms import Euler, Quaternion
+from truepose.identification.leaves.programs.frames import Cell, Frames, Told, shown_name
+from truepose.identification.leaves.programs.krl_frames import Stand, fdats, frames, motions
+from truepose.identification.leaves.programs.program import BASE_ITSELF, Number, Program, Target
+from truepose.identification.leaves.programs.rapid_frames import Move, cell_of, moves
+from truepose.identification.leaves.programs.shape import ArmShape
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 DRAWN, REAL = arms()
 

@@ -11,12 +11,12 @@ import pytest
 from support.program_robots import arms, machine_file
 from truepose.errors import InputError
 from truepose.identification.compensation.inverse import PoseSolver
-from truepose.identification.programs.correct import correct
-from truepose.identification.programs.dialects import DIALECTS
-from truepose.identification.programs.program import closing
-from truepose.identification.programs.shape import ArmShape
+from truepose.identification.leaves.programs.correct import correct
+from truepose.identification.leaves.programs.dialects import DIALECTS
+from truepose.identification.leaves.programs.program import closing
+from truepose.identification.leaves.programs.shape import ArmShape
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 N = 10_000
 WORST = {

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from support.program_robots import arms, machine_file
 from truepose.cli import app
 from truepose.errors import InputError
-from truepose.identification.programs.dialects import dialect_of
+from truepose.identification.leaves.programs.dialects import dialect_of
 from truepose.identification.recording.languages import other_language, own_language
 
 OTHERS = {

@@ -11,9 +11,9 @@ import pytest
 from numpy.typing import NDArray
 
 from support.results import machine
-from truepose.identification.programs.correct import NEARBY, Corrected, Correction
-from truepose.identification.programs.program import Left, Target
-from truepose.identification.report.program_words import (
+from truepose.identification.leaves.programs.correct import NEARBY, Corrected, Correction
+from truepose.identification.leaves.programs.program import Left, Target
+from truepose.identification.leaves.programs.words import (
     Limit,
     correction_json,
     correction_lines,

@@ -27,7 +27,7 @@ from support.program_robots import (
     status_turn,
 )
 from truepose.cli import app
-from truepose.identification.programs.correct import edited
+from truepose.identification.leaves.programs.correct import edited
 
 Array = NDArray[np.float64]
 DRAWN, REAL = arms()
@@ -329,7 +329,7 @@ def test_a_program_that_reads_otherwise_is_not_published(
         changed = text[: number.start(1)] + str(9 - int(number[1][0])) + text[number.start(1) + 1 :]
         return changed if fault == "digit" else text.replace(lines[-1][:3], "; ", 1)
 
-    monkeypatch.setattr("truepose.identification.programs.correct.edited", faulty)
+    monkeypatch.setattr("truepose.identification.leaves.programs.correct.edited", faulty)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     out, done = corrected(tmp_path, how.file, before + "\r\n".join(lines) + after)
     assert out == "" and done.exit_code == 1

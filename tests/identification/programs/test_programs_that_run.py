@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 from support.program_robots import difference, machine_file
 from support.run_controller import Controller, stands
 from support.run_programs import DRAWN, REAL, Node, functions, programs, written
-from truepose.identification.programs.correct import Correction, correct
-from truepose.identification.programs.dialects import DIALECTS
+from truepose.identification.leaves.programs.correct import Correction, correct
+from truepose.identification.leaves.programs.dialects import DIALECTS
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 DIALECT_NAMES = ("urscript", "kuka", "rapid")
 

@@ -9,9 +9,9 @@ import pytest
 
 from support.program_robots import arms, machine_file
 from truepose.errors import InputError
-from truepose.identification.programs.dialects import DIALECTS, beside, dialect_of, text_of
-from truepose.identification.programs.points import HEADER_MOST, Points, decimals_of
-from truepose.identification.programs.program import (
+from truepose.identification.leaves.programs.dialects import DIALECTS, beside, dialect_of, text_of
+from truepose.identification.leaves.programs.points import HEADER_MOST, Points, decimals_of
+from truepose.identification.leaves.programs.program import (
     Left,
     Lines,
     Program,
@@ -22,7 +22,7 @@ from truepose.identification.programs.program import (
     shown,
 )
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from truepose.identification.programs.dialects import DIALECTS
-from truepose.identification.programs.program import Program, Target
+from truepose.identification.leaves.programs.dialects import DIALECTS
+from truepose.identification.leaves.programs.program import Program, Target
 
 POSE, JOINTS = "{X 1,Y 2,Z 3,A 4,B 5,C 6}", "{A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}"
 P, Q = "p[1,2,3,4,5,6]", "[1,2,3,4,5,6]"

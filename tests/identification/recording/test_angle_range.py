@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from support.skips import NOTHING_BESIDE, SHARED
 from truepose.errors import InputError
-from truepose.identification.check.run import check
+from truepose.identification.leaves.check.run import check
 from truepose.identification.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 ARM = """
 schema: truepose/machine/1

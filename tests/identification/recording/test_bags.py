@@ -13,10 +13,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from truepose.errors import InputError
+from truepose.identification.leaves.bags.settled import Stream, average, stretches
 from truepose.identification.recording.joint_column import JointColumn
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording
-from truepose.identification.recording.settled import Stream, average, stretches
 from truepose.identification.recording.table import bag_table, read_table
 from truepose.models.units import UnitSystem
 

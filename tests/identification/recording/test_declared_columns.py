@@ -15,7 +15,7 @@ from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.tried import tried, try_columns, with_measured_loads
 from truepose.identification.signatures.candidates import catalogue
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 DRIVERS = "drivers: [{name: tilt.column, unit: deg}, {name: torque.q2, unit: kN*m}, note]\n"
 ROWS = 5

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from truepose.errors import InputError
-from truepose.identification.recording.importing import read_foreign
-from truepose.identification.recording.mcap_records import MAGIC, check_mcap
-from truepose.identification.recording.settled import Stream, stretches
-from truepose.identification.recording.spreadsheet import read_spreadsheet
+from truepose.identification.leaves.bags.mcap_records import MAGIC, check_mcap
+from truepose.identification.leaves.bags.settled import Stream, stretches
+from truepose.identification.leaves.importing.importing import read_foreign
+from truepose.identification.leaves.workbooks.spreadsheet import read_spreadsheet
 
 FOOTER = struct.pack("<BQQQI", 2, 20, 0, 0, 0)
 

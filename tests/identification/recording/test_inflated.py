@@ -9,10 +9,10 @@ import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
 import pytest
 
+from truepose.identification.leaves.bags.inflated import inflated_size
 from truepose.identification.recording.arrow_columns import ArrowCells
 from truepose.identification.recording.history import creep_sum, exponential_lag, line_of_full_loop
 from truepose.identification.recording.ignored import ignored_columns, untried_columns
-from truepose.identification.recording.inflated import inflated_size
 from truepose.identification.recording.table import table_in_memory
 
 pytest.importorskip("lz4.frame")

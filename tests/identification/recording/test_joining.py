@@ -9,13 +9,13 @@ import pandas as pd
 import pytest
 
 from truepose.errors import InputError
-from truepose.identification.recording.importing import frame_of, read_foreign, renamed, with_joints
+from truepose.identification.leaves.importing.importing import frame_of, read_foreign, renamed, with_joints
+from truepose.identification.leaves.importing.tpoint import is_tpoint, read_tpoint
+from truepose.identification.leaves.importing.tracker_text import DIALECTS, dialect_of, read_points
+from truepose.identification.leaves.importing.turns import with_rotation_vector
 from truepose.identification.recording.names import in_known_case, missing_column
 from truepose.identification.recording.table import Column, Table, table_in_memory
 from truepose.identification.recording.text import SI
-from truepose.identification.recording.tpoint import is_tpoint, read_tpoint
-from truepose.identification.recording.tracker_text import DIALECTS, dialect_of, read_points
-from truepose.identification.recording.turns import with_rotation_vector
 
 
 def points(*names: str) -> Table:

@@ -17,7 +17,7 @@ from truepose.identification.recording.history import creep_sum, line_of_full_lo
 from truepose.identification.recording.joint_column import JointColumn
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording
-from truepose.models.driver import Driver
+from truepose.models.file.driver import Driver
 from truepose.models.units import UnitSystem
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ import pytest
 from truepose.errors import InputError
 from truepose.identification.recording.origin import digest_of, recorded_on, says_shuffled
 from truepose.identification.recording.size import check_file, check_line, check_size
-from truepose.models.limits import COLUMNS, LINE, ROWS
+from truepose.models.file.limits import COLUMNS, LINE, ROWS
 
 ROW = "1.0, 2.0\n"
 DATED = {
@@ -95,7 +95,7 @@ def test_a_table_is_as_large_as_allowed_and_not_larger(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("more", "refused"), [(0, False), (1, True)])
 def test_a_file_that_takes_minutes_is_refused_by_its_size(more: int, refused: bool, tmp_path: Path) -> None:
     """No byte of it is written: a file with a hole."""
-    from truepose.models.limits import RECORDING_BYTES
+    from truepose.models.file.limits import RECORDING_BYTES
 
     path = tmp_path / "file.csv"
     with path.open("wb") as stream:

@@ -11,7 +11,7 @@ import pytest
 from support.guide_bag import write_bag
 from support.ros1_bag import as_ros1
 from truepose.errors import InputError
-from truepose.identification.recording.importing import read_foreign
+from truepose.identification.leaves.importing.importing import read_foreign
 from truepose.identification.recording.table import bag_table
 
 pytest.importorskip("rosbags")

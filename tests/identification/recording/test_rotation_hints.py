@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from support.checked_arm import document, recorded, written
 from truepose.cli import app
 from truepose.errors import InputError
-from truepose.identification.check.run import check_files
+from truepose.identification.leaves.check.run import check_files
 
 VECTOR = ["rx", "ry", "rz"]
 

@@ -6,7 +6,7 @@ import pytest
 
 from support.reports import arm, synthetic
 from truepose.identification.diagnosis.result import Diagnosis
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 
 @pytest.fixture(scope="session")

@@ -13,7 +13,7 @@ from support.told_diagnoses import still
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.report.results import diagnosis_json
 from truepose.identification.report.terminal import calibration_lines, diagnosis_summary
-from truepose.models.machine_file import ExpectedPose
+from truepose.models.file.machine_file import ExpectedPose
 
 OUT = Path("out")
 USE = "truepose codegen out/calibrated.yaml -o controller"

@@ -14,8 +14,8 @@ from truepose.identification.fit.summary import FitSummary
 from truepose.identification.report.document import Command, Opening, Table
 from truepose.identification.report.opening import calibration_opening
 from truepose.identification.report.sections.origin import calibration_origin
-from truepose.models.machine import Machine
-from truepose.models.machine_file import ExpectedPose
+from truepose.models.file.machine_file import ExpectedPose
+from truepose.models.machine.machine import Machine
 
 CHECK = "truepose check arm.yaml a&b.csv"
 APPLY = "truepose codegen calibrated.yaml -o controller"

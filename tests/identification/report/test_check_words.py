@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from truepose.identification.check.result import Check, Found
-from truepose.identification.report.check_words import (
+from truepose.identification.leaves.check.result import Check, Found
+from truepose.identification.leaves.check.words import (
     caution,
     caution_lines,
     check_lines,

@@ -21,7 +21,7 @@ from truepose.identification.report.sections.parameters import (
     parameter_blocks,
     parameter_section,
 )
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 from truepose.shown.chart import Cells, Chart, Level, Marks
 
 INF = float("inf")

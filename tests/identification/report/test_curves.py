@@ -21,7 +21,7 @@ from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.report.curves import Curve, all_curves, curves
 from truepose.identification.report.partial_residuals import all_port_shifts
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 ROWS = 90

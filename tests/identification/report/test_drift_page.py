@@ -13,12 +13,12 @@ import pytest
 
 from support.reports import arm, fitted, own_markup, page_data, recorded
 from support.told_drift import BAD, CHANGED, DAY, GOOD, NAMES, blind, movement, told_drift
-from truepose.identification.drift.analysis import Drift
-from truepose.identification.drift.durability import Check
-from truepose.identification.drift.sizes import Movement
 from truepose.identification.identifiability.observability import Direction
-from truepose.identification.report.drift_page import drift_html
-from truepose.models.machine import Machine
+from truepose.identification.leaves.drift.analysis import Drift
+from truepose.identification.leaves.drift.durability import Check
+from truepose.identification.leaves.drift.page import drift_html
+from truepose.identification.leaves.drift.sizes import Movement
+from truepose.models.machine.machine import Machine
 
 IN_THE_TABLE = "are in the table."
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from support.told_drift import BAD, CHANGED, DAY, GOOD, NAMES, WORSE, blind, movement, told_drift
-from truepose.identification.drift.durability import Check
 from truepose.identification.identifiability.observability import Direction
-from truepose.identification.report.drift_words import (
+from truepose.identification.leaves.drift.durability import Check
+from truepose.identification.leaves.drift.words import (
     advice,
     drift_json,
     drift_lines,

@@ -21,7 +21,7 @@ from truepose.identification.report.drivers import (
     order_column,
     reading_unit,
 )
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 from truepose.models.sensors.base import Channel
 
 

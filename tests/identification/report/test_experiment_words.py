@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from support.experiments import arm
-from truepose.identification.planning.discriminate.explanations import Explanation
-from truepose.identification.planning.discriminate.factors import Factor
-from truepose.identification.planning.discriminate.result import Experiment, Pair, Worth
-from truepose.identification.planning.discriminate.rows import Rows
-from truepose.identification.planning.discriminate.targets import Target
-from truepose.identification.planning.plan import Plan
-from truepose.identification.report.experiment_words import experiment_json, sentences
-from truepose.identification.report.plan_words import plan_json, plan_lines, plan_notes
+from truepose.identification.leaves.planning.discriminate.explanations import Explanation
+from truepose.identification.leaves.planning.discriminate.factors import Factor
+from truepose.identification.leaves.planning.discriminate.result import Experiment, Pair, Worth
+from truepose.identification.leaves.planning.discriminate.rows import Rows
+from truepose.identification.leaves.planning.discriminate.targets import Target
+from truepose.identification.leaves.planning.discriminate.words import experiment_json, sentences
+from truepose.identification.leaves.planning.plan import Plan
+from truepose.identification.leaves.planning.words import plan_json, plan_lines, plan_notes
 
 SOFT, WAVE, PLAY = (
     Explanation(slug, ("q2",), ()) for slug in ("joint-compliance", "transmission-error", "backlash")

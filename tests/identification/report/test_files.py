@@ -11,9 +11,9 @@ import pytest
 
 from support.reports import fitted, own_markup, recorded, synthetic
 from support.told_drift import CHANGED, movement, told_drift
-from truepose.identification.check.result import Check, Found
 from truepose.identification.diagnosis.result import Applied, PoseError
 from truepose.identification.fit.calibrate import Calibration
+from truepose.identification.leaves.check.result import Check, Found
 from truepose.identification.report.files import (
     put_both,
     write_calibration,
@@ -23,9 +23,9 @@ from truepose.identification.report.files import (
     write_report,
 )
 from truepose.identification.report.results import calibration_json
+from truepose.models.file.machine_file import ExpectedPose
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
-from truepose.models.machine_file import ExpectedPose
+from truepose.models.machine.machine import Machine
 
 SLIP = Found("sign", ("q2",), "q2 counts backwards", "turn its sign", "suspect", 12.0, 0.03)
 DOUBT = Check((SLIP,), 40, 0.03, "mm", ())

@@ -17,7 +17,7 @@ from truepose.identification.report.findings_json import (
     untestable_json,
 )
 from truepose.identification.signatures.untestable import Missing, Untestable
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 
 def test_a_finding_is_whole() -> None:

@@ -21,7 +21,7 @@ from truepose.identification.report.results import (
     unbounded,
 )
 from truepose.identification.signatures.untestable import Missing
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 
 @pytest.fixture(scope="module")

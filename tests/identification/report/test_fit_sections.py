@@ -28,7 +28,7 @@ from truepose.identification.report.sections.parameters import (
     correlation_blocks,
     parameter_blocks,
 )
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 from truepose.shown.chart import Cells
 
 # -- fits and proofs -----------------------------------------------------------------------------------

@@ -10,12 +10,12 @@ import pytest
 
 from support.browser import browser, tried
 from support.told_fleet import DONE, FAILED, HOSTILE, RARE, SEEN, STATISTICS, fleet
-from truepose.identification.fleet.changes import Change, Changes, Moved
-from truepose.identification.fleet.result import SHOWN, Fleet
-from truepose.identification.fleet.statistics import FleetStatistics, Interval
-from truepose.identification.fleet.table import table
-from truepose.identification.report.fleet_page import fleet_html
-from truepose.identification.report.fleet_words import effect_sentence, fleet_json, fleet_lines, often
+from truepose.identification.leaves.fleet.changes import Change, Changes, Moved
+from truepose.identification.leaves.fleet.page import fleet_html
+from truepose.identification.leaves.fleet.result import SHOWN, Fleet
+from truepose.identification.leaves.fleet.statistics import FleetStatistics, Interval
+from truepose.identification.leaves.fleet.table import table
+from truepose.identification.leaves.fleet.words import effect_sentence, fleet_json, fleet_lines, often
 from truepose.identification.report.json_text import json_text
 
 

@@ -14,18 +14,17 @@ import pytest
 
 from support.reports import own_markup
 from support.told_fleet import DONE, FAILED, SEEN, STATISTICS, fleet
-from truepose.identification.fleet.changes import Change, Changes, Moved
-from truepose.identification.fleet.result import Fleet
-from truepose.identification.fleet.statistics import (
+from truepose.identification.leaves.fleet.changes import Change, Changes, Moved
+from truepose.identification.leaves.fleet.page import fleet_html
+from truepose.identification.leaves.fleet.result import Fleet
+from truepose.identification.leaves.fleet.sections import effect_blocks, shown_words, tolerance_blocks
+from truepose.identification.leaves.fleet.statistics import (
     ConstantInFleet,
     EffectInFleet,
     Interval,
     ToleranceInFleet,
 )
-from truepose.identification.report.document import Charts, Table
-from truepose.identification.report.fleet_page import fleet_html
-from truepose.identification.report.fleet_sections import effect_blocks, shown_words, tolerance_blocks
-from truepose.identification.report.fleet_words import (
+from truepose.identification.leaves.fleet.words import (
     change_sentences,
     effect_sentence,
     fleet_json,
@@ -39,6 +38,7 @@ from truepose.identification.report.fleet_words import (
     status_sentences,
     tolerance_sentence,
 )
+from truepose.identification.report.document import Charts, Table
 from truepose.shown.chart import Level, Line, Marks
 
 PART = ToleranceInFleet("serial", "angle q", 600, Interval(1.6, 1.4, 1.8), 0.5)

@@ -21,7 +21,7 @@ from support.reports import gear_finding
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.report.formulas import Formula, coupling_matrix, formula, terms_of
 from truepose.models.effects.base import PlacedEffect, Site
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 

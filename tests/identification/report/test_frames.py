@@ -15,7 +15,7 @@ from truepose.identification.compensation.rows import Compensation
 from truepose.identification.diagnosis.result import Alternative, Levels, Quantity
 from truepose.identification.identifiability.observability import identifiable
 from truepose.identification.report.frames import CONSTANTS, FINDINGS, MOVEMENTS, frame
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 
 def test_constants_stand_so_many_tolerances_from_the_drawing(machine: Machine) -> None:

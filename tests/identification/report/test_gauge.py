@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.report.gauge import grouped, rank_words, still, weak_words
-from truepose.models.machine import FRAMES
-from truepose.models.mechanism import AXES
+from truepose.models.machine.machine import FRAMES
+from truepose.models.machine.mechanism import AXES
 
 Array = NDArray[np.float64]
 FRAMED = [f"{frame}.{axis}" for frame in FRAMES for axis in AXES]

@@ -23,10 +23,10 @@ from support.reports import arm, fitted, recorded, synthetic
 from support.results import RESULTS, drifting
 from support.told_fleet import fleet
 from truepose.identification.fit.calibrate import Calibration
-from truepose.identification.report.drift_page import drift_html
-from truepose.identification.report.fleet_page import fleet_html
+from truepose.identification.leaves.drift.page import drift_html
+from truepose.identification.leaves.fleet.page import fleet_html
 from truepose.identification.report.pages import calibration_html, report_html
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 from truepose.version import VERSION
 
 GOLDEN = TESTS / "golden_pages"

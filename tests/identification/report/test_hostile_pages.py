@@ -16,13 +16,13 @@ import yaml
 import truepose
 from support.browser import browser, tried
 from truepose.identification.compensation.inverse import PoseSolver
-from truepose.identification.fleet.result import Fleet
-from truepose.identification.fleet.statistics import FleetStatistics
-from truepose.identification.fleet.table import Row
-from truepose.identification.report.drift_page import drift_html
-from truepose.identification.report.fleet_page import fleet_html
+from truepose.identification.leaves.drift.page import drift_html
+from truepose.identification.leaves.fleet.page import fleet_html
+from truepose.identification.leaves.fleet.result import Fleet
+from truepose.identification.leaves.fleet.statistics import FleetStatistics
+from truepose.identification.leaves.fleet.table import Row
 from truepose.identification.report.pages import calibration_html, report_html
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 needs_browser = pytest.mark.skipif(browser() is None, reason="no chromium to show a page in")
 OWN = "document.title='owned'"

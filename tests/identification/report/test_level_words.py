@@ -17,7 +17,7 @@ from truepose.identification.report.level_words import (
     spanned,
     title,
 )
-from truepose.models.driver import DriverKind
+from truepose.models.file.driver import DriverKind
 
 
 def finding(

@@ -36,8 +36,8 @@ from truepose.identification.report.calibration_words import (
 )
 from truepose.identification.report.misfit_words import misfit_clause
 from truepose.identification.report.next_steps import after_calibration, after_diagnosis
-from truepose.models.machine import Machine
-from truepose.models.machine_file import ExpectedPose
+from truepose.models.file.machine_file import ExpectedPose
+from truepose.models.machine.machine import Machine
 
 OUT = Path("out")
 NAN = float("nan")

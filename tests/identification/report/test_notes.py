@@ -12,7 +12,7 @@ from support.reports import synthetic
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.report.notes import diagnosis_notes, driver_notes
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 
 @pytest.mark.parametrize(

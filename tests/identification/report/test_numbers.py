@@ -13,7 +13,7 @@ from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.report.curves import curves
 from truepose.identification.report.gauge import rank_words
 from truepose.identification.report.numbers import measure, p_value, percent, significant, times, uncertain
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 
 @pytest.fixture(scope="module")

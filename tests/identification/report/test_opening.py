@@ -19,7 +19,7 @@ from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.origin import digest_of, recorded_on
 from truepose.identification.report.document import Gain
 from truepose.identification.report.opening import diagnosis_opening, file_name, gains_of, recording_names
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 LAWS = settings(max_examples=examples(120), deadline=None)
 SIZES = st.floats(1e-6, 1e3)

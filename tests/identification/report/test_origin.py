@@ -11,7 +11,7 @@ from support.reports import of, recorded, rows, synthetic
 from truepose.identification.report.document import Fold, Section, Table
 from truepose.identification.report.sections.origin import diagnosis_origin, origin_section
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 from truepose.version import VERSION
 
 TWO = ("/far/off/a.csv", "day 2/b c.csv")

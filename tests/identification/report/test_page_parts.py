@@ -17,8 +17,8 @@ from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.report.document import Document, Section, Text
 from truepose.identification.report.pages import calibration_html, report_html
 from truepose.identification.report.render import html
-from truepose.models.machine import Machine
-from truepose.models.machine_file import ExpectedPose
+from truepose.models.file.machine_file import ExpectedPose
+from truepose.models.machine.machine import Machine
 
 
 def said(page: str) -> str:

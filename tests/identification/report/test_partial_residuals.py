@@ -20,7 +20,7 @@ from truepose.identification.recording.recording import Recording
 from truepose.identification.report.partial_residuals import PortShift, all_port_shifts
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 BUNDLED = Path(truepose.models.__path__[0]) / "machines"

@@ -21,7 +21,7 @@ from truepose.identification.report.pages import (
     report_html,
 )
 from truepose.identification.report.results import diagnosis_json
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 from truepose.version import VERSION
 
 SECTIONS = (

@@ -20,7 +20,7 @@ from truepose.identification.report.sections.residuals import (
     residual_section,
     series_of,
 )
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 from truepose.shown.chart import Marks
 
 ROWS = np.arange(0, 30, 3)

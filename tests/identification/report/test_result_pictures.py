@@ -13,10 +13,10 @@ import pytest
 
 from truepose.identification.compensation.rows import Compensation
 from truepose.identification.diagnosis.result import Diagnosis
-from truepose.identification.drift.analysis import Drift
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.identifiability.analysis import Identifiability
-from truepose.identification.planning.plan import Plan
+from truepose.identification.leaves.drift.analysis import Drift
+from truepose.identification.leaves.planning.plan import Plan
 from truepose.identification.report import pictures
 from truepose.shown.drawing import bars, dots, strips
 

@@ -18,7 +18,7 @@ from truepose.identification.identifiability.analysis import Identifiability, Pa
 from truepose.identification.identifiability.note import Note
 from truepose.identification.report.numbers import significant
 from truepose.identification.report.views import view
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 
 def test_what_is_no_result_has_no_view() -> None:

@@ -29,9 +29,9 @@ from truepose.identification.report.scene.sights import base_pose, sights
 from truepose.models.effects.base import effects
 from truepose.models.effects.common import sensor_names
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
-from truepose.models.parameters import element_of
-from truepose.models.skeleton import skeleton
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.parameters import element_of
+from truepose.models.machine.skeleton import skeleton
 
 Array = NDArray[np.float64]
 BUNDLED = ("telescope", "nanopositioner", "polisher")

@@ -17,7 +17,7 @@ from truepose.identification.fit.estimate import Estimate
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.scene.scene import STEPS, error_words, scene_of, upright
 from truepose.identification.report.scene.sights import sights
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from truepose.identification.report.document import Charts, Table, Text
 from truepose.identification.report.gauge import rank_words, weak_words
 from truepose.identification.report.notes import tolerance_notes, worded
 from truepose.identification.report.sections.uncertainty import uncertainty_section
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 from truepose.shown.chart import Marks
 
 UNITS = {"nm": 1e-6, "µm": 1e-3, "mm": 1.0}

@@ -13,11 +13,11 @@ import pytest
 
 from support.fleets import mixed_machines
 from truepose.errors import InputError
-from truepose.identification.fleet.record import Record, Status
-from truepose.identification.fleet.result import SHOWN, Fleet
-from truepose.identification.fleet.store import STORE, SUMS
-from truepose.identification.running import ending
-from truepose.identification.running.ending import TABLE, Folders, ended
+from truepose.identification.leaves.fleet import ending
+from truepose.identification.leaves.fleet.ending import TABLE, Folders, ended
+from truepose.identification.leaves.fleet.record import Record, Status
+from truepose.identification.leaves.fleet.result import SHOWN, Fleet
+from truepose.identification.leaves.fleet.store import STORE, SUMS
 
 MADE = (TABLE, "prior.yaml", STORE, SUMS)
 MACHINES = 2 * ending.TOGETHER + 5

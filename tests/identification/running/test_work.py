@@ -13,12 +13,12 @@ import pytest
 
 from support.tiny_fleets import rows, write_machine
 from truepose.errors import InputError
-from truepose.identification.check.run import check_files
-from truepose.identification.fleet.folder import Member, members
-from truepose.identification.fleet.record import RECORD, Record
+from truepose.identification.leaves.check.run import check_files
+from truepose.identification.leaves.fleet.folder import Member, members
+from truepose.identification.leaves.fleet.record import RECORD, Record
+from truepose.identification.leaves.fleet.run import DEAD, Folders, run_fleet, settings_of
+from truepose.identification.leaves.fleet.work import RESULTS, Options, Task, done
 from truepose.identification.recording.load import load_recording
-from truepose.identification.running.run import DEAD, Folders, run_fleet, settings_of
-from truepose.identification.running.work import RESULTS, Options, Task, done
 from truepose.models.load import load_machine
 from truepose.pool import Pool
 
@@ -137,7 +137,7 @@ def test_files_that_do_not_belong_together_are_worked_with_where_it_is_asked_for
     wrong, *nothing = check_files(one.member.machine, one.member.recordings)
     given = (wrong, whole, read) if loaded else (wrong, *nothing)
     monkeypatch.setattr(DIAGNOSE, diagnose)
-    monkeypatch.setattr("truepose.identification.check.run.check_files", lambda *_, **__: given)
+    monkeypatch.setattr("truepose.identification.leaves.check.run.check_files", lambda *_, **__: given)
     found = done(one)
     assert found.status == ("failed" if anyway and loaded else "wrong")
     assert (found.why == "reached, None") is (anyway and loaded)

@@ -14,7 +14,7 @@ from truepose.identification.prior import LONG
 from truepose.identification.signatures.arcs import series_ports, turned
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.empirical import Empirical
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 

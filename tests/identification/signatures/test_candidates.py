@@ -20,7 +20,7 @@ from truepose.identification.signatures.load_forms import forms_of_held_load, fo
 from truepose.models.effects.empirical import WIDTH, Empirical
 from truepose.models.effects.empirical_sources import seen_over
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 ROWS = 40

@@ -21,7 +21,7 @@ from truepose.identification.signatures import chunks
 from truepose.identification.signatures.candidates import catalogue
 from truepose.identification.signatures.linearisation import Linearisation
 from truepose.identification.signatures.signatures import Signatures
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 from truepose.models.registry import load_plugin
 from truepose.pool import Cluster, cluster, present, rows_on
 

@@ -12,7 +12,7 @@ from support.sensor_bench import Bench
 from truepose.identification.prior import FORM_ERROR
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.forms import Forms
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 

@@ -24,7 +24,7 @@ from truepose.identification.signatures.lines import Spectrum, proposed, spectru
 from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.transmission_error import TransmissionError
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 

@@ -23,7 +23,7 @@ from truepose.identification.signatures.untestable import (
     unloaded,
 )
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 GRAVITY, MASSES = "gravity: [0, 0, -9.80665]\n", "masses: {head: {kg: 20, com: [0, 0, 0], in: tool}}\n"
 ROWS = 6

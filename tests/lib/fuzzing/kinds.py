@@ -11,7 +11,7 @@ from random import Random
 import yaml
 
 from fuzzing import code, marked_up, programs, records, seeds, tables, texts, trees, workbooks
-from truepose.models.yaml_document import parse_document
+from truepose.models.file.yaml_document import parse_document
 
 Mutate = Callable[[Random, bytes, bytes], bytes]
 

@@ -14,7 +14,7 @@ from support.telescope_legs import leg_rows
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 MADE = "tolerances: {length: 0.2, angle: 0.1}\n"

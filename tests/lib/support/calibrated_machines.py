@@ -11,7 +11,7 @@ import yaml
 
 from support import MACHINES, ROOT
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 POLISHER = ROOT / "models" / "machines" / "polisher" / "machine.yaml"
 SIX_AXES = """

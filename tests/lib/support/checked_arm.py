@@ -12,10 +12,10 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 import truepose
-from truepose.identification.check.result import Check
-from truepose.identification.check.rig import Rig
-from truepose.identification.check.run import check_files
-from truepose.models.yaml_document import document_text
+from truepose.identification.leaves.check.result import Check
+from truepose.identification.leaves.check.rig import Rig
+from truepose.identification.leaves.check.run import check_files
+from truepose.models.file.yaml_document import document_text
 
 JOINTS = tuple(f"q{k}" for k in range(1, 7))
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from support.moving_machines import nominal
 from truepose.models import lie
-from truepose.models.machine import Machine
-from truepose.models.mechanism import Direction
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.mechanism import Direction
 
 Array = NDArray[np.float64]
 

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from support.moving_machines import FRAMED, POSE
 from support.telescope_legs import UNEVEN, leg_rows
-from truepose.models.kinematics import SymbolicModel
+from truepose.models.file.machine_name import nearest_name
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
-from truepose.models.machine_name import nearest_name
+from truepose.models.machine.kinematics import SymbolicModel
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 HEAD = "schema: truepose/machine/1\nname: {name}\ntolerances: {{length: 0.2, angle: 0.1}}\n"

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from truepose.cli import app
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 POSITION = "sensor: {type: position, sigma: {xyz: 0.02}}\n"
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import yaml
 
-from truepose.models.machine_file import write_machine
+from truepose.models.file.machine_file import write_machine
 
 _FENCE = re.compile(r'^```(\w+)(?: (?:title=")?([^\s"]+)"?)?\n(.*?)^```', re.DOTALL | re.MULTILINE)
 _OTHER_MACHINE = ("gravity", "masses", "tolerances")

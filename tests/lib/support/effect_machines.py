@@ -9,7 +9,7 @@ from pathlib import Path
 from support import MACHINES
 from support.moving_machines import written
 from support.telescope_legs import leg_rows
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 ARM = """
 gravity: [0, 0, -9.80665]

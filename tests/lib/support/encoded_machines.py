@@ -12,9 +12,9 @@ import yaml
 from numpy.typing import NDArray
 
 from support import ROOT
+from truepose.models.file.machine_file import write_machine
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
-from truepose.models.machine_file import write_machine
+from truepose.models.machine.machine import Machine
 from truepose.models.units import convert
 
 Array = NDArray[np.float64]

@@ -17,7 +17,7 @@ from truepose.identification.fit.problem import Problem
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect, Site
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 ROWS = 40

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from support import MACHINES
-from truepose.identification.planning.discriminate.experiment import discriminate
-from truepose.identification.planning.discriminate.explanations import Class, explanation
-from truepose.identification.planning.discriminate.factors import Offer
-from truepose.identification.planning.discriminate.result import Experiment
+from truepose.identification.leaves.planning.discriminate.experiment import discriminate
+from truepose.identification.leaves.planning.discriminate.explanations import Class, explanation
+from truepose.identification.leaves.planning.discriminate.factors import Offer
+from truepose.identification.leaves.planning.discriminate.result import Experiment
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine, Mass
+from truepose.models.machine.machine import Machine, Mass
 
 Array = NDArray[np.float64]
 LEGS = "+".join(f"leg{k}" for k in range(1, 7))

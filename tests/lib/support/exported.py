@@ -19,9 +19,9 @@ from scipy.spatial.transform import Rotation
 
 from support.skips import NO_MUJOCO
 from truepose.identification.compensation.inverse import PoseSolver
+from truepose.models.file.machine_file import SCHEMA, checked_machine
 from truepose.models.load import build_machine
-from truepose.models.machine import Machine
-from truepose.models.machine_file import SCHEMA, checked_machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 Pose = Callable[[Array], Array]

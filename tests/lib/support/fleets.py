@@ -1,4 +1,4 @@
-"""Machines of a fleet as they are kept, drawn from the model of ``truepose.identification.fleet.hierarchy``, with the truth."""
+"""Machines of a fleet as they are kept, drawn from the model of its ``hierarchy``, with the truth."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, logsumexp
 
-from truepose.identification.fleet.hierarchy import STEPS, effect_steps
-from truepose.identification.fleet.likelihood import KERNEL, SLAB
+from truepose.identification.leaves.fleet.hierarchy import STEPS, effect_steps
+from truepose.identification.leaves.fleet.likelihood import KERNEL, SLAB
 from truepose.identification.prior import FLEET_PLACES, SIZES
 
 Array = NDArray[np.float64]

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from truepose.identification.fringes.levels import Levels, Noise
-from truepose.identification.fringes.passages import Series, normalised
+from truepose.identification.leaves.fringes.levels import Levels, Noise
+from truepose.identification.leaves.fringes.passages import Series, normalised
 from truepose.identification.recording.recording import Recording
-from truepose.models.fabry_perot import fringe
+from truepose.models.machine.fabry_perot import fringe
 
 Array = NDArray[np.float64]
 G, RATE, EVERY = 0.2, 7.0, 200.0

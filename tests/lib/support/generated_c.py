@@ -19,8 +19,8 @@ from support.examples import NIGHT
 from support.generated_machines import BODIES, machine_of
 from truepose.codegen.c import generate
 from truepose.codegen.printer import Real
-from truepose.models.kinematics import SymbolicModel, symbolic_model
-from truepose.models.machine import Machine
+from truepose.models.machine.kinematics import SymbolicModel, symbolic_model
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 COMPILER = shutil.which("gcc") or shutil.which("cc")

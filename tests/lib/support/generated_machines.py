@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 HEAD = "schema: truepose/machine/1\nname: {name}\ngravity: [0, 0, -9.80665]\nmechanism:\n"
 ARM = """  type: serial

@@ -19,10 +19,10 @@ from truepose.identification.diagnosis.null_fits import null_fits
 from truepose.identification.diagnosis.search import Expansion, Start, prepared
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.tool_spread import tool_spread
-from truepose.identification.fleet.columns import Columns
-from truepose.identification.fleet.statistics import statistics
-from truepose.identification.fleet.summary import Summary
-from truepose.identification.fringes.move import Move
+from truepose.identification.leaves.fleet.columns import Columns
+from truepose.identification.leaves.fleet.statistics import statistics
+from truepose.identification.leaves.fleet.summary import Summary
+from truepose.identification.leaves.fringes.move import Move
 from truepose.identification.posterior.mode import climbed
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import catalogue

@@ -16,11 +16,11 @@ from support import MACHINES
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
-from truepose.models.kinematics import SymbolicModel, symbolic_model
+from truepose.models.file.machine_file import write_machine
+from truepose.models.file.yaml_document import read_document
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
-from truepose.models.machine_file import write_machine
-from truepose.models.yaml_document import read_document
+from truepose.models.machine.kinematics import SymbolicModel, symbolic_model
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 Document = dict[str, Any]

@@ -15,8 +15,8 @@ from support.generated_c import COMPILER, WARNINGS
 from truepose.codegen.c import generate
 from truepose.codegen.layout import layout_of
 from truepose.codegen.printer import Real
-from truepose.models.kinematics import symbolic_model
-from truepose.models.machine import Machine
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine
 from truepose.models.task import COMPONENTS
 
 DRIVER = Path(__file__).parent / "hostile.c"

@@ -16,8 +16,8 @@ from support.generated_c import COMPILER, LEVEL, WARNINGS, Built
 from support.generated_machines import HEAD, RAILS, TURNS
 from truepose.codegen.c import generate
 from truepose.codegen.printer import Real
-from truepose.models.kinematics import symbolic_model
 from truepose.models.load import load_machine
+from truepose.models.machine.kinematics import symbolic_model
 
 Array = NDArray[np.float64]
 _BARE_RAILS = RAILS.split("masses:")[0].replace("range: [-20", "screw_pitch: 5, range: [-20")

@@ -12,7 +12,7 @@ from truepose.identification.posterior.design import GridPoint
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Linearisation
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 LENGTH, ANGLE = PartClass("length"), PartClass("angle")

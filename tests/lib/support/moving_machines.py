@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from support.telescope_legs import UNEVEN, leg_rows
 from truepose.identification.recording.recording import Recording
+from truepose.models.file.machine_name import nearest_name
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
-from truepose.models.machine_name import nearest_name
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 HEAD = "schema: truepose/machine/1\nname: {name}\n"

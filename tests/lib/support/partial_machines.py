@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
-from truepose.models.parameters import Parameter
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.parameters import Parameter
 
 Array = NDArray[np.float64]
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.planning.continuous import Landscape
-from truepose.identification.planning.criteria import CRITERIA, Objective
-from truepose.identification.planning.information import PoseInformation
-from truepose.models.machine import Machine
+from truepose.identification.leaves.planning.continuous import Landscape
+from truepose.identification.leaves.planning.criteria import CRITERIA, Objective
+from truepose.identification.leaves.planning.information import PoseInformation
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 NAMES = ("serial", "pus", "ups", "distance")

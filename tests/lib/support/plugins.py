@@ -6,10 +6,10 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from truepose.models.builder import builders
-from truepose.models.effect import effects
+from truepose.models.machine.builder import builders
+from truepose.models.machine.effect import effects
+from truepose.models.machine.sensor import sensors
 from truepose.models.plugin_guard import PREFIX
-from truepose.models.sensor import sensors
 
 
 @contextmanager

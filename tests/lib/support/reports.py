@@ -30,7 +30,7 @@ from truepose.identification.report.document import Table
 from truepose.identification.signatures.untestable import Untestable
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Kind = TypeVar("Kind")
 NAN = float("nan")

@@ -17,14 +17,14 @@ from truepose.identification.compensation.compensate import compensate
 from truepose.identification.compensation.inverse import PoseSolver, inverse
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.diagnosis.result import Diagnosis
-from truepose.identification.drift.analysis import Drift, drift
 from truepose.identification.fit.calibrate import Calibration, calibrate
 from truepose.identification.identifiability.analysis import Identifiability, identifiability
-from truepose.identification.planning.plan import plan
+from truepose.identification.leaves.drift.analysis import Drift, drift
+from truepose.identification.leaves.planning.plan import plan
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 from truepose.shown.result import Shown
 
 BUNDLED = ("telescope", "nanopositioner", "polisher")

@@ -15,10 +15,10 @@ from support.checked_arm import document
 from truepose.identification.identifiability.poses import drawn_poses
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
+from truepose.models.file.machine_file import checked_machine
+from truepose.models.file.yaml_document import read_document
 from truepose.models.load import build_machine
-from truepose.models.machine import Machine
-from truepose.models.machine_file import checked_machine
-from truepose.models.yaml_document import read_document
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 Document = dict[str, Any]

@@ -19,8 +19,8 @@ from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.write_machine import calibrated_text
 from truepose.identification.report.fitted import file_of
 from truepose.models import lie
-from truepose.models.machine import Machine
-from truepose.models.mechanism import AXES
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.mechanism import AXES
 
 POSES = 5
 

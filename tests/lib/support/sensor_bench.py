@@ -15,7 +15,7 @@ from truepose.identification.recording.recording import Recording
 from truepose.models.effect_text import parse_effect
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 HEAD = "schema: truepose/machine/1\nname: NAME\ntolerances: {length: 0.05, angle: 0.02}\n"
 ARM = """

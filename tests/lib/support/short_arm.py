@@ -6,7 +6,7 @@ from pathlib import Path
 
 from truepose.identification.identifiability.analysis import Identifiability
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 HEAD = "schema: truepose/machine/1\nname: arm\n"
 JOINTS = """mechanism:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from support.generated_c import COMPILER, LEVEL, WARNINGS
 from truepose.codegen.c import generate
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 INSIDE = Path(__file__).parent / "inside_arm.c"

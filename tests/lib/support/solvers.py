@@ -18,7 +18,7 @@ from truepose.identification.fit.bounds import Bounds, bounds_of
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.simultaneous import simultaneous
 from truepose.identification.recording.recording import Recording
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 BASE = "\n".join(line for line in FRAMES.splitlines() if "tool" not in line) + "\n"

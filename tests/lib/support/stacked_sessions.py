@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from truepose.identification.drift.movement_posterior import (
+from truepose.identification.fit.problem import Prior
+from truepose.identification.fit.tolerance_classes import PartClass
+from truepose.identification.leaves.drift.movement_posterior import (
     Likeliest,
     MovementPosterior,
 )
-from truepose.identification.drift.movement_problem import Kinds, Stack, movement_problem
-from truepose.identification.fit.problem import Prior
-from truepose.identification.fit.tolerance_classes import PartClass
+from truepose.identification.leaves.drift.movement_problem import Kinds, Stack, movement_problem
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.posterior.state import State

@@ -12,7 +12,7 @@ from support import MACHINES
 from support.telescope_legs import leg_rows
 from support.tool_pose import HEAD
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 G = 9.80665

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from truepose.identification.fleet.changes import Change, Changes, Moved
-from truepose.identification.fleet.result import SHOWN, Fleet
-from truepose.identification.fleet.statistics import (
+from truepose.identification.leaves.fleet.changes import Change, Changes, Moved
+from truepose.identification.leaves.fleet.result import SHOWN, Fleet
+from truepose.identification.leaves.fleet.statistics import (
     ConstantInFleet,
     EffectInFleet,
     FleetStatistics,
     Interval,
     ToleranceInFleet,
 )
-from truepose.identification.fleet.table import Row
+from truepose.identification.leaves.fleet.table import Row
 
 HOSTILE = '<script>alert("1")</script>&'
 SEEN = EffectInFleet(

@@ -21,7 +21,7 @@ from truepose.identification.recording.recording import Recording
 from truepose.models import lie
 from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 Document = dict[str, Any]

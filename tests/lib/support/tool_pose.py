@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.home import closed_home, coordinate_scale
-from truepose.models.kinematics import symbolic_model
-from truepose.models.machine import Machine
+from truepose.models.machine.home import closed_home, coordinate_scale
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 HEAD = "schema: truepose/machine/1\nname: {name}\ntolerances: {{length: 0.1, angle: 0.05}}\ngravity: [0, 0, -9.80665]\n"

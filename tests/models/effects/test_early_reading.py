@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 import truepose
 from truepose.codegen.left_out import left_out
 from truepose.models.effect_text import parse_effect
-from truepose.models.machine import Machine
-from truepose.models.placed import PlacedEffect
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.placed import PlacedEffect
 
 Array = NDArray[np.float64]
 ARM = """schema: truepose/machine/1

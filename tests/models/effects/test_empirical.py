@@ -27,10 +27,10 @@ from truepose.identification.signatures.candidates import catalogue, empirical_f
 from truepose.models.effect_text import parse_effect
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.empirical import Empirical
-from truepose.models.kinematics import symbolic_model
 from truepose.models.lie import log_so3
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 DRIVEN = SIX_AXES + "drivers: [payload, temperature.air]\n"

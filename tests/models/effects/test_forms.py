@@ -19,8 +19,8 @@ from support.tool_pose import HEAD, pose
 from truepose.identification.recording.history import creep_sum, stop_operator
 from truepose.models.effects.base import PlacedEffect, Shifts, Site, effects
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
-from truepose.models.states import hinges
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.states import hinges
 
 Array = NDArray[np.float64]
 ARM = """

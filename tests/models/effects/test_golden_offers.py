@@ -22,8 +22,8 @@ from support.effect_machines import READINGS, read_machines
 from support.effects import Campaign, Solved
 from support.golden_pages import as_committed
 from truepose.models.effects.base import Effect, Place, PlacedEffect, Settings, effects
-from truepose.models.kinematics import symbolic_model
-from truepose.models.machine import Machine
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 T = TypeVar("T")

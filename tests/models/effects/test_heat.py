@@ -10,7 +10,7 @@ import pytest
 from support.effect_machines import READINGS, read_machines
 from support.effects import Campaign, position, shift_slopes, with_effect
 from truepose.models.effects.base import effects
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from support.effects import Campaign, position, shift_slopes, with_effect
 from truepose.errors import InputError
 from truepose.models.effects.base import effects
 from truepose.models.effects.series import FADE
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 
 @pytest.fixture(scope="module")

@@ -23,9 +23,9 @@ from truepose.models.effects.base import (
     effects,
 )
 from truepose.models.effects.of_rows import OF_ROWS
-from truepose.models.kinematics import symbolic_model
-from truepose.models.machine import Machine
-from truepose.models.setting_range import check_settings
+from truepose.models.file.setting_range import check_settings
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine
 from truepose.models.units import parse_unit
 
 LOADED = ("arm", "telescope", "gough", "hybrid", "planar", "graph", "mount", "encoded")

@@ -16,9 +16,9 @@ from support.structures import G, structure, turn_between
 from support.tool_pose import HEAD, pose
 from truepose.errors import InputError
 from truepose.models.effects.base import effects
-from truepose.models.kinematics import symbolic_model
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine, Mass
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine, Mass
 
 UPRIGHT = """
 mechanism:

@@ -12,8 +12,8 @@ from support.effect_machines import READINGS, STRAIGHT, read_machines
 from support.effects import Campaign, Solved, bare, position, shift_slopes, with_effect
 from truepose.errors import InputError
 from truepose.models.effects.base import effects
-from truepose.models.kinematics import symbolic_model
-from truepose.models.machine import Machine, Mass
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine, Mass
 
 
 @pytest.fixture(scope="module")

@@ -16,8 +16,8 @@ from support.effects import Solved, position, with_effect
 from support.telescope_models import LOADED, machine_of
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
-from truepose.models.kinematics import symbolic_model
-from truepose.models.machine import Machine
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine
 from truepose.models.units import convert
 
 Array = NDArray[np.float64]

@@ -12,8 +12,8 @@ from support.effect_machines import READINGS, read_machines
 from support.effects import Campaign, bare, position, shift_slopes, with_effect
 from truepose.errors import InputError
 from truepose.models.effects.base import PlacedEffect, Settings, effects
-from truepose.models.kinematics import symbolic_model
-from truepose.models.machine import Machine
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine
 
 
 @pytest.fixture(scope="module")

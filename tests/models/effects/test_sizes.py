@@ -15,8 +15,8 @@ from support.effects import Campaign, Solved, position, with_effect
 from truepose.models.effects.base import Effect, effects
 from truepose.models.effects.common import ARCSEC, centre_and_half, own_offset, piezo_like
 from truepose.models.effects.piezo_hysteresis import THRESHOLDS
-from truepose.models.kinematics import symbolic_model
-from truepose.models.machine import Machine
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 

@@ -23,8 +23,8 @@ from truepose.identification.signatures.candidates import catalogue
 from truepose.models.effect_text import parse_effect
 from truepose.models.effects.base import PlacedEffect, Settings, effects
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
-from truepose.models.mechanism import Mechanism
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.mechanism import Mechanism
 
 Array = NDArray[np.float64]
 

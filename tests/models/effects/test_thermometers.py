@@ -12,7 +12,7 @@ from support.effects import position, shift_slopes, with_effect
 from truepose.models.effect_text import parse_effect
 from truepose.models.effects.base import effects
 from truepose.models.effects.thermometers import others
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 CLOCK = np.linspace(0.0, 7200.0, 40)
 WARM, COOL = 25 + 3 * np.sin(CLOCK / 900), 21 + CLOCK / 7200

@@ -20,10 +20,10 @@ from support.exported import LINKS, frame, ur_pose, urdf_pose
 from support.generated_machines import BODIES, HEAD, machine_of
 from truepose.cli import app
 from truepose.errors import InputError
-from truepose.models.export.write import Exported, Format, render
-from truepose.models.kinematics import symbolic_model
+from truepose.models.leaves.export.write import Exported, Format, render
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 SAME = 1e-9

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from support.exported import frame
 from support.moving_machines import written
-from truepose.models.export.numbers import text, xyz_rpy
-from truepose.models.export.write import render
+from truepose.models.leaves.export.numbers import text, xyz_rpy
+from truepose.models.leaves.export.write import render
 
 Array = NDArray[np.float64]
 STATED = """frames:

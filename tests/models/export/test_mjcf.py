@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from support.exported import closed_in_mujoco, mujoco_module, site_pose
 from support.generated_machines import BODIES, HEAD, machine_of
 from truepose.identification.compensation.inverse import PoseSolver
-from truepose.models.export.write import export, render
-from truepose.models.kinematics import symbolic_model
+from truepose.models.leaves.export.write import export, render
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine
 
 mujoco = mujoco_module()
 Array = NDArray[np.float64]

@@ -17,15 +17,15 @@ from support.generated_machines import BODIES, HEAD, machine_of
 from truepose.errors import InputError, ReadBackError
 from truepose.identification.compensation.compiled import base_frame
 from truepose.identification.compensation.inverse import PoseSolver
-from truepose.models.export import write
-from truepose.models.export.write import FORMATS, Format, export, render
+from truepose.models.file.machine_file import checked_machine
+from truepose.models.file.yaml_document import parse_document
+from truepose.models.leaves.export import write
+from truepose.models.leaves.export.write import FORMATS, Format, export, render
+from truepose.models.leaves.starting.arms import bundled_names, bundled_start
+from truepose.models.leaves.starting.mjcf import mjcf_start
+from truepose.models.leaves.starting.written import Asked, written
 from truepose.models.load import build_machine, load_machine
-from truepose.models.machine import Machine
-from truepose.models.machine_file import checked_machine
-from truepose.models.starting.arms import bundled_names, bundled_start
-from truepose.models.starting.mjcf import mjcf_start
-from truepose.models.starting.written import Asked, written
-from truepose.models.yaml_document import parse_document
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 FILES = [*sorted(MACHINES.glob("*.yaml")), *sorted((ROOT / "models" / "machines").glob("*/machine.yaml"))]

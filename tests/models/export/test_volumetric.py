@@ -16,10 +16,10 @@ from scipy.spatial.transform import Rotation
 from support.exported import TableReader, read_table
 from support.generated_machines import HEAD, machine_of
 from truepose.errors import InputError
-from truepose.models.export.write import export, render
-from truepose.models.kinematics import symbolic_model
+from truepose.models.leaves.export.write import export, render
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 MILL = """  type: graph

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import pytest
 
 from support.generated_machines import HEAD, machine_of
-from truepose.models.export.write import export, render
+from truepose.models.leaves.export.write import export, render
 from truepose.models.load import load_machine
 
 xacro: Any = pytest.importorskip("xacro")

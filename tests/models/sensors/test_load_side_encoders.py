@@ -13,19 +13,19 @@ from scipy.spatial.transform import Rotation
 from support.derivative_machines import MACHINES, readings
 from support.derivative_machines import written as machine_of
 from truepose.errors import InputError
-from truepose.identification.check.pair import Pair
-from truepose.identification.check.run import check_files
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.write_machine import write_calibrated
-from truepose.identification.planning.information import PoseInformation
+from truepose.identification.leaves.check.pair import Pair
+from truepose.identification.leaves.check.run import check_files
+from truepose.identification.leaves.planning.information import PoseInformation
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
-from truepose.models.machine import Machine
+from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 ARM = """schema: truepose/machine/1

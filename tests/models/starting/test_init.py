@@ -16,15 +16,15 @@ from typer.testing import CliRunner
 
 from truepose.cli import app
 from truepose.errors import InputError
-from truepose.identification.check.run import check_files
 from truepose.identification.fit.calibrate import calibrate
+from truepose.identification.leaves.check.run import check_files
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
+from truepose.models.file.schema_line import SCHEMA_LINE
+from truepose.models.leaves.starting.arms import bundled_names
+from truepose.models.leaves.starting.asked import asked_start
+from truepose.models.leaves.starting.sensors import PRESETS
 from truepose.models.load import load_machine
-from truepose.models.schema_line import SCHEMA_LINE
-from truepose.models.starting.arms import bundled_names
-from truepose.models.starting.asked import asked_start
-from truepose.models.starting.sensors import PRESETS
 
 
 def run(*words: object) -> Any:

@@ -84,7 +84,7 @@ def test_a_frame_is_three_numbers_or_six(option: str, text: str, taken: bool) ->
 def test_what_nobody_has_tried_before_is_built_before_it_is_written(monkeypatch: pytest.MonkeyPatch) -> None:
     """A bundled machine has been: the core that builds it takes long to load."""
     tried: list[Path] = []
-    monkeypatch.setattr("truepose.models.starting.written.verify", lambda _, path: tried.append(path))
+    monkeypatch.setattr("truepose.models.leaves.starting.written.verify", lambda _, path: tried.append(path))
     table = ("--table", "table.csv", "--convention", "standard")
     for words, wanted in ((("--arm", "panda"), []), (table, [Path("a.yaml")])):
         assert run(*words, "-o", "a.yaml", "--force").exit_code == 0
@@ -97,7 +97,7 @@ def test_questions_are_asked_on_a_terminal_where_nothing_says_what_the_machine_i
 ) -> None:
     """Beside standard output, which holds what was written."""
     stdin = SimpleNamespace(stdin=SimpleNamespace(isatty=lambda: terminal))
-    monkeypatch.setattr("truepose.commands.init.sys", stdin)
+    monkeypatch.setattr("truepose.models.leaves.starting.command.sys", stdin)
     done = run("-o", "m.yaml", answers="slider\n\n1\n\n\n0 90 100 0\n")
     assert done.exit_code == (0 if terminal else 2)
     if not terminal:

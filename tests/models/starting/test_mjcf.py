@@ -19,9 +19,9 @@ if find_spec("mujoco") is None:
 import mujoco
 
 from truepose.errors import InputError
-from truepose.models.kinematics import symbolic_model
-from truepose.models.starting import compiled_mjcf, mjcf
-from truepose.models.statics import Statics
+from truepose.models.leaves.starting import compiled_mjcf, mjcf
+from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.statics import Statics
 
 Array = NDArray[np.float64]
 HEAD = """<mujoco model="arm"> <compiler angle="radian" autolimits="true" eulerseq="zyx"/> <option gravity="0 0 -9.7"/>

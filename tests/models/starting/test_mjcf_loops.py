@@ -14,8 +14,8 @@ from support.described_machines import mjcf_machine
 from support.exported import closed_in_mujoco, mujoco_module
 from truepose.errors import InputError
 from truepose.identification.compensation.inverse import PoseSolver
-from truepose.models.machine import Machine
-from truepose.models.starting.mjcf import mjcf_start
+from truepose.models.leaves.starting.mjcf import mjcf_start
+from truepose.models.machine.machine import Machine
 
 mujoco = mujoco_module()
 Array = NDArray[np.float64]

@@ -12,10 +12,10 @@ from typer.testing import CliRunner
 
 from truepose.cli import app
 from truepose.errors import InputError
+from truepose.models.leaves.starting.cells import cell, interval
+from truepose.models.leaves.starting.start import readings_of, tidy
+from truepose.models.leaves.starting.table import table_start
 from truepose.models.load import load_machine
-from truepose.models.starting.cells import cell, interval
-from truepose.models.starting.start import readings_of, tidy
-from truepose.models.starting.table import table_start
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,1 @@
+"""Parts that can be deleted: nothing outside this folder imports them."""

@@ -1,0 +1,1 @@
+"""All solutions of the inverse kinematics of arms with six joints."""

@@ -1,0 +1,261 @@
+"""Joints that turn the other way, that were exchanged, or whose zero is elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from itertools import combinations
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.leaves.check.kinds.narrowed import narrowed
+from truepose.identification.leaves.check.pair import Field, Pair, Sheet
+from truepose.identification.leaves.check.rig import Rig, Scene
+from truepose.identification.leaves.check.slip import RARE, SELDOM, USUAL, Slip
+from truepose.identification.leaves.check.weighing import bound
+from truepose.models.machine.mechanism import Actuator
+from truepose.models.units import convert
+from truepose.wording import joined
+
+Array = NDArray[np.float64]
+T = TypeVar("T")
+QUARTERS = (90.0, -90.0, 180.0)
+"""Degrees that data sheets and controllers differ by."""
+LEAST = np.radians(3.0)
+"""A zero that is off by less is what a calibration is there to find."""
+_GRID = 24
+
+
+def signs(rig: Rig, scene: Scene) -> Iterator[Slip]:
+    """Each joint with the other sign, all of one kind, and all."""
+    actuators = rig.machine.mechanism.actuators
+    every = range(len(actuators))
+    kinds = [tuple(k for k in every if actuators[k].reading_unit == unit) for unit in ("rad", "mm")]
+    several = dict.fromkeys(places for places in (*kinds, tuple(every)) if len(places) > 1)
+    yield from (_reversed(rig, places) for places in [*((k,) for k in every), *several])
+
+
+def _reversed(rig: Rig, places: Sequence[int]) -> Slip:
+    names = tuple(rig.machine.mechanism.actuators[k].reading for k in places)
+    one = len(names) == 1
+    return Slip(
+        "sign",
+        names,
+        f"{joined(names)} counted the other way",
+        f"change the sign of column{'' if one else 's'} {joined(names)}, or turn {'its axis' if one else 'their axes'} in "
+        "the machine file",
+        partial(_times, places, -1.0),
+        partial(_negated, names),
+        USUAL if one else SELDOM,
+    )
+
+
+def _times(places: Sequence[int], factor: float, scene: Scene) -> Scene:
+    q = scene.rows.q.copy()
+    q[:, list(places)] *= factor
+    return scene.with_joints(q)
+
+
+def _negated(names: Sequence[str], pair: Pair) -> Pair:
+    """Columns, and the sides and speeds of arrival of the same joints, with the other sign."""
+
+    def change(sheet: Sheet) -> Sheet:
+        every = [
+            n for name in names for n in (name, f"approach.{name}", f"velocity.{name}") if n in sheet.units
+        ]
+        return sheet.with_numbers({n: -sheet.numbers(n) for n in every})
+
+    return pair.each(change)
+
+
+def exchanged(rig: Rig, scene: Scene) -> Iterator[Slip]:
+    """Two joints of one kind exchanged, or all of them in the other order, or some places along."""
+    actuators = rig.machine.mechanism.actuators
+    n = len(actuators)
+    orders: list[tuple[int, ...]] = []
+    for i, j in combinations(range(n), 2):
+        if actuators[i].reading_unit == actuators[j].reading_unit:
+            swapped = list(range(n))
+            swapped[i], swapped[j] = j, i
+            orders.append(tuple(swapped))
+    if len({a.reading_unit for a in actuators}) == 1 and n > 2:
+        orders += [tuple(range(n))[::-1], *((*range(by, n), *range(by)) for by in range(1, n))]
+    for order in dict.fromkeys(orders):
+        moved = [k for k in range(n) if order[k] != k]
+        names = tuple(actuators[k].reading for k in moved)
+        called = {actuators[order[k]].reading: actuators[k].reading for k in moved}
+        yield Slip(
+            "permutation",
+            names,
+            f"{joined(names)} {'exchanged' if len(names) == 2 else 'in another order'}",
+            f"exchange the headers of columns {joined(names)}"
+            if len(names) == 2
+            else "rename the columns: " + ", ".join(f"{a} is {b}" for a, b in called.items()),
+            partial(_reordered, order),
+            partial(_renamed, called),
+            USUAL if len(names) == 2 else SELDOM,
+        )
+
+
+def _reordered(order: Sequence[int], scene: Scene) -> Scene:
+    return scene.with_joints(scene.rows.q[:, list(order)])
+
+
+def _renamed(called: dict[str, str], pair: Pair) -> Pair:
+    every = {
+        f"{head}{a}": f"{head}{b}"
+        for a, b in called.items()
+        for head in ("", "approach.", "velocity.", "temperature.")
+    }
+    return pair.each(lambda sheet: sheet.renamed(every))
+
+
+def quarter_turns(rig: Rig, scene: Scene) -> Iterator[Slip]:
+    """Each turning joint with its zero a quarter or half turn away."""
+    for k, a in enumerate(rig.machine.mechanism.actuators):
+        if a.reading_unit == "rad":
+            for degrees in QUARTERS:
+                yield offset(rig, k, np.radians(degrees))
+
+
+def offset(rig: Rig, k: int, size: float, *, searched: bool = False) -> Slip:
+    """Joint k with its zero elsewhere by ``size`` (in the unit of its reading inside)."""
+    a = rig.machine.mechanism.actuators[k]
+    unit = rig.machine.column_unit(a.reading)
+    shown = f"{convert(size, a.reading_unit, unit):+.6g} {unit}"
+    return Slip(
+        "offset",
+        (a.reading,),
+        f"zero of {a.reading} off by {shown}",
+        f"add {shown} to the zero of {a.reading} in the machine file, or to its column",
+        partial(_plus, k, size),
+        partial(_shifted_zero, rig, k, size),
+        RARE if searched else USUAL,
+    )
+
+
+def _plus(k: int, size: float, scene: Scene) -> Scene:
+    q = scene.rows.q.copy()
+    q[:, k] += size
+    return scene.with_joints(q)
+
+
+def _shifted_zero(rig: Rig, k: int, size: float, pair: Pair) -> Pair:
+    """In the constant that is the joint's zero where the file has a field for it, else in the column.
+
+    In the column, too, where readings leave the joint's range: the range counts from the right zero.
+    """
+    a = rig.machine.mechanism.actuators[k]
+    unit = rig.machine.units.written(a.unit)
+    field = None if _beyond(a, rig.recording.q[:, k]) else _zero_field(rig, a, pair)
+    if field is not None:
+        inside = convert(float(pair.get(field) or 0.0), unit, a.unit) + size
+        return pair.with_field(field, float(f"{convert(inside, a.unit, unit):.9g}"))
+
+    def change(sheet: Sheet) -> Sheet:
+        own = sheet.units.get(a.reading) or rig.machine.column_unit(a.reading)
+        read = sheet.numbers(a.reading) + convert(size, a.reading_unit, own)
+        turns = convert(1.0, "rad", own) * _turns_back(a, read, own) if a.reading_unit == "rad" else 0.0
+        return sheet.with_numbers({a.reading: read + turns})
+
+    return pair.each(change)
+
+
+def _turns_back(a: Actuator, read: NDArray[np.float64], unit: str) -> NDArray[np.float64]:
+    """(n,) whole turns, rad, that bring a turning joint's readings (n,) back into its range, as encoders count."""
+    if a.range is None:
+        return np.zeros(len(read))
+    q = np.array([convert(float(v), unit, "rad") for v in read])
+    out = (q < a.range[0]) | (q > a.range[1])
+    return np.where(out, 2 * np.pi * np.round((sum(a.range) / 2 - q) / (2 * np.pi)), 0.0)
+
+
+def _beyond(a: Actuator, q: NDArray[np.float64]) -> bool:
+    return a.range is not None and bool(q.min() < a.range[0] or q.max() > a.range[1])
+
+
+def _zero_field(rig: Rig, a: Actuator, pair: Pair) -> Field | None:
+    """Where the document states the joint's zero; None where it has no place for it."""
+    ends = ("theta", "offset") if a.unit == "rad" else ("r", "offset")
+    table = pair.get(("mechanism", "convention")) not in (None, "khalil")
+    for name in (*(f"{a.drives}.{end}" for end in ends), a.offset or ""):
+        parameter = rig.machine.geometry.get(name)
+        if parameter is None or not parameter.field or not parameter.unit == a.unit == a.reading_unit:
+            continue
+        if table and not name.endswith(".theta"):
+            continue
+        value, above = pair.get(parameter.field), pair.get(parameter.field[:-1])
+        if isinstance(above, Mapping) and (value is None or isinstance(value, (int, float))):
+            return parameter.field
+    return None
+
+
+def mirrored_zeros(rig: Rig, scene: Scene) -> Iterator[Slip]:
+    """Yield each turning joint counted the other way, with its zero a quarter or half turn away."""
+    for k in range(len(rig.machine.mechanism.actuators)):
+        negative = _reversed(rig, (k,))
+        if rig.machine.mechanism.actuators[k].reading_unit != "rad":
+            continue
+        for degrees in QUARTERS:
+            zero = offset(rig, k, np.radians(degrees))
+            yield Slip(
+                "sign",
+                negative.where,
+                f"{negative.says}, {zero.says}",
+                f"{negative.fix}; then {zero.fix}",
+                partial(_both, negative.change, zero.change),
+                partial(_both, negative.mend, zero.mend),
+                SELDOM,
+            )
+
+
+def _both(first: Callable[[T], T], second: Callable[[T], T], held: T) -> T:
+    return second(first(held))
+
+
+def zeros(rig: Rig, scene: Scene) -> Iterator[Slip]:
+    """Each joint with the zero that fits best, wherever that is: one search a joint."""
+    for k, a in enumerate(rig.machine.mechanism.actuators):
+        span = float(np.ptp(scene.rows.q[:, k])) or 1.0
+        grid = _turns() if a.reading_unit == "rad" else _ways(span)
+
+        def misfit(size: float, k: int = k) -> float:
+            return rig.stand(_plus(k, size, scene), quick=True).misfit
+
+        found = narrowed(misfit, grid)
+        if abs(found) > (LEAST if a.reading_unit == "rad" else 0.02 * span):
+            yield offset(rig, k, found, searched=True)
+
+
+def end_zeros(rig: Rig, scene: Scene) -> Iterator[Slip]:
+    """The zero of the first and of the last joint with which base and tool stand where the file says.
+
+    Such a zero is a motion of the base or of the tool: readings alone do not tell it.
+    """
+    mechanism = rig.machine.mechanism
+    if mechanism.closing or mechanism.rods:
+        return
+    for k in sorted({0, len(mechanism.actuators) - 1}):
+        turns = mechanism.actuators[k].reading_unit == "rad"
+        span = float(np.ptp(scene.rows.q[:, k])) or 1.0
+
+        def against(size: float, k: int = k) -> float:
+            return -bound(rig, rig.stand(_plus(k, size, scene), (), quick=True), (), 1.0)
+
+        found = narrowed(against, _turns() if turns else _ways(span))
+        if abs(found) > (LEAST if turns else 0.02 * span):
+            yield offset(rig, k, found, searched=True)
+
+
+def _turns() -> Array:
+    return np.linspace(-np.pi, np.pi, _GRID, endpoint=False)
+
+
+def _ways(span: float) -> Array:
+    """Sizes that a slide's zero may be off by, mm: up to four times its way."""
+    return span * np.concatenate([-np.geomspace(4.0, 0.05, 8), [0.0], np.geomspace(0.05, 4.0, 8)])
+
+
+__all__ = ["end_zeros", "exchanged", "mirrored_zeros", "offset", "quarter_turns", "signs", "zeros"]

@@ -1,0 +1,239 @@
+"""How much a hypothesis is worth: one number, the evidence of a cheap fit under what the file knows.
+
+What is left of a right hypothesis is the drawing's errors, physics, and noise: of a size that nobody knows, and alike in
+neighbouring poses. So its evidence falls with the misfit to the power ``WORTH``, however many rows there are, and with how
+seldom such a slip is made. Readings that are said to be in a smaller unit have to be met as much better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.leaves.check.alignment import Frames
+from truepose.identification.leaves.check.drawing import Settled, expected, settle
+from truepose.identification.leaves.check.rig import ABSURD, KEPT, Rig, Scene, Stand, motion
+from truepose.identification.leaves.check.slip import RARE, SELDOM, Slip
+from truepose.identification.recording.angle_range import SLACK
+from truepose.models.file.machine_file import Frames as StatedFrames
+from truepose.models.machine.machine import FRAMES
+from truepose.models.sensors.pose import Position
+
+Array = NDArray[np.float64]
+WORTH = 8.0
+"""Readings that count as independent: a slip that every workshop has seen needs to fit three times better to be certain."""
+LEAST = 0.1
+"""Sigmas below which no misfit counts as smaller."""
+CERTAIN = 0.99
+FAR = 4.0
+"""Sigmas of misfit, and tolerances of departures, that any fit may leave."""
+USUAL_REACH, DECADES = 500.0, 0.5
+"""mm: the longest dimension of a robot, roughly; and by how many decades (1-sigma) robots are larger or smaller."""
+PHYSICS = 0.2
+"""Share of what the tool moves that nothing left out of a model makes: an open-loop piezo is off by 0.23 of its stroke."""
+NOWHERE_ELSE: Mapping[tuple[str, ...], float] = {(): 1.0}
+"""The one way of frames that stand where the file has them."""
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """Slips made together, the scene without them, and their odds."""
+
+    slips: tuple[Slip, ...]
+    scene: Scene
+    odds: float = 1.0
+
+    def with_slip(self, slip: Slip) -> Hypothesis:
+        """Return the hypothesis that this slip was made too."""
+        return Hypothesis((*self.slips, slip), slip.change(self.scene), self.odds * slip.odds)
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """A hypothesis with its best fit: frames that must be ``free`` for it, and the logarithm of its evidence.
+
+    near: whether what is left is what drawing and sigma let one expect.
+    """
+
+    hypothesis: Hypothesis
+    free: tuple[str, ...]
+    stand: Stand
+    settled: Settled
+    score: float
+    near: bool
+
+    @property
+    def plain(self) -> bool:
+        """Whether it needs either slips or frames elsewhere: where it needs both, two slips may say it better."""
+        return not (self.free and self.hypothesis.slips)
+
+
+def evidence(rig: Rig, scene: Scene, misfit: float, odds: float) -> float:
+    """Return the logarithm of a hypothesis' evidence, given its misfit in sigmas."""
+    if not np.isfinite(misfit):
+        return -np.inf
+    seen = max(misfit, LEAST) * (scene.coarse / scene.size) ** float(np.mean(rig.long))
+    # where lengths are read beside them, angles make too little of a misfit for a larger unit to earn anything
+    seen *= max(scene.turned / scene.width, 1.0) ** float(np.mean(rig.wide))
+    size = reach(rig, scene.p)
+    unlikely = 0.5 * (np.log10(size / USUAL_REACH) / DECADES) ** 2 if size > 0 else 0.0
+    beyond = len(joints_beyond(rig, scene)) * np.log(1.0 / SELDOM)
+    return float(np.log(odds) - WORTH * np.log(seen) - unlikely - beyond)
+
+
+def fits_better(rig: Rig, one: Weighed, other: Weighed) -> bool:
+    """Return True if a hypothesis meets the numbers that were recorded certainly better than another by base and tool alone.
+
+    Sigmas and tolerances that grow, or a range that does, are no evidence.
+    """
+    if other.stand.bad:
+        return True
+    mine, its = (_as_recorded(rig, w.stand) for w in (one, other))
+    return bool(WORTH * np.log(max(its, LEAST) / max(mine, LEAST)) > np.log(CERTAIN / (1.0 - CERTAIN)))
+
+
+def _as_recorded(rig: Rig, stand: Stand) -> float:
+    """Return the rms of what is left over the rows that fit best, in sigmas of the numbers as they were recorded."""
+    scene = stand.scene
+    grown = np.where(rig.long, scene.coarse / scene.size, np.where(rig.wide, scene.turned / scene.width, 1.0))
+    each = np.sort(np.mean(np.square(stand.residual * grown), axis=1))
+    return float(np.sqrt(np.mean(each[: max(int(np.ceil(KEPT * len(each))), 1)])))
+
+
+def joints_beyond(rig: Rig, scene: Scene) -> list[str]:
+    """Return the joints that a hypothesis has out of their range, whole turns aside."""
+    out = []
+    for k, a in enumerate(rig.machine.mechanism.actuators):
+        q = scene.rows.q[:, k]
+        if a.reading_range is None or not len(q):
+            continue
+        low, high = np.multiply(a.reading_range, scene.drawn if a.reading_unit == "mm" else 1.0)
+        if a.reading_unit == "rad":
+            q = q - 2.0 * np.pi * np.round((q - (low + high) / 2.0) / (2.0 * np.pi))
+        slack = SLACK * (high - low)
+        if q.min() < low - slack or q.max() > high + slack:
+            out.append(a.reading)
+    return out
+
+
+def reach(rig: Rig, p: Array) -> float:
+    """Return the longest dimension of the mechanism at constants p (np,), mm; 0 where none is a length."""
+    long = [rig.names.index(q.name) for q in rig.machine.mechanism.parameters if q.unit == "mm"]
+    return float(np.abs(p[long]).max(initial=0.0))
+
+
+def ways(rig: Rig) -> dict[tuple[str, ...], float]:
+    """Return which frames may be elsewhere than the file says, with the odds of it: none, either, both."""
+    # how a tool is turned that is read as a point does not matter where nobody knows that point
+    points = all(isinstance(sensor, Position) for sensor in rig.machine.sensors)
+    seen = {f: rig.at[f][: 3 if points and f == "tool" else 6] for f in FRAMES}
+    known = [f for f in FRAMES if np.isfinite(rig.tolerance[seen[f]]).any()]
+    frames = rig.machine.file.frames if rig.machine.file else StatedFrames()
+    odds = {f: RARE if getattr(frames, f).present else SELDOM for f in known}
+    sets = [w for k in range(len(known) + 1) for w in combinations(known, k)]
+    return {way: float(np.prod([odds[f] for f in way])) for way in sets}
+
+
+def weigh(
+    rig: Rig,
+    hypothesis: Hypothesis,
+    among: Mapping[tuple[str, ...], float] | None = None,
+    also: Sequence[Frames] = (),
+) -> Weighed:
+    """Return a hypothesis with its best fit among some of its ``ways``.
+
+    ``also``: frames to start from, beside those that closed forms have.
+    """
+    scene, found = hypothesis.scene, []
+    for way, odds in (among or ways(rig)).items():
+        stand = rig.stand(scene, way, also=also)
+        found.append((bound(rig, stand, way, odds * hypothesis.odds), way, odds, stand))
+    best: Weighed | None = None
+    for most, way, odds, stand in sorted(found, key=lambda one: (len(one[1]), -one[0])):
+        if best is not None and (best.near or most < best.score):
+            continue  # a frame that need not be elsewhere is where the file has it
+        settled = settle(rig, stand, way)
+        score = evidence(rig, scene, settled.price, odds * hypothesis.odds)
+        one = Weighed(hypothesis, way, stand, settled, score, is_near(rig, stand, settled, way))
+        best = one if best is None or one.score > best.score else best
+    if best is None:
+        raise ValueError("a hypothesis is weighed with at least one way for its frames")
+    return best
+
+
+def is_near(rig: Rig, stand: Stand, settled: Settled, free: tuple[str, ...] = ()) -> bool:
+    """Return whether what is left is what drawing and sigma let one expect, with no constant far off.
+
+    It is where the machine fits as it is drawn, however far constants would bend to take up physics, and where it fits with
+    all constants inside ``FAR`` tolerances.
+    """
+    if stand.bad or joints_beyond(rig, stand.scene):
+        return False
+    most = allowed(rig, stand)
+    if stand.misfit <= most and departures(rig, stand, free).max(initial=0.0) <= FAR:
+        return True
+    if not settled.misfit <= most:
+        return False
+    # constants that bend for physics need not where all of it may be left
+    eased = settle(rig, stand, free, most) if settled.farthest > FAR else settled
+    return eased.misfit <= most and eased.farthest <= FAR
+
+
+def is_right(rig: Rig, weighed: Weighed) -> bool:
+    """Return whether a hypothesis is near, and not by tolerances that allow for anything: nothing else is looked for then."""
+    return weighed.near and weighed.stand.misfit <= PHYSICS * motion(rig, weighed.stand)
+
+
+def departures(rig: Rig, stand: Stand, free: tuple[str, ...]) -> Array:
+    """Return how far constants that are known (of frames and instrument) are from where the file has them, in tolerances."""
+    tolerance = rig.tolerances(stand.scene)
+    for frame in free:
+        tolerance[rig.at[frame]] = np.inf
+    known = tolerance > 0
+    return np.asarray(np.abs(stand.p - stand.scene.p)[known] / tolerance[known])
+
+
+def bound(rig: Rig, stand: Stand, free: tuple[str, ...], odds: float) -> float:
+    """Return the logarithm of a hypothesis' evidence by frames alone; that these leave their tolerances costs."""
+    if stand.bad:
+        return -np.inf
+    bent = float(np.sum(departures(rig, stand, free) ** 2)) / max(stand.residual.size, 1)
+    return evidence(rig, stand.scene, stand.misfit * float(np.sqrt(1.0 + bent)), odds)
+
+
+def allowed(rig: Rig, stand: Stand) -> float:
+    """Return the largest misfit, in sigmas, of a machine as it is drawn; where nobody says how well it is, of any machine."""
+    known = any(p.free for p in rig.machine.mechanism.parameters)
+    most = 2.0 * expected(rig, stand) if known else ABSURD * motion(rig, stand)
+    return max(FAR, most)
+
+
+def best_of(every: Iterable[Weighed]) -> Weighed:
+    """Return the hypothesis with the most evidence."""
+    return max(every, key=lambda weighed: weighed.score)
+
+
+__all__ = [
+    "CERTAIN",
+    "FAR",
+    "NOWHERE_ELSE",
+    "PHYSICS",
+    "Hypothesis",
+    "Weighed",
+    "allowed",
+    "best_of",
+    "bound",
+    "departures",
+    "evidence",
+    "fits_better",
+    "is_near",
+    "is_right",
+    "joints_beyond",
+    "reach",
+    "ways",
+    "weigh",
+]

@@ -1,0 +1,92 @@
+"""``drift``: which parameters move between recordings, and when to recalibrate."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from truepose.commands.common import (
+    JsonOption,
+    MachineArg,
+    PluginOption,
+    RecordingsArg,
+    ShuffledOption,
+    finish,
+    progress,
+    reported,
+    written,
+)
+from truepose.commands.gate import GateOption, gated
+from truepose.commands.results import DRIFT, check_directory, check_machine
+from truepose.errors import InputError
+
+OutputOption = Annotated[
+    Path | None,
+    typer.Option("-o", "--output", metavar="DIR", help="Directory for drift.json and report.html."),
+]
+AccuracyOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="LENGTH|ANGLE",
+        help='Residuals that are good enough, such as "50 nm" or "0.01 deg"; repeatable.',
+    ),
+]
+_QUANTITY = re.compile(r"^\s*(?P<value>\d*\.?\d+(?:[eE][-+]?\d+)?)\s*(?P<unit>[^\d\s].*)$")
+
+
+def drift(
+    machine: MachineArg,
+    recordings: RecordingsArg,
+    output: OutputOption = None,
+    accuracy: AccuracyOption = None,
+    shuffled: ShuffledOption = False,
+    anyway: GateOption = False,
+    as_json: JsonOption = False,
+    plugin: PluginOption = None,
+) -> None:
+    """Which parameters move between recordings, how fast, and when to recalibrate.
+
+    A file is a session of its own unless a column 'session' says otherwise. An older calibration suffices while its
+    residuals do not show that something moved, or are within --accuracy.
+
+    Example: truepose drift machine.yaml day0.csv day1.csv day8.csv
+    """
+    with reported(plugin):
+        from truepose.identification.leaves.check.words import caution_lines, checked
+        from truepose.identification.leaves.drift.analysis import drift as run
+        from truepose.identification.leaves.drift.words import drift_json, drift_lines, drift_notes
+        from truepose.identification.report.files import write_drift
+
+        if output is not None:
+            check_directory(output, DRIFT)
+        wanted = _wanted(accuracy or ())
+        with progress("comparing recordings") as say:
+            say("checking")
+            loaded, recording, check = gated(machine, recordings, anyway=anyway, shuffled=shuffled)
+            if output is not None:
+                check_machine(output, DRIFT, loaded.name)
+            accepted = {k: wanted[unit] for k, unit in loaded.residual_units.items() if unit in wanted}
+            found = run(loaded, recording, accuracy=accepted, progress=say)
+            files = [] if output is None else written(output, write_drift(found, output, check))
+        summary = {"command": "drift", **drift_json(found), **checked(check), "files": files}
+        lines = [*caution_lines(check), *drift_lines(found), *files]
+        finish(summary, lines, drift_notes(found), as_json=as_json)
+
+
+def _wanted(texts: Sequence[str]) -> dict[str, float]:
+    """Residuals that are good enough, by their unit (mm, rad)."""
+    from truepose.models.units import compatible, convert, parse_unit
+
+    out: dict[str, float] = {}
+    for text in texts:
+        match = _QUANTITY.match(text)
+        unit = parse_unit(match["unit"], "any", f"--accuracy {text}") if match else ""
+        internal = next((known for known in ("mm", "rad") if compatible(unit, known)), None)
+        if match is None or internal is None:
+            raise InputError(f"--accuracy: found {text!r}, expected a length or an angle such as '50 nm'")
+        out[internal] = convert(float(match["value"]), unit, internal)
+    return out

@@ -1,0 +1,134 @@
+"""``fleet``: a folder of machines with their recordings, checked, calibrated and diagnosed side by side."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from truepose.commands.common import (
+    BAD_INPUT,
+    DirectoryOption,
+    JsonOption,
+    PluginOption,
+    ShuffledOption,
+    fail,
+    finish,
+    reported,
+    written,
+)
+from truepose.commands.gate import GateOption
+from truepose.commands.identify import PriorOption
+from truepose.commands.progress import counted
+from truepose.commands.results import FLEET, check_directory
+from truepose.errors import InputError
+from truepose.stopping import stopping
+
+if TYPE_CHECKING:
+    from truepose.pool import Pool
+
+FolderArg = Annotated[
+    Path, typer.Argument(metavar="DIR", help="Folder of the fleet: a folder for each machine.")
+]
+WorkersOption = Annotated[
+    int,
+    typer.Option(
+        "-j",
+        "--workers",
+        metavar="N",
+        help="Machines at once; 0: one for each processor.",
+        min=0,
+        show_default=False,
+    ),
+]
+DaskOption = Annotated[
+    str,
+    typer.Option(
+        "--dask",
+        metavar="ADDRESS",
+        help="Scheduler of a Dask cluster that works in place of this computer's cores (tcp://host:8786). Its workers "
+        "have this version of truepose and see DIR and the results under the same paths.",
+    ),
+]
+BriefOption = Annotated[bool, typer.Option("--brief", help="Without the report.html of each machine.")]
+LimitOption = Annotated[
+    float | None,
+    typer.Option("--limit", metavar="MINUTES", help="Give up a machine after so long; its row says so."),
+]
+
+
+def fleet(
+    folder: FolderArg,
+    output: DirectoryOption,
+    workers: WorkersOption = 0,
+    dask: DaskOption = "",
+    brief: BriefOption = False,
+    limit: LimitOption = None,
+    prior: PriorOption = None,
+    shuffled: ShuffledOption = False,
+    anyway: GateOption = False,
+    as_json: JsonOption = False,
+    plugin: PluginOption = None,
+) -> None:
+    """Check, calibrate and diagnose a fleet of machines side by side.
+
+    Writes a table (fleet.csv), a page (fleet.html), fleet.json, a prior file for diagnose --prior, and the results of each
+    machine in machines/NAME/.
+
+    DIR/NAME/ holds a machine file (machine.yaml, or the only .yaml there) beside its recordings, which may be in
+    DIR/NAME/recordings/. Several recordings are taken together, in the order of their names. A DIR/machine.yaml is for all
+    folders that have none; with it, a recording DIR/NAME.csv is a machine, too. What does not fit is a row that says why.
+
+    Started again it goes on where it was, and works on machines only whose files, options or truepose have changed.
+
+    Example: truepose fleet line1 -o line1-results
+
+    Example: truepose fleet line1 -o line1-results --workers 2 --brief --limit 30
+    """
+    with reported(plugin):
+        from truepose.identification.leaves.fleet.ending import FILES, Folders
+        from truepose.identification.leaves.fleet.files import PAGE
+        from truepose.identification.leaves.fleet.run import run_fleet
+        from truepose.identification.leaves.fleet.words import fleet_json, fleet_lines, headline
+        from truepose.identification.leaves.fleet.work import Options
+
+        check_directory(output, FLEET)
+        if limit is not None and not limit > 0:
+            raise InputError(f"--limit: found {limit:g}, expected minutes above 0")
+        plugins = tuple(path.resolve() for path in plugin or ())
+        known = None if prior is None else prior.resolve()
+        options = Options(anyway, shuffled, brief, plugins, limit, known)
+        folders = Folders.of(folder, output)
+        try:
+            with counted("fleet") as hear, _pool(workers, dask) as pool:
+                found = run_fleet(folders, pool, options, progress=hear)
+        except KeyboardInterrupt:
+            stopping.left = f"what is done stands in {output}; the same command goes on from there"
+            raise
+        summary = {"command": "fleet", **fleet_json(found), "files": written(output, FILES)}
+        finish(summary, fleet_lines(found, str(output / PAGE)), (), as_json=as_json)
+        if not found.diagnosed:
+            fail(f"{folder}: {headline(found)} {output / FILES[0]} says why", BAD_INPUT)
+
+
+@contextlib.contextmanager
+def _pool(workers: int, dask: str) -> Iterator[Pool]:
+    """Cores of this computer, or a cluster."""
+    from truepose.pool import Cores, cluster
+    from truepose.threads import cores
+
+    if dask and workers:
+        raise InputError(
+            "--dask: found with --workers, expected one of them: a cluster has the workers that it has"
+        )
+    if not dask:
+        yield Cores(workers or cores())
+        return
+    with cluster(dask) as found:
+        yield found
+
+
+__all__ = ["fleet"]

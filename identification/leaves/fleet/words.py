@@ -1,0 +1,196 @@
+"""What a run over a fleet says, in words and as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+
+from truepose.identification.leaves.fleet.changes import Change, Changes, Moved
+from truepose.identification.leaves.fleet.result import Fleet
+from truepose.identification.leaves.fleet.statistics import (
+    ConstantInFleet,
+    EffectInFleet,
+    Interval,
+    ToleranceInFleet,
+)
+from truepose.identification.leaves.fleet.table import Row
+from truepose.identification.report.json_text import Json
+from truepose.identification.report.level_words import title
+from truepose.identification.report.lines import wrapped
+from truepose.identification.report.numbers import percent, significant, unit_symbol
+from truepose.wording import joined, shortened
+
+SCHEMA = "truepose/fleet/1"
+MET, UNMET = 0.9, 0.1
+"""Probabilities from, and up to, which a tolerance is said to be met, or not to be: the level at which reports speak."""
+FEW, NAMED = 5, 6
+_STATUSES: Mapping[str, str] = {
+    "done": "diagnosed",
+    "refused": "diagnosed, but no calibration",
+    "wrong": "whose files do not belong together",
+    "failed": "that could not be worked with",
+    "broken": "stopped by a fault or a limit (tried again next time)",
+}
+
+
+def fleet_json(fleet: Fleet) -> Json:
+    """The content of ``fleet.json``; the machines themselves are in ``fleet.csv``."""
+    told = fleet.statistics
+    return {
+        "schema": SCHEMA,
+        "fleet": fleet.name,
+        "machines": fleet.machines,
+        "statuses": {name: fleet.statuses[name] for name in _STATUSES if name in fleet.statuses},
+        "verdicts": dict(sorted(fleet.verdicts.items())),
+        "effects": [_effect_json(one) for one in told.anywhere],
+        "places": [_effect_json(one) for one in told.places],
+        "tolerances": [asdict(one) for one in told.tolerances],
+        "constants": [asdict(one) for one in told.constants],
+        "odd": [_odd_json(one) for one in fleet.unusual],
+        "undone": [{"name": r.name, "status": r.status, "why": r.why} for r in fleet.undone],
+        "changes": fleet.changes and _changes_json(fleet.changes),
+    }
+
+
+def _effect_json(one: EffectInFleet) -> Json:
+    return {**asdict(one), "place": list(one.place)}
+
+
+def _odd_json(one: Row) -> Json:
+    return {"name": one.name, "oddness": one.oddness, "because": one.odd_because}
+
+
+def _changes_json(changes: Changes) -> Json:
+    return {**asdict(changes), "limit": changes.limit}
+
+
+def headline(fleet: Fleet) -> str:
+    """The result in one sentence."""
+    if not fleet.diagnosed:
+        return f"None of {fleet.machines} machines could be diagnosed."
+    missing = fleet.verdicts.get("missing-physics", 0)
+    unknown = fleet.verdicts.get("unknown", 0)
+    parts = [f"physics is missing in {missing}"] if missing else []
+    parts += [f"something unknown in {unknown}"] if unknown else []
+    said = joined(parts) if parts else "the model is adequate in all"
+    return f"{fleet.diagnosed} of {fleet.machines} machines diagnosed: {said}."
+
+
+def effect_sentence(one: EffectInFleet) -> str:
+    """``backlash (backlash): in 34 % of machines (28 % to 41 %); median 4.2×10⁻⁴ rad (...)``."""
+    where = f" at {' + '.join(one.place)}" if one.place else ""
+    often = f"in {percent(one.frequency.value)} of machines ({percent_range(one.frequency)}; expected {percent(one.usual)})"
+    size = size_words(one)
+    return f"{title(one.effect)} ({one.effect}){where}: {often}{f'; {size}' if size else ''}."
+
+
+def size_words(one: EffectInFleet) -> str:
+    """The fleet's median with its interval, and by which factor machines differ; empty where it is hardly ever there."""
+    sized, unit = (one.amount, one.unit) if one.amount is not None else (one.size, "")
+    if sized is None:
+        return ""
+    low, high = significant(sized.low), significant(sized.high)
+    tail = unit_symbol(unit) if one.amount is not None else "of what the catalogue expects at most"
+    spread = f", one sigma between machines {significant(one.spread, 2)} times" if one.spread else ""
+    return f"median {significant(sized.value)} ({low} to {high}) {tail}".rstrip() + spread
+
+
+def percent_range(interval: Interval) -> str:
+    """From where to where a share may be; once where both ends read alike."""
+    low, high = percent(interval.low), percent(interval.high)
+    return low if low == high else f"{low} to {high}"
+
+
+def off_drawing(fleet: Fleet) -> list[ConstantInFleet]:
+    """Constants whose mean over the fleet is surely not the drawing's."""
+    return [one for one in fleet.statistics.constants if one.mean.low > 0.0 or one.mean.high < 0.0]
+
+
+def tolerance_sentence(one: ToleranceInFleet) -> str:
+    """Whether a class of parts is built as its tolerances say."""
+    if one.met >= MET:
+        said = "met"
+    else:
+        said = "not met" if one.met <= UNMET else "open"
+    low, high = significant(one.ratio.low, 2), significant(one.ratio.high, 2)
+    spread = f"true spread {significant(one.ratio.value, 2)} ({low} to {high}) of the stated tolerance"
+    return f"{one.parts}: {said}; {spread}, {one.deviations} constants."
+
+
+def status_sentences(fleet: Fleet) -> list[str]:
+    """Machines that are no plain success, by what became of them."""
+    counts = [(fleet.statuses.get(name, 0), words) for name, words in _STATUSES.items() if name != "done"]
+    return [f"{count} {'machine' if count == 1 else 'machines'} {words}." for count, words in counts if count]
+
+
+def change_sentences(changes: Changes | None) -> list[str]:
+    """What changed since the last run, in short."""
+    if changes is None:
+        return ["The first run in this folder: nothing to compare with."]
+    if not changes.any:
+        again = f", though {changes.again} machines were worked with again" if changes.again else ""
+        return [f"Nothing has changed since the last run{again}."]
+    out = [f"New: {shortened(changes.new, NAMED)}."] if changes.new else []
+    out += [f"Gone: {shortened(changes.gone, NAMED)}."] if changes.gone else []
+    for what, words in (
+        ("status", "Otherwise done"),
+        ("verdict", "Other verdict"),
+        ("findings", "Other findings"),
+    ):
+        names = [one.machine for one in changes.said if one.what == what]
+        out += [f"{words}: {shortened(names, NAMED)}."] if names else []
+    names = list(dict.fromkeys(one.machine for one in changes.moved))
+    moved = f"{len(changes.moved)} of {changes.compared} parameters moved by more than {significant(changes.limit, 2)} sigma"
+    return [*out, f"{moved}: {shortened(names, NAMED)}."] if names else out
+
+
+def moved_words(one: Moved) -> tuple[str, str, str, str]:
+    """Machine, parameter, change (mm or rad) and how many times its 1-sigma."""
+    return one.machine, one.parameter, significant(one.change), significant(one.sigma)
+
+
+def said_words(one: Change) -> tuple[str, str, str, str]:
+    """Machine, what is said otherwise, before and after."""
+    return one.machine, one.what, one.before or "-", one.after or "-"
+
+
+def fleet_lines(fleet: Fleet, page: str) -> list[str]:
+    """Lines for a terminal: what occurs, which tolerances are met, who is odd, what changed, what to do next."""
+    told = fleet.statistics
+    lines = [f"{fleet.name}: {headline(fleet)}"]
+    lines += _listed(status_sentences(fleet), "", 3)
+    lines += _listed([effect_sentence(one) for one in told.anywhere if often(one)], "occurs", FEW)
+    lines += _listed([tolerance_sentence(one) for one in told.tolerances if one.met < MET], "tolerance", FEW)
+    lines += _listed([f"{one.name}: {one.odd_because}" for one in fleet.unusual], "odd", FEW, fleet.odd)
+    lines += _listed(change_sentences(fleet.changes), "since last time", FEW)
+    return [*lines, f"report: {page}"]
+
+
+def often(one: EffectInFleet) -> bool:
+    """Whether an effect is there in a machine, rather than not: surely, or likelier than was expected of it."""
+    return one.frequency.low * one.machines >= 0.5 or (one.found >= 0.5 and one.frequency.value > one.usual)
+
+
+def _listed(texts: Sequence[str], label: str, most: int, total: int | None = None) -> list[str]:
+    lines = [line for text in texts[:most] for line in wrapped(f"{label}: {text}" if label else text)]
+    left = (len(texts) if total is None else total) - len(texts[:most])
+    return [*lines, f"  {label}: and {left} more: see fleet.html"] if left > 0 else lines
+
+
+__all__ = [
+    "MET",
+    "UNMET",
+    "change_sentences",
+    "effect_sentence",
+    "fleet_json",
+    "fleet_lines",
+    "headline",
+    "moved_words",
+    "off_drawing",
+    "often",
+    "percent_range",
+    "said_words",
+    "size_words",
+    "status_sentences",
+    "tolerance_sentence",
+]

@@ -1,0 +1,253 @@
+"""``import``: from what trackers, telescopes, spreadsheets and robots write to a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from truepose.commands.common import FileOption, JsonOption, check_file, finish, pairs, progress, reported
+from truepose.errors import InputError
+from truepose.files import atomic_directory, atomic_write_text, write_table
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from truepose.identification.recording.table import Table
+
+FileArg = Annotated[Path, typer.Argument(metavar="FILE", help="What was measured: text, workbook, bag.")]
+FormatOption = Annotated[
+    str,
+    typer.Option(
+        "--format",
+        metavar="auto|leica|spatialanalyzer|faro|tpoint|excel|bag|table",
+        help="Of the file; auto: by its content.",
+    ),
+]
+JointsOption = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="Table of the joints, a row a point: joined by its column name, point or target, else in order.",
+    ),
+]
+UnitOption = Annotated[
+    str | None, typer.Option(metavar="UNIT", help="Of a point list's lengths, where it does not say.")
+]
+TopicOption = Annotated[
+    str | None, typer.Option(metavar="TOPIC", help="Of a bag's poses, or a frame parent->child.")
+]
+JointOption = Annotated[
+    list[str] | None,
+    typer.Option("--joint", metavar="NAME", help="Joint of a bag or log that matters (all); repeatable."),
+]
+LogOption = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="The robot's log, by a clock of its own: time and joints, which every sample of FILE gets at its time.",
+    ),
+]
+OffsetOption = Annotated[
+    float | None,
+    typer.Option(metavar="S", help="Added to FILE's times it is the log's. Left out: found from the motion."),
+]
+EveryOption = Annotated[
+    float, typer.Option(metavar="S", min=0.0, help="Least time between rows, with --log; 0: every sample.")
+]
+ModelOption = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="MACHINE",
+        help="Machine file that names the log's joints and tells the clocks to a fraction of a millisecond.",
+    ),
+]
+RotationOption = Annotated[
+    str,
+    typer.Option(
+        metavar="auto|vector|quaternion|rpy",
+        help="Of FILE: rx ry rz, qx qy qz qw, or roll pitch yaw, also as rx ry rz. auto: by name, with --log.",
+    ),
+]
+PrismaticOption = Annotated[
+    list[str] | None,
+    typer.Option("--prismatic", metavar="NAME", help="Joint of a bag that is read in metres; repeatable."),
+]
+MachineOption = Annotated[
+    Path | None,
+    typer.Option("--machine", metavar="FILE", help="Also a machine file to start from, of TPOINT's mounts."),
+]
+RenameOption = Annotated[
+    list[str] | None,
+    typer.Option("--rename", metavar="OLD=NEW", help="Another name for a column; repeatable."),
+]
+
+ColumnsOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NEW=NAME,...",
+        help="What columns are, where no heading says it: x=TCPX,y=TCPY,z=TCPZ; without any heading by number, x=2,y=3,z=4.",
+    ),
+]
+
+
+def import_(
+    file: FileArg,
+    output: FileOption,
+    form: FormatOption = "auto",
+    joints: JointsOption = None,
+    unit: UnitOption = None,
+    topic: TopicOption = None,
+    joint: JointOption = None,
+    prismatic: PrismaticOption = None,
+    rename: RenameOption = None,
+    columns: ColumnsOption = None,
+    log: LogOption = None,
+    offset: OffsetOption = None,
+    every: EveryOption = 0.0,
+    model: ModelOption = None,
+    rotation: RotationOption = "auto",
+    machine: MachineOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Turn a tracker's point list, a probe's log, TPOINT's stars, a workbook or a ROS bag into a recording.
+
+    A bag becomes one row for each stretch in which all joints stand still, with the average of what was seen.
+
+    Example: truepose import points.txt --joints joints.csv -o recording.csv
+
+    A mount's stars: truepose import stars.dat -o stars.csv --machine mount.yaml
+
+    A logger's table: truepose import log.csv --columns x=TCPX,y=TCPY,z=TCPZ -o recording.csv
+
+    A ROS bag: truepose import run.mcap --topic /tracker/pose -o recording.csv
+
+    A probe and a robot with a clock each: truepose import probe.csv --log robot.csv --model cell.yaml -o recording.csv
+    """
+    asked = _Asked(file, form, unit, topic, joints, joint or (), log, offset, every, model, rotation, columns)
+    with reported():
+        check_file(output, file, joints, log, model)
+        asked.check()
+        _check_new(machine)
+        with progress("importing"):
+            table = asked.table(pairs("--rename", rename or (), "OLD=NEW"))
+            frame = _write(table, prismatic or (), output, machine, file)
+        _finish(frame, table.notes, output, machine, as_json=as_json)
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What is read, and how: options of the command by their names."""
+
+    file: Path
+    form: str
+    unit: str | None
+    topic: str | None
+    joints: Path | None
+    joint: Sequence[str]
+    log: Path | None
+    offset: float | None
+    every: float
+    model: Path | None
+    rotation: str
+    columns: str | None
+
+    def check(self) -> None:
+        """Raise InputError for options that do not go together."""
+        of_log = self.offset is not None or bool(self.every) or self.model is not None
+        if self.log is None and of_log:
+            raise InputError("--offset, --every, --model: found without --log, expected the robot's log")
+        if self.log is not None and self.joints is not None:
+            raise InputError("--log, --joints: found both, expected the joints from one of them")
+
+    def table(self, names: Mapping[str, str]) -> Table:
+        """The measurements beside the joints, columns renamed by ``names`` (new ones by old ones)."""
+        from truepose.identification.leaves.importing import importing
+        from truepose.identification.leaves.importing.turns import has_quaternion, with_rotation_vector
+        from truepose.identification.recording.table import read_table
+
+        form = "table" if self.log is not None and self.form == "auto" else self.form
+        table = importing.read_foreign(
+            self.file, form, unit=self.unit, topic=self.topic, joints=self.joint, columns=self.columns
+        )
+        # roll, pitch and yaw may be joints where nobody says that they are a rotation
+        if self.log is not None or self.rotation != "auto" or has_quaternion(table):
+            table = with_rotation_vector(table, self.rotation)
+        if self.log is not None:
+            log = read_table(self.log)
+            ours = {old: new for old, new in names.items() if old in log}
+            names = {old: new for old, new in names.items() if old not in ours}
+            table = self._paired(table, importing.renamed(log, ours))
+        if self.joints is not None:
+            table = importing.with_joints(table, read_table(self.joints))
+        return importing.renamed(table, names)
+
+    def _paired(self, table: Table, log: Table) -> Table:
+        """The table's samples with the joints of a log at their times."""
+        from truepose.identification.leaves.importing.clock_offset import Clock, clock_of
+        from truepose.identification.leaves.importing.probe import Pairing, clock_words
+
+        machine = None
+        if self.model is not None:
+            from truepose.models.load import load_machine
+
+            machine = load_machine(self.model)
+        pairing = Pairing.of(table, log, self.joint or (machine.mechanism.readings if machine else ()))
+        if self.offset is not None:
+            clock, told = Clock(self.offset), "as stated"
+        elif machine is None:
+            clock = clock_of(pairing.motion, pairing.files)
+            told = "by the motion; --model MACHINE tells it more exactly"
+        else:
+            from truepose.identification.leaves.importing.probe_clock import clock_by_model
+
+            clock = clock_by_model(machine, pairing, clock_of(pairing.motion, pairing.files))
+            told = f"by {self.model}"
+        return pairing.rows(clock, self.every).with_note(clock_words(pairing, clock, told))
+
+
+def _write(
+    table: Table, prismatic: Sequence[str], output: Path, machine: Path | None, file: Path
+) -> pd.DataFrame:
+    """Write the recording, and the machine file that ``file`` tells where one is wanted; the recording's columns."""
+    from truepose.identification.leaves.importing import importing
+
+    frame = importing.frame_of(table, prismatic)
+    started = None if machine is None else importing.machine_of(file)
+    if machine is None or started is None:
+        write_table(output, frame, table.notes)
+    elif machine.resolve().parent == output.resolve().parent:
+        with atomic_directory(output.parent) as partial:  # both in one step
+            write_table(partial / output.name, frame, table.notes)
+            atomic_write_text(partial / machine.name, started)
+    else:
+        atomic_write_text(machine, started)
+        write_table(output, frame, table.notes)
+    return frame
+
+
+def _check_new(machine: Path | None) -> None:
+    """Raise InputError for a machine file that is there already."""
+    if machine is None:
+        return
+    check_file(machine)
+    if machine.exists():
+        raise InputError(f"{machine}: found a file that is there already, expected another name")
+
+
+def _finish(
+    frame: pd.DataFrame, notes: Sequence[str], output: Path, machine: Path | None, *, as_json: bool
+) -> None:
+    columns = [str(name) for name in frame.columns]
+    files = [str(path) for path in (output, machine) if path is not None]
+    summary = {"command": "import", "rows": len(frame), "columns": columns, "files": files}
+    lines = [f"{output}: {len(frame)} rows: {', '.join(columns)}"]
+    if machine is not None:
+        lines += [
+            f"{machine}: a machine file to start from; the lines marked CHECK are yours to check",
+            f"then: truepose diagnose {machine} {output} -o result",
+        ]
+    finish(summary, lines, notes, as_json=as_json)

@@ -1,0 +1,263 @@
+"""The experiment that splits explanations which a diagnosis cannot tell apart.
+
+``discriminate`` chooses rows (pose, payload, temperature, side, time) that maximise the expected log Bayes factor of
+whatever is true against its worst rival, geometry marginalised under its tolerances (``criterion``),
+and says what each factor brings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from truepose.arrays import Array
+from truepose.errors import InputError
+from truepose.identification.identifiability.note import Note
+from truepose.identification.leaves.planning.discriminate.criterion import Race, chosen
+from truepose.identification.leaves.planning.discriminate.explanations import Class, Explanation
+from truepose.identification.leaves.planning.discriminate.factors import Factor, Offer, factors, unplanned
+from truepose.identification.leaves.planning.discriminate.pool import Pool, kind_of
+from truepose.identification.leaves.planning.discriminate.race import (
+    Field,
+    Hypothesis,
+    hypotheses,
+    ordered,
+    race,
+    shares,
+)
+from truepose.identification.leaves.planning.discriminate.result import Experiment, Pair, Worth
+from truepose.identification.leaves.planning.discriminate.rows import Rows, Signals, recording_of, signals
+from truepose.identification.leaves.planning.discriminate.targets import Target, with_targets
+from truepose.identification.recording.recording import Recording
+from truepose.models.effects.base import PlacedEffect
+from truepose.models.file.driver import AIR, PAYLOAD, Driver
+from truepose.models.machine.machine import Machine, Mass
+from truepose.wording import joined
+
+DRAWS = 20
+"""Random sets of rows that the plan is compared with."""
+
+
+def discriminate(
+    machine: Machine,
+    n: int,
+    wanted: Class,
+    *,
+    offer: Offer | None = None,
+    recorded: Recording | None = None,
+    candidates: Array | None = None,
+    targets: Sequence[Target] = (),
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Experiment:
+    """``n`` rows that tell the explanations of ``wanted`` apart; the same from the same ``seed``.
+
+    ``offer`` says what may be varied beside the joints; sides of approach, time and sessions always are where an
+    explanation reads them. ``recorded`` are rows that exist already, ``candidates`` (c, nq) the only poses that may be
+    chosen; ``targets`` are weighed on the rows chosen. Raises InputError for fewer than two different explanations,
+    and as ``plan`` does.
+    """
+    _check(wanted.explanations, n)
+    asked = _Question.of(machine, wanted, offer or Offer({}))
+    rng = np.random.default_rng(seed)
+    progress("looking at candidates")
+    pool = Pool.of(asked.machine, asked.varied, candidates, rng)
+    progress("looking at what they would tell")
+    stage = _Stage.of(asked.machine, pool, asked.parts, wanted, recorded, n)
+    progress("choosing rows")
+    design = chosen(stage.main, n) if stage.main.counted.any() else stage.drawn(n, rng)
+    random = [stage.worst(stage.values(stage.drawn(n, rng))) for _ in range(DRAWS)]
+    progress("weighing what is varied")
+    return _experiment(stage, asked, design, np.array(random), targets, seed)
+
+
+@dataclass(frozen=True)
+class _Question:
+    """What is to be told apart: ``parts`` are the effects of all explanations, ``varied`` what rows may differ in.
+
+    The machine carries a payload where loads matter.
+    """
+
+    machine: Machine
+    wanted: Class
+    parts: tuple[PlacedEffect, ...]
+    varied: tuple[Factor, ...]
+    notes: tuple[Note, ...]
+
+    @classmethod
+    def of(cls, machine: Machine, wanted: Class, offer: Offer) -> _Question:
+        """The question of a class of explanations, with what an offer adds to the joints."""
+        parts = _parts(wanted)
+        machine, notes = _weighing(machine, parts, offer)
+        varied = factors(machine, parts, offer)
+        told = (*wanted.notes, *notes, *unplanned(parts), *_unused(offer, varied))
+        return cls(machine, wanted, parts, varied, told)
+
+
+def _experiment(
+    stage: _Stage,
+    asked: _Question,
+    design: Sequence[int],
+    random: Array,
+    targets: Sequence[Target],
+    seed: int,
+) -> Experiment:
+    """What a design of n rows tells, beside ``random`` ones (DRAWS,), and what each factor brings."""
+    explanations = asked.wanted.explanations
+    values, rows = stage.values(design), stage.pool.rows.take(np.flatnonzero(stage.pool.main)[design])
+    return Experiment(
+        machine=asked.machine,
+        explanations=explanations,
+        rows=_in_order(rows),
+        reference=stage.pool.reference if any(s.differs_from_row for s in asked.machine.sensors) else None,
+        pairs=stage.pairs(explanations, values),
+        expected=stage.worst(values),
+        already=None if stage.exist is None else stage.worst(stage.values([])),
+        random=random,
+        worth=stage.worth(asked.varied, len(design)),
+        targets=tuple((target, stage.with_target(target, rows)) for target in targets),
+        seed=seed,
+        notes=asked.notes,
+    )
+
+
+@dataclass(frozen=True)
+class _Stage:
+    """Rows with what they would tell, hypotheses about it, and the race between them on the rows that are offered.
+
+    exist: what rows that exist already tell.
+    """
+
+    machine: Machine
+    pool: Pool
+    field: Field
+    found: tuple[Hypothesis, ...]
+    exist: Signals | None
+    main: Race
+
+    @classmethod
+    def of(
+        cls,
+        machine: Machine,
+        pool: Pool,
+        parts: Sequence[PlacedEffect],
+        wanted: Class,
+        recorded: Recording | None,
+        n: int,
+    ) -> _Stage:
+        told = _told(machine, pool.rows, pool.reference, parts)
+        exist = None if recorded is None else signals(machine, recorded, parts)
+        base = np.zeros_like(told.gram) if exist is None else exist.gram
+        field = Field(told, base, parts, wanted.others)
+        everywhere = field.gram(pool.main) * (n / np.sum(pool.main)) + field.base
+        known = field.base
+        if exist is None:
+            nominal = pool.nominal()
+            known = field.gram(nominal) * (n / np.sum(nominal))
+        found = hypotheses(field, wanted.explanations, known, everywhere)
+        return cls(machine, pool, field, found, exist, race(field, found, pool.main))
+
+    def drawn(self, n: int, rng: np.random.Generator) -> list[int]:
+        """``n`` random rows of those that are offered."""
+        available = int(np.sum(self.pool.main))
+        return [int(row) for row in rng.choice(available, n, replace=n > available)]
+
+    def values(self, design: Sequence[int]) -> Array:
+        """(p,) expected log Bayes factors; 0 where no row tells."""
+        return _values(self.main, design)
+
+    def worst(self, values: Array) -> float:
+        """Of values (p,), the least of those pairs that the plan can tell apart; 0 without any."""
+        return float(np.min(values[self.main.counted])) if self.main.counted.any() else 0.0
+
+    def pairs(self, explanations: Sequence[Explanation], values: Array) -> tuple[Pair, ...]:
+        """Every ordered pair with its value."""
+        share, counted = shares(self.field, self.found, self.main, self.pool.main), self.main.counted
+        pairs = [(explanations[i], explanations[j]) for i, j in ordered(len(explanations))]
+        return tuple(
+            Pair(a, b, float(values[k]), float(share[k]), bool(counted[k]), a.twin_of(b))
+            for k, (a, b) in enumerate(pairs)
+        )
+
+    def worth(self, varied: Sequence[Factor], n: int) -> tuple[Worth, ...]:
+        """Plans with each kind of factor held, or offered where it was not."""
+        out = []
+        for kind, mask in [*self.pool.still.items(), *self.pool.beyond.items()]:
+            on = race(self.field, self.found, mask)
+            values = _values(on, chosen(on, n, exchange=False) if on.counted.any() else [])
+            more = on.counted & ~self.main.counted
+            same = tuple(f for f in varied if kind_of(f) == kind)
+            opened = float(np.min(values[more])) if more.any() else None
+            out.append(Worth(kind, same, kind in self.pool.still, self.worst(values), opened))
+        return tuple(out)
+
+    def with_target(self, target: Target, rows: Rows) -> float:
+        """Expected log Bayes factor of the worst pair on the same rows, with one more point of the rigid tool read."""
+        parts, others = self.field.parts, self.field.others
+        told = _told(with_targets(self.machine, [target]), rows, self.pool.reference, parts)
+        size = len(told.names) + told.effects.shape[2]
+        base = np.zeros((size, size)) if self.exist is None else self.exist.gram_among(told.names)
+        on = race(Field(told, base, parts, others), self.found, np.ones(len(rows), dtype=bool))
+        return self.worst(_values(on, list(range(len(rows)))))
+
+
+def _check(explanations: Sequence[Explanation], n: int) -> None:
+    names = [e.name for e in explanations]
+    if len(set(names)) < len(names) or len(names) < 2:
+        raise InputError(
+            f"--discriminate: found {joined(names)}, expected two or more different explanations"
+        )
+    if n < 2:
+        raise InputError(f"found {n} rows, expected at least 2")
+
+
+def _parts(wanted: Class) -> tuple[PlacedEffect, ...]:
+    """Every effect of every version, each once."""
+    every = [part for e in wanted.explanations for form in e.forms for part in form]
+    return tuple({part.label: part for part in (*every, *wanted.others)}.values())
+
+
+def _weighing(machine: Machine, parts: Sequence[PlacedEffect], offer: Offer) -> tuple[Machine, list[Note]]:
+    """The machine with a payload to be stepped, where loads matter and the file has none."""
+    asked = any(part.needs_load for part in parts) and machine.loaded
+    if not asked or any(mass.name == PAYLOAD for mass in machine.masses):
+        return machine, []
+    hung = replace(machine, masses=(*machine.masses, Mass(PAYLOAD, 0.0, (0.0, 0.0, 0.0), "tool")))
+    return hung, [Note("payload")] if PAYLOAD in offer.levels else []
+
+
+def _told(machine: Machine, rows: Rows, reference: Array, parts: Sequence[PlacedEffect]) -> Signals:
+    """Signals of rows, without the reference row before them."""
+    every = signals(machine, recording_of(machine, rows, reference), parts)
+    return every.take(np.arange(1, len(rows) + 1))
+
+
+def _values(on: Race, design: Sequence[int]) -> Array:
+    """(p,) expected log Bayes factors; 0 where no row tells."""
+    return np.where(on.counted, on.values(design), 0.0)
+
+
+def _in_order(rows: Rows) -> Rows:
+    """As one would measure: by session and time, and what takes long to change is changed seldom."""
+    pace = {kind: k for k, kind in enumerate(_SLOW)}  # of what has no pace of its own: as the payload
+    slow = sorted(rows.drivers, key=lambda name: pace.get(Driver.of(name).kind, pace[PAYLOAD]))
+    keys = [
+        *(rows.q[:, k] for k in range(rows.q.shape[1] - 1, -1, -1)),
+        *(rows.drivers[n] for n in reversed(slow)),
+    ]
+    return rows.take(np.lexsort(keys).astype(np.intp))
+
+
+_SLOW = ("session", "time", "pressure", "humidity", "temperature", "payload", "velocity", "approach")
+
+
+def _unused(offer: Offer, varied: Sequence[Factor]) -> list[Note]:
+    read = {f.driver for f in varied}
+    shared = any(Driver.of(name).thermal for name in read)
+    return [
+        Note("unread", driver)
+        for driver in offer.levels
+        if driver not in read and not (driver == AIR and shared)
+    ]

@@ -1,0 +1,138 @@
+"""What ``compensate`` does with a robot program: its options, and the correction of its targets in place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from truepose.commands.common import pairs
+from truepose.errors import InputError, ReadBackError
+from truepose.files import atomic_file
+
+if TYPE_CHECKING:
+    from truepose.identification.leaves.programs.program import Dialect
+    from truepose.models.machine.machine import Machine
+
+DialectOption = Annotated[
+    str | None,
+    typer.Option(
+        "--dialect",
+        help="How a program is written, where its ending does not tell; csv: points of a table corrected in place.",
+        metavar="kuka|rapid|urscript|csv",
+    ),
+]
+BaseOption = Annotated[
+    str | None,
+    typer.Option(
+        "--base",
+        help="Frame of a program's poses in the robot's base, where the program names none, in the program's own numbers.",
+        metavar="X,Y,Z,...",
+    ),
+]
+ToolOption = Annotated[
+    str | None,
+    typer.Option(
+        "--tool",
+        help="Tool on the flange in a program's own numbers; where neither it nor the program tells, the machine file's.",
+        metavar="X,Y,Z,...",
+    ),
+]
+FrameOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--frame",
+        help="Numbers of a work object, base, feature or tool that a program names; repeatable.",
+        metavar="NAME=X,Y,Z,...",
+    ),
+]
+AtOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--at",
+        help="Value of a driver (payload=3, temperature.base=24) at a program's targets; repeatable.",
+        metavar="DRIVER=VALUE",
+    ),
+]
+LimitOption = Annotated[
+    float, typer.Option("--limit", help="Point out targets of a program that move by more mm than this.")
+]
+TurnOption = Annotated[
+    float,
+    typer.Option("--limit-angle", help="Point out targets of a program that turn by more deg than this."),
+]
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the command line says of a program."""
+
+    dialect: str | None
+    base: str | None
+    tool: str | None
+    frames: Sequence[str]
+    at: Sequence[str]
+    limit: float
+    angle: float
+
+    def unused(self) -> None:
+        """Raises InputError where one of them is given for a table."""
+        told = {"--base": self.base, "--tool": self.tool, "--frame": self.frames, "--at": self.at}
+        for name, value in told.items():
+            if value:
+                raise InputError(
+                    f"{name}: found it with a table, expected a robot program (or --dialect csv, to correct a table's"
+                    " points in place)"
+                )
+
+
+def correct_program(
+    machine: Machine, dialect: Dialect, path: Path, output: Path, options: Options
+) -> tuple[dict[str, object], list[str], list[str]]:
+    """Correct a program's targets; summary, lines and notes. Nothing is written where nothing can be corrected."""
+    from truepose.identification.leaves.programs.correct import correct
+    from truepose.identification.leaves.programs.dialects import beside, text_of
+    from truepose.identification.leaves.programs.frames import Cell
+    from truepose.identification.leaves.programs.words import (
+        Limit,
+        correction_json,
+        correction_lines,
+        correction_notes,
+    )
+    from truepose.identification.report.applied_words import expected_words, pose_json
+
+    if output.exists() and output.samefile(path):
+        raise InputError(
+            f"{output}: found the program itself, expected another file: twice corrected is wrong"
+        )
+    limit = Limit(options.limit, options.angle)
+    cell = Cell(options.base, options.tool, pairs("--frame", options.frames, "NAME=VALUE"))
+    drivers = {name: _value(name, text) for name, text in pairs("--at", options.at, "NAME=VALUE").items()}
+    try:
+        program = dialect.read(text_of(path), machine, beside(path))
+        found = correct(machine, program, cell, drivers)
+    except ReadBackError as exc:
+        line = "" if str(exc)[0].isdigit() else " "
+        raise ReadBackError(f"{output}:{line}{exc}") from exc
+    except InputError as exc:
+        raise exc if str(exc).startswith("--") else InputError(f"{path}: {exc}") from None
+    if not found.done:
+        first = found.left[0]
+        raise InputError(
+            f"{path}:{first.line}: {first.what}: no target can be corrected, the first because: {first.why}"
+        )
+    with atomic_file(output) as unfinished:
+        unfinished.write_bytes(found.text.encode("latin-1"))
+    summary = {"dialect": dialect.name, **correction_json(found, limit), "expected_pose": pose_json(machine)}
+    lines = correction_lines(found, dialect.title, path, output)
+    return summary, [*lines, f"  {expected_words(machine)}"], correction_notes(found, machine, limit)
+
+
+def _value(name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"--at {name}: found {text!r}, expected a number") from None

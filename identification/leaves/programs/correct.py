@@ -1,0 +1,252 @@
+"""Targets of a robot program corrected in place: a nominal controller that is given them brings the real tool where they meant.
+
+A pose means where the tool is to be: the controller's nominal inverse kinematics makes joints of it, and the real machine, with
+its constants and effects, then stands elsewhere. Solved are the joints that bring the real tool there, and what is written is
+the nominal machine's pose of those joints. Joint targets mean where nominal joints and links would put the flange. What
+cannot be corrected stays as it is and is listed with its reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from truepose.arrays import Array
+from truepose.errors import InputError
+from truepose.identification.compensation.inverse import Reach
+from truepose.identification.leaves.programs.forms import written
+from truepose.identification.leaves.programs.frames import Cell, Frames, Told, shown_name
+from truepose.identification.leaves.programs.meaning import Meant, by_tool, joint_units, meant_of
+from truepose.identification.leaves.programs.points import decimals_of
+from truepose.identification.leaves.programs.program import (
+    LARGEST,
+    Left,
+    Program,
+    Target,
+    in_order,
+    replaced,
+    shown,
+)
+from truepose.identification.leaves.programs.robot import Robot
+from truepose.identification.leaves.programs.run import Solved, edits_of, read_again, run
+from truepose.models import lie
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.mechanism import AXES
+from truepose.models.units import convert
+
+FARTHEST = 0.1
+"""rad, or part of the machine's size: a correction that moves a joint by more is not made. Calibrations move joints by
+thousandths; a tenth is reached next to singular poses only, where a joint swings for nothing."""
+NEARBY = 100.0
+"""mm; how far points that a program works out may be from the target that they start from."""
+_LOOKED_AT = 50
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """A target that was corrected: ``numbers`` are the new texts of its numbers and, behind them, of its configuration.
+
+    ``change``, ``before``, ``after`` (6,) are twists [mm, rad]: the correction; where the real tool is from the target with
+    the program as it was; and with what is written now, its rounding included.
+    """
+
+    target: Target
+    numbers: tuple[str, ...]
+    change: Array
+    before: Array
+    after: Array
+    reconfigured: bool
+
+
+@dataclass(frozen=True)
+class Correction:
+    """A corrected text and what was done. ``left`` are the lines where something was not, or not wholly, corrected.
+
+    ``drivers`` are the values of the effects' drivers that hold for all targets; ``arrival`` is the largest change of the
+    tool (mm) by effects of the direction in which joints arrive, which no target tells; ``assumed`` are names of tools that
+    were taken for the machine file's. ``nearby`` (mm) is how much a correction changes over ``NEARBY`` from a target, where the
+    program works points out from targets. ``unnamed`` counts poses that were taken in the robot's base, and with the machine
+    file's tool, because neither program nor user told others.
+    """
+
+    text: str
+    done: tuple[Corrected, ...]
+    left: tuple[Left, ...]
+    drivers: Mapping[str, float]
+    arrival: float
+    assumed: tuple[str, ...]
+    nearby: float | None
+    unnamed: tuple[int, int]
+
+
+def correct(
+    machine: Machine, program: Program, cell: Cell | None = None, drivers: Mapping[str, float] | None = None
+) -> Correction:
+    """The text of a program with its targets corrected.
+
+    ``drivers`` are values of what effects depend on (``payload``, ``temperature.base``), mm, rad, kg, degC; the rest has its
+    defaults. Raises InputError for a machine whose joints a pose does not tell where the program has poses, and where no target
+    is left to correct; ReadBackError where the corrected program, run, does not do what this one meant.
+    """
+    frames, robot = Frames(program, cell or Cell()), Robot(machine, drivers or {})
+    program = _check(robot, program)
+    left = list(program.left)
+    known: list[tuple[Target, Told]] = []
+    for target in program.targets:
+        told = _beyond(target) or frames.of(target)
+        if isinstance(told, str):
+            left.append(Left(target.line, target.name, told))
+        else:
+            known.append((target, told))
+    meant = meant_of(robot, program, known, left)
+    solved = _solved(robot, program, meant, left)
+    text = edited(program.text, solved)
+    again = _check(robot, read_again(program, text)) if solved else program
+    after = run(robot, (program, again), (frames, Frames(again, cell or Cell())), solved)
+    changed = sorted(one.meant.target.numbers[0].start for one in solved if one.meant.target.copies is None)
+    left = [one.settled(changed) for one in left]
+    done = [
+        Corrected(one.meant.target, one.numbers, one.change, one.before, missed, one.reconfigured)
+        for one, missed in zip(solved, after, strict=True)
+    ]
+    assumed = sorted({shown_name(m.told.assumed) for m in meant if m.told.assumed})
+    arrival = robot.arrival(np.array([m.q for m in meant])) if meant else 0.0
+    nearby = _nearby(robot, meant) if any(one.computed for one in left) else None
+    given = cell or Cell()
+    poses = [m.target for m in meant if m.target.kind == "pose"]
+    bare = sum(t.base is None for t in poses) * (given.base is None)
+    unnamed = (bare, sum(t.tool is None for t in poses) * (given.tool is None))
+    return Correction(
+        text, tuple(done), in_order(left), robot.drivers, arrival, tuple(assumed), nearby, unnamed
+    )
+
+
+def _beyond(target: Target) -> str | None:
+    """Why numbers of a target are no place: no controller has them, and their squares are none."""
+    far = [n.text for n in (*target.numbers, *target.configuration) if not abs(n.value) <= LARGEST]
+    return f"its number {shown(far[0], 30)} is beyond {LARGEST:g}" if far else None
+
+
+def _check(robot: Robot, program: Program) -> Program:
+    """Refuse programs of other robots; the program, of fewer joints than six without configurations: they are six joints'."""
+    machine, task = robot.machine, robot.solver.task
+    joints = machine.mechanism.actuators
+    if not program.targets and not program.left:
+        raise InputError("found no target in the program, expected poses or joints that it moves to")
+    if any(t.kind == "pose" for t in program.targets) and (
+        len(joints) != len(task.rows) or len(task.along) < 3
+    ):
+        raise InputError(
+            f"{machine.name}: found {len(joints)} joints, which meet {task.words}, expected six, or fewer that meet x, y "
+            "and z: a program's pose tells the joints of no other robot"
+        )
+    odd = [a.reading for a in joints if a.reading_unit not in ("rad", "mm")]
+    counts = {len(t.numbers) for t in program.targets if t.kind == "joints"}
+    if counts and (odd or counts != {len(joints)}):
+        found = f"joints {', '.join(odd)} in turns" if odd else f"{len(joints)} joints"
+        raise InputError(
+            f"{machine.name}: found {found}, expected {max(counts)} joints in angles and lengths, as the program has them"
+        )
+    if len(joints) == len(AXES):
+        return program
+    bare = tuple(replace(target, configuration=()) for target in program.targets)
+    return replace(program, targets=bare, configuration=None)
+
+
+def _solved(robot: Robot, program: Program, meant: list[Meant], left: list[Left]) -> list[Solved]:
+    out: list[Solved] = []
+    for tool, rows in by_tool([(k, m.told) for k, m in enumerate(meant)]):
+        some = [meant[k] for k in rows]
+        goal, q = np.array([m.goal for m in some]), np.array([m.q for m in some])
+        robot.real(tool)
+        before = robot.missed(goal, robot.solver.forward(q)[0])
+        found = robot.solver.inverse(goal, q, restarts=0, rewind=False)
+        robot.nominal(tool)
+        seen = robot.solver.forward(found.q)[0]
+        change = robot.missed(goal, seen)
+        for row, m in enumerate(some):
+            why = _refused(robot, found.status[row], found.saturated(row), found.q[row] - q[row])
+            new = _texts(robot, program, m, found.q[row], seen[row]) if why is None else None
+            if new is None:
+                left.append(Left(m.target.line, m.target.name, why or _WRIST))
+                continue
+            turned = new[len(m.target.numbers) :] != tuple(n.text for n in m.target.configuration)
+            out.append(Solved(m, new, found.q[row], change[row], before[row], turned))
+    return sorted(out, key=lambda one: (one.meant.target.line, one.meant.target.numbers[0].start))
+
+
+_WRIST = "the correction would take axis 5 through zero, into another configuration of the wrist"
+
+
+def _refused(robot: Robot, status: int, saturated: tuple[str, ...], moved: Array) -> str | None:
+    """Why the joints that were found are none to write."""
+    if status == Reach.JOINT_RANGE:
+        return f"the correction would take {', '.join(saturated)} out of the range"
+    if status != Reach.SOLVED:
+        return "the real machine cannot reach it"
+    share = np.abs(moved) / robot.reach
+    if np.max(share) > FARTHEST:
+        k = int(np.argmax(share))
+        name, unit = robot.machine.mechanism.readings[k], robot.machine.mechanism.actuators[k].reading_unit
+        size = f"{np.degrees(moved[k]):.3g} deg" if unit == "rad" else f"{moved[k]:.3g} mm"
+        return f"next to a singular pose: the correction would move {name} by {size}"
+    return None
+
+
+def _texts(robot: Robot, program: Program, m: Meant, q: Array, seen: Array) -> tuple[str, ...] | None:
+    """New texts of a target's numbers and configuration; None where it would be in another one."""
+    numbers = m.target.numbers
+    if m.target.kind == "joints":
+        units = joint_units(robot, program)
+        values = [convert(v, u, to) for v, (u, to) in zip(q.tolist(), units, strict=True)]
+        decimals: Sequence[int] = [decimals_of(to, u) for u, to in units]
+    else:
+        pose = lie.inverse_pose(robot.base @ m.told.base) @ seen
+        near = np.array([[n.value for n in numbers]])
+        values = program.form.numbers(pose[None], near)[0].tolist()
+        decimals = program.form.decimals
+    out = [written(v, n.text, d) for v, n, d in zip(values, numbers, decimals, strict=True)]
+    if not m.target.configuration or program.configuration is None:
+        return tuple(out)
+    old = tuple(n.value for n in m.target.configuration)
+    renewed = program.configuration.renewed(old, q)
+    if renewed is None:
+        return None
+    same = [
+        n.text if a == b else f"{a:.0f}" for a, b, n in zip(renewed, old, m.target.configuration, strict=True)
+    ]
+    return (*out, *same)
+
+
+def _nearby(robot: Robot, meant: Sequence[Meant]) -> float:
+    """Largest change (mm) of the correction from a target to places ``NEARBY`` away along the axes of the sensor's frame."""
+    apart = [0.0]
+    for tool, rows in by_tool([(k, m.told) for k, m in enumerate(meant[:_LOOKED_AT])]):
+        goal, q = np.array([meant[k].goal for k in rows]), np.array([meant[k].q for k in rows])
+        change = []
+        for step in [np.zeros(3), *(NEARBY * np.vstack([np.eye(3), -np.eye(3)]))]:
+            moved = goal.copy()
+            moved[:, :3, 3] += step
+            robot.nominal(tool)
+            start = robot.solver.inverse(moved, q, restarts=0, rewind=False)
+            robot.real(tool)
+            found = robot.solver.inverse(moved, start.q, restarts=0, rewind=False)
+            robot.nominal(tool)
+            twist = robot.missed(moved, robot.solver.forward(found.q)[0])[:, :3]
+            good = (
+                start.solved & found.solved & (np.abs(found.q - start.q) / robot.reach < FARTHEST).all(axis=1)
+            )
+            change.append(np.where(good[:, None], twist, np.nan))
+        sizes = np.linalg.norm(np.array(change[1:]) - change[0], axis=2)
+        apart += sizes[np.isfinite(sizes)].tolist()
+    return max(apart)
+
+
+def edited(text: str, solved: Sequence[Solved]) -> str:
+    """Return the text with what was solved for in it."""
+    return replaced(text, edits_of(solved))
+
+
+__all__ = ["NEARBY", "Corrected", "Correction", "correct", "edited"]

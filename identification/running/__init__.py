@@ -1,1 +1,0 @@
-"""A fleet's machines side by side, on cores or on a Dask cluster."""

@@ -1,0 +1,1 @@
+"""The machine file: its fields, units and messages."""

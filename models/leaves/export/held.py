@@ -1,0 +1,149 @@
+"""Which effects rigid links can hold, and what is lost with the others.
+
+An effect that shifts parameters and ports by constants (a wrong constant, a mount moved between sessions) is geometry
+and goes into the links. One that follows a driver is held as it is at the driver's default; one that follows the
+joints or their loads is left out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from truepose.arrays import Array
+from truepose.models.leaves.export.closing import closed_pose_function
+from truepose.models.leaves.export.tree import Tree
+from truepose.models.machine.assembly import symbols
+from truepose.models.machine.effect import Site
+from truepose.models.machine.kinematics import driver_default, symbolic_model
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.placed import PlacedEffect
+from truepose.models.machine.states import state_names
+
+SAMPLES = 64
+"""Poses at which the size of what is left out is looked for."""
+_SEED = 1
+_HALF = {"rad": math.radians(150.0), "mm": 100.0}
+"""Where a joint without a range is sampled: this far on both sides of zero."""
+
+
+@dataclass(frozen=True)
+class Held:
+    """Values of parameters and ports (mm, rad) with the constant shifts of effects in them.
+
+    ``fixed`` are labels of effects that these values hold, ``frozen`` those of effects, and of tools, held at the defaults of
+    their drivers (by name), ``left`` the effects that are left out.
+    """
+
+    values: Mapping[str, float]
+    fixed: tuple[str, ...]
+    frozen: Mapping[str, Mapping[str, float]]
+    left: tuple[PlacedEffect, ...]
+
+
+@dataclass(frozen=True)
+class Loss:
+    """Largest change of the tool's position (mm) at ``SAMPLES`` poses: by each effect left out, and by all of them."""
+
+    each: Mapping[str, float]
+    together: float
+
+
+def held(machine: Machine) -> Held:
+    """What constant values can hold of a machine's effects."""
+    drawn = {p.name: p.nominal for p in machine.parameters} | dict.fromkeys(machine.ports, 0.0)
+    values = dict(drawn)
+    moving = [*(p.name for p in (*machine.mechanism.parameters, *machine.frames))]
+    moving += machine.ports_of("displacement", "motion")
+    fixed: list[str] = []
+    frozen = dict(held_tools(machine))
+    left: list[PlacedEffect] = []
+    for placed in machine.effects:
+        shifts = None if placed.needs_load else _constant_shifts(machine, placed, drawn, moving)
+        if shifts is None:
+            left.append(placed)
+            continue
+        for port, shift in shifts.items():
+            values[port] += shift
+        if placed.drivers and shifts:
+            frozen[placed.label] = {name: driver_default(machine, name) for name in placed.drivers}
+        elif shifts:
+            fixed.append(placed.label)
+    return Held(values, tuple(fixed), frozen, tuple(left))
+
+
+def held_tools(machine: Machine) -> dict[str, Mapping[str, float]]:
+    """Return the drivers at which the tool is that of ``frames``, by tool of the section ``recordings``."""
+    tools = [own for own in machine.equipment if own.tool]
+    return {f"recordings.{own.name}.tool": {own.driver: driver_default(machine, own.driver)} for own in tools}
+
+
+def loss(machine: Machine, tree: Tree, left: tuple[PlacedEffect, ...]) -> Loss:
+    """How far the machine with its effects, drivers at their defaults, stands from its rigid links."""
+    model = symbolic_model(machine, machine.effects)
+    position = ca.Function("position", [model.q, model.z, model.p], [model.pose[:3, 3]])
+    rows = sample_readings(machine)
+
+    def at(p: Array) -> Array:
+        return np.array([np.array(position(q, model.z_home, p)).ravel() for q in rows])
+
+    of_effect = {e.label: np.isin(model.names, e.parameter_names) for e in left}
+    bare = np.where(np.any(list(of_effect.values()), axis=0), 0.0, model.p_home)
+    rigid = at(bare)
+    each = {label: np.where(own, model.p_home, bare) for label, own in of_effect.items()}
+    linked = [tree.pose(dict(zip(model.readings, q, strict=True)))[:3, 3] for q in rows.tolist()]
+    return Loss(
+        {label: _largest(at(p) - rigid) for label, p in each.items()},
+        _largest(at(model.p_home) - np.array(linked)),
+    )
+
+
+def closed_loss(machine: Machine, left: tuple[PlacedEffect, ...]) -> Loss:
+    """The same of a machine with closed loops, at those of the poses that it can be assembled at."""
+    model = symbolic_model(machine, machine.effects)
+    pose = closed_pose_function(model)
+
+    def at(q: Array, p: Array) -> Array:
+        return pose(q, p)[:3, 3]
+
+    of_effect = {e.label: np.isin(model.names, e.parameter_names) for e in left}
+    bare = np.where(np.any(list(of_effect.values()), axis=0), 0.0, model.p_home)
+    ways = [np.where(own, model.p_home, bare) for own in of_effect.values()]
+    apart = [np.zeros(len(ways) + 1)]
+    for q in sample_readings(machine):
+        rigid = at(q, bare)
+        apart.append(np.array([np.linalg.norm(at(q, p) - rigid) for p in (*ways, model.p_home)]))
+    *each, together = np.nanmax(apart, axis=0).tolist()
+    return Loss(dict(zip(of_effect, each, strict=True)), together)
+
+
+def sample_readings(machine: Machine) -> Array:
+    """Return readings (n, nq), mm and rad, at which the size of what is left out is looked for."""
+    low, high = np.transpose(
+        [a.range or (-_HALF[a.unit], _HALF[a.unit]) for a in machine.mechanism.actuators]
+    )
+    return np.random.default_rng(_SEED).uniform(low, high, (SAMPLES, len(low)))
+
+
+def _largest(vectors: Array) -> float:
+    return float(np.max(np.linalg.norm(vectors, axis=1)))
+
+
+def _constant_shifts(
+    machine: Machine, placed: PlacedEffect, values: Mapping[str, float], moving: list[str]
+) -> dict[str, float] | None:
+    """Shifts of what moves the machine, if they are constant with drivers at their defaults; else None."""
+    constants = {name: ca.SX(value) for name, value in values.items()}
+    coefficients = {name: ca.SX(value) for name, value in placed.values.items()}
+    z = {name: ca.SX(driver_default(machine, name)) for name in placed.drivers}
+    q, marks = symbols("q", machine.mechanism.readings), symbols("state.", state_names(machine))
+    site = Site(machine, placed.place, placed.settings_map, coefficients, q, z, constants, {}, marks)
+    shifts = {site.checked(port, placed): ca.SX(s) for port, s in placed.effect.shifts(site).items()}
+    shifts = {port: shift for port, shift in shifts.items() if port in moving}
+    if any(ca.symvar(shift) for shift in shifts.values()):
+        return None
+    return {port: float(ca.evalf(shift)) for port, shift in shifts.items()}

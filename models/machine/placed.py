@@ -1,0 +1,249 @@
+"""An effect at a place, as data: what a machine holds of its physics (what effects do: ``truepose.models.machine.effect``)."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, NamedTuple, Protocol
+
+import casadi as ca
+
+from truepose.arrays import Array
+from truepose.models.file.driver import DriverKind
+from truepose.models.file.setting_range import SettingRanges, check_settings
+
+SERIES = 24
+"""From so many coefficients on an effect is a series, whose expected sizes are its prior."""
+Place = tuple[str, ...]
+Settings = Mapping[str, float]
+Shifts = Mapping[str, ca.SX]
+
+
+class EffectAtPlace(NamedTuple):
+    """The slug of an effect and where it acts, at whatever settings."""
+
+    effect: str
+    place: Place
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """One linear amplitude: unit, largest size to expect (prior scale) and physical bounds."""
+
+    name: str
+    unit: str
+    scale: float
+    lower: float = -float("inf")
+    upper: float = float("inf")
+
+
+class Observed(Protocol):
+    """What an effect may ask of a recording to choose its settings."""
+
+    @property
+    def n_sessions(self) -> int: ...
+
+    def driver(self, name: str) -> object | None: ...
+
+    def inferred(self, name: str) -> bool: ...
+
+
+class Physics(ABC):
+    """A physics term. Class fields describe it to users; methods define it.
+
+    ``machine`` is a ``truepose.models.machine.Machine`` and ``site`` a ``truepose.models.machine.effect.Site``. Both hold
+    placed effects, so that their types have no name down here.
+    """
+
+    slug: ClassVar[str]
+    title: ClassVar[str] = ""
+    counted: ClassVar[bool] = False
+    """Whether the title takes an article in a sentence: a compliant joint, but backlash."""
+    formula: ClassVar[str] = ""
+    size: ClassVar[str] = ""
+    look_alikes: ClassVar[tuple[str, ...]] = ()
+    experiment: ClassVar[str] = ""
+    source: ClassVar[str] = ""
+    commonness: ClassVar[float] = 1.0
+    """How often machines have it, in terms of the other effects: it decides between explanations that data leave equal."""
+    needs_load: ClassVar[bool] = False
+    driven_by: ClassVar[DriverKind | None] = None
+    """What makes it vary, where its load, its drivers and its place do not say so already (see ``driver_kind``)."""
+    setting_ranges: ClassVar[SettingRanges | None] = None
+    """What its settings may be, by name; None: any number, and the effect looks at them itself."""
+    settings_add: ClassVar[bool] = False
+    """Whether terms of one place with different settings may stand together (orders) or exclude others."""
+    bends: ClassVar[tuple[str, ...]] = ()
+    """Settings of terms that bend the formula: what they carry is no other thing, but speaks for another form."""
+    continuous: ClassVar[tuple[str, ...]] = ()
+    """Settings that are points of a continuum (a lag): one that was found is refined between its neighbours on the grid."""
+    unvaried: ClassVar[str] = ""
+    """Why a recording cannot speak of the effect where ``settings`` offers nothing; empty for the usual reasons."""
+
+    @abstractmethod
+    def coefficients(self, machine: Any, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
+        """Amplitudes to estimate at a place."""
+
+    @abstractmethod
+    def shifts(self, site: Any) -> Shifts:
+        """What is added at which ports (mm, rad, or the parameter's own unit)."""
+
+    def drivers(self, machine: Any, place: Place, settings: Settings) -> tuple[str, ...]:
+        """Columns beyond the joints that the formula reads."""
+        return ()
+
+    def driver_kind(self, machine: Any, place: Place, settings: Settings) -> DriverKind:
+        """What makes it vary: as the class states; else the load or the driver that it reads; else the joint's position."""
+        if self.driven_by is not None:
+            return self.driven_by
+        if self.reads_load(settings):
+            return "load"
+        read = [machine.drives(name) for name in self.drivers(machine, place, settings)]
+        return next((kind for kind in read if kind is not None), "position")
+
+    def explain(self, machine: Any, place: Place) -> str:
+        """One sentence in plain words for the finding."""
+        return f"{self.title or self.slug} at {', '.join(place)}"
+
+    def reads_load(self, settings: Settings) -> bool:
+        """Whether the formula reads gravity loads with these settings."""
+        return self.needs_load
+
+    def settings(self, machine: Any, place: Place, recording: Observed) -> Sequence[Settings]:
+        """Constants the formula is not linear in (order of a harmonic, lag): one candidate each."""
+        return ({},)
+
+    def elsewhere(self, machine: Any, place: Place, seen: Mapping[str, Array]) -> Sequence[Settings]:
+        """Settings that read columns of other places in this one's stead: ``seen`` are the smooth drivers (n,) by name.
+
+        All together are as likely as ``truepose.identification.prior.ELSEWHERE`` says, beside those of ``settings``.
+        """
+        return ()
+
+    def likely(self, machine: Any, place: Place) -> float:
+        """How often machines have it at a place, in terms of other places."""
+        return 1.0
+
+    def weight(self, settings: Settings) -> float:
+        """How likely settings are among those of a place, relative to each other."""
+        return 1.0
+
+    def within(self, place: Place, settings: Settings, seen: Mapping[str, tuple[float, float]]) -> Settings:
+        """Settings for a recording that saw joints over ranges ``seen`` (mm, rad): a form that says nothing beyond them."""
+        return settings
+
+    def twins(self, settings: Settings) -> Mapping[str, float]:
+        """Effects whose signature is the same function here, with how likely each is relative to this one."""
+        return {}
+
+    def adds(self, settings: Settings) -> bool:
+        """Whether terms of one place with other settings may stand beside one with these."""
+        return self.settings_add
+
+    def told(self, settings: Settings) -> str:
+        """What tells terms of one place apart, in their labels: the settings."""
+        return "".join(f",{name}={value:g}" for name, value in sorted(settings.items()))
+
+    def overshoot(
+        self, machine: Any, place: Place, settings: Settings, at: Mapping[str, Array]
+    ) -> Array | None:
+        """(n,) how far rows lie outside of what the formula holds for; 1 where nothing of it need be left.
+
+        ``at``: (n,) readings, drivers and predicted columns by name. None for physics, which holds everywhere.
+        """
+        return None
+
+    def borrows(self, settings: Settings) -> bool:
+        """Whether these settings are of those that ``elsewhere`` offers."""
+        return False
+
+    def explain_term(self, machine: Any, place: Place, settings: Settings) -> str:
+        """``explain`` for certain settings, where they say what is read in its place."""
+        return self.explain(machine, place)
+
+    def found(self, values: Mapping[str, float], std: Mapping[str, float]) -> str:
+        """What the fitted coefficients say, in words; empty where the numbers speak for themselves."""
+        return ""
+
+
+@dataclass(frozen=True)
+class PlacedEffect:
+    """An effect at a place with its settings and coefficient values."""
+
+    effect: Physics
+    place: Place
+    settings: tuple[tuple[str, float], ...] = ()
+    coefficients: tuple[Coefficient, ...] = ()
+    drivers: tuple[str, ...] = ()
+    amplitudes: tuple[float, ...] = ()
+    spread: float = 100.0
+    """Prior 1-sigma of the coefficients in a fit, in units of their scale."""
+    kind: DriverKind = "position"
+
+    @classmethod
+    def at(
+        cls,
+        effect: Physics,
+        machine: Any,
+        place: Place,
+        settings: Settings | None = None,
+        values: Mapping[str, float] | None = None,
+    ) -> PlacedEffect:
+        """Bind an effect to a place; coefficient values default to 0.
+
+        Raises InputError for settings that no machine file may hold, so that whatever is made can be written and read.
+        """
+        fixed = dict(settings or {})
+        if effect.setting_ranges is not None:
+            check_settings(effect.slug, effect.setting_ranges, fixed, f"{effect.slug}@{'+'.join(place)}")
+        coefficients = effect.coefficients(machine, place, fixed)
+        amplitudes = tuple(float((values or {}).get(c.name, 0.0)) for c in coefficients)
+        drivers = effect.drivers(machine, place, fixed)
+        spread = 1.0 if len(coefficients) >= SERIES else 100.0
+        kind = effect.driver_kind(machine, place, fixed)
+        return cls(
+            effect, place, tuple(sorted(fixed.items())), coefficients, drivers, amplitudes, spread, kind
+        )
+
+    @property
+    def at_place(self) -> EffectAtPlace:
+        """What and where it is, without its settings."""
+        return EffectAtPlace(self.effect.slug, self.place)
+
+    @property
+    def settings_map(self) -> Settings:
+        """Settings by name."""
+        return dict(self.settings)
+
+    @property
+    def bent(self) -> bool:
+        """Whether this term bends the formula of others at its place."""
+        return any(name in self.settings_map for name in self.effect.bends)
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """Coefficient values by name."""
+        return dict(zip((c.name for c in self.coefficients), self.amplitudes, strict=True))
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of the coefficients among all parameters."""
+        return tuple(f"{self.label}:{c.name}" for c in self.coefficients)
+
+    @property
+    def needs_load(self) -> bool:
+        """Whether the formula reads gravity loads."""
+        return self.effect.reads_load(self.settings_map)
+
+    @property
+    def label(self) -> str:
+        """``slug@place+place`` with settings, unique within a machine."""
+        return f"{self.effect.slug}@{'+'.join(self.place)}{self.effect.told(self.settings_map)}"
+
+    def with_values(self, amplitudes: Sequence[float]) -> PlacedEffect:
+        """The same effect with other coefficient values, in order."""
+        return replace(self, amplitudes=tuple(float(a) for a in amplitudes))
+
+    def __str__(self) -> str:
+        return self.label

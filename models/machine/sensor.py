@@ -1,0 +1,210 @@
+"""What a sensor is: columns, parameters, noise, and a residual as a function of the tool's pose.
+
+To add one, write a file in ``truepose.models.sensors`` (or a plugin): a frozen dataclass whose class is registered with
+``@sensors.add(type)`` and that builds itself from its section of the machine file.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import casadi as ca
+import numpy as np
+
+from truepose.arrays import Array, Index
+from truepose.models import lie
+from truepose.models.file.formula_checks import no_prediction, no_readings, no_residual
+from truepose.models.machine.context import BuildContext
+from truepose.models.machine.mechanism import AXES
+from truepose.models.machine.parameters import Parameter
+from truepose.models.machine.view import TOOL_IN_WORLD, View
+from truepose.models.plugin_guard import Kind, a, a_tuple_of
+from truepose.models.registry import Registry
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One residual component: 1-sigma noise (mm, rad), kind (position, rotation, distance) and the point
+    whose 3-D norm it belongs to."""
+
+    name: str
+    unit: str
+    sigma: float
+    kind: str
+    point: str
+
+
+@dataclass(frozen=True)
+class Rows:
+    """What a reading that compares rows may know of them.
+
+    origin (n,): the row that each row's ``from`` names; labels: text columns; weight (n,): how much each row
+    counts in the fit, 0 where it is not fitted (a level that several rows share comes from those that are, where
+    there are any); files: to name in messages.
+    """
+
+    origin: Index | None
+    labels: Mapping[str, tuple[str, ...]]
+    weight: Array
+    files: tuple[str, ...] = ()
+
+
+class Comparison(ABC):
+    """How the predictions of several rows make one reading, with its derivative."""
+
+    @property
+    def unknowns(self) -> int:
+        """Levels that the rows themselves determine: degrees of freedom that they cost."""
+        return 0
+
+    @abstractmethod
+    def values(self, raw: Array) -> Array:
+        """(n, m) what is compared with the readings, from (n, k) predictions of the single rows."""
+
+    @abstractmethod
+    def changes(self, raw: Array, change: Array) -> Array:
+        """(n, m, w) derivative of ``values`` along (n, k, w) changes of the predictions."""
+
+
+@dataclass(frozen=True)
+class Difference(Comparison):
+    """The prediction here less the one at the row of origin."""
+
+    origin: Index
+
+    def values(self, raw: Array) -> Array:
+        """(n, k) change since the row of origin."""
+        return raw - raw[self.origin]
+
+    def changes(self, raw: Array, change: Array) -> Array:
+        """(n, k, w): the difference is linear, and so its derivative is the same difference."""
+        return change - change[self.origin]
+
+
+class Sensor(ABC):
+    """An instrument. ``world`` is the 4x4 sensor-frame pose of the tip that it reads, ``s`` its parameters in order.
+
+    ``view`` says which tip that is, and what the sensor stands on; a sensor that states none reads the tool from the world.
+    """
+
+    type: ClassVar[str]
+    view: View = TOOL_IN_WORLD
+    opens_columns: ClassVar[bool] = False
+    """Whether the sensor's `name` opens those of its columns: `NAME.x`."""
+    differs_from_row: ClassVar[bool] = False
+    """Whether a reading is the change since the row that ``from`` names."""
+    label_columns: ClassVar[tuple[str, ...]] = ()
+    """Text columns that the recording must have for this sensor."""
+    optional_labels: ClassVar[tuple[str, ...]] = ()
+    """Text columns that it reads where they are."""
+
+    @property
+    def joints(self) -> Mapping[str, str]:
+        """Columns that read a joint itself: to what ``predict`` says of each, the joint's way from its zero is added, after all
+        that effects do to it. By column, the joint's reading."""
+        return {}
+
+    @property
+    def compares(self) -> bool:
+        """Whether readings follow from several rows (see ``comparison``)."""
+        return self.differs_from_row
+
+    @property
+    def compares_itself(self) -> bool:
+        """True if rows are compared with each other and with no measured value, so that no length is measured."""
+        return self.compares and not self.columns
+
+    @property
+    def measures_length(self) -> bool:
+        """True if a reading, or a distance that is stated, tells how large the machine is."""
+        return "mm" in self.columns.values()
+
+    def cautions(self, labels: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
+        """What a user should know of how this sensor takes a recording with such text columns."""
+        return ()
+
+    @property
+    def pointed(self) -> str:
+        """Axis of the tool, x, y or z, whose direction is read; empty where none is."""
+        return ""
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """Further parameters of the machine that ``predict`` reads: ``tool.x`` where it is fixed to the flange."""
+        return ()
+
+    def comparison(self, rows: Rows) -> Comparison | None:
+        """How rows are compared; None where each reading depends on its own row alone."""
+        return Difference(rows.origin) if self.differs_from_row and rows.origin is not None else None
+
+    @classmethod
+    @abstractmethod
+    def build(cls, section: Mapping[str, Any], context: BuildContext) -> Sensor:
+        """Read the section ``sensor`` of the machine file."""
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Constants of the instrument; none where the tool frame says where its target is."""
+        return ()
+
+    @property
+    @abstractmethod
+    def columns(self) -> Mapping[str, str]:
+        """Recording columns and their internal unit."""
+
+    @property
+    def shiftable(self) -> tuple[str, ...]:
+        """Columns that effects may add to (ports ``<column>.reading``): those that are lengths."""
+        return tuple(name for name, unit in self.columns.items() if unit == "mm")
+
+    @property
+    @abstractmethod
+    def channels(self) -> tuple[Channel, ...]:
+        """Residual components, in order."""
+
+    @abstractmethod
+    def predict(self, world: ca.SX, s: Mapping[str, ca.SX]) -> ca.SX:
+        """What the columns should read, (n_columns,)."""
+
+    def residual(self, world: ca.SX, s: Mapping[str, ca.SX], reading: ca.SX) -> ca.SX:
+        """Prediction less reading, one entry a channel; smooth where they agree."""
+        return self.predict(world, s) - reading
+
+    def values(self, world: Array, predicted: Array) -> Array:
+        """(n, n_columns) column values from (n, 4, 4) poses; ``predicted`` (n, n_columns) comes from ``predict``."""
+        return predicted
+
+    def noisy(self, values: Array, rng: np.random.Generator) -> Array:
+        """(n, n_columns) readings: exact ``values`` (n, n_columns) with the instrument's noise."""
+        sigma = np.array([channel.sigma for channel in self.channels])
+        return values + sigma * rng.standard_normal(values.shape)
+
+
+TOOL = tuple(f"tool.{axis}" for axis in AXES)
+
+
+def flange_of(world: ca.SX, s: Mapping[str, ca.SX]) -> ca.SX:
+    """Pose of the flange from that of the tool, for sensors that read the parameters of ``TOOL``."""
+    tool = lie.rpy_transform([s[name] for name in TOOL[:3]], [s[name] for name in TOOL[3:]])
+    turn = tool[:3, :3].T
+    return world @ lie.transform(turn, -turn @ tool[:3, 3])
+
+
+_GIVEN = Kind(
+    "sensor",
+    Sensor,
+    {
+        "build": a(Sensor, "a sensor"),
+        "parameters": a_tuple_of(Parameter, "Parameter"),
+        "columns": a(Mapping, "a mapping from columns to units"),
+        "channels": a_tuple_of(Channel, "Channel"),
+        "predict": no_prediction,
+        "residual": no_residual,
+        "values": no_readings,
+        "noisy": no_readings,
+    },
+)
+sensors: Registry[type[Sensor]] = Registry("sensor type", "truepose.models.sensors", _GIVEN)
