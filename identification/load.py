@@ -1,21 +1,15 @@
-"""Read recordings for a machine, with changes of length counted from photocurrents where files have none."""
+"""Read recordings for a machine, with columns that a leaf can make where files have none (``loading``)."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
-from truepose.errors import InputError
-from truepose.identification.leaves.fringes.lengths import read_fringes, sensor_of, with_lengths
 from truepose.identification.recording.load import Sources, tables
 from truepose.identification.recording.load import load_recording as load_rows
 from truepose.identification.recording.recording import Recording
-from truepose.identification.recording.table import Table
+from truepose.leaves import modules_named
 from truepose.models.given import MachineLike, as_machine
-from truepose.models.sensors.irradiance import Irradiance
 
 
 def load_recording(
@@ -35,34 +29,9 @@ def load_recording(
     says the same), so that nothing is looked for that depends on how joints came to a row.
     """
     machine = as_machine(machine)
-    if irradiance:
-        sensor_of(machine)
     files = tables(source, machine.mechanism.readings)
-    counted = need_observations and any(isinstance(sensor, Irradiance) for sensor in machine.sensors)
-    lacking = _to_count(files, len(irradiance)) if counted else []
-    if not lacking:
-        return load_rows(machine, files, need_observations=need_observations, shuffled=shuffled)
-    rows = load_rows(machine, files, without="dL", shuffled=shuffled)
-    light = {k: Path(p) for k, p in zip(lacking, irradiance, strict=True)}
-    found = read_fringes(machine, rows, light, progress)
-    others = [table for k, table in enumerate(files) if k not in lacking]
-    if others:
-        recorded = ~np.isin(rows.source_file, lacking)
-        found.change[recorded] = load_rows(machine, others).observations["dL"]
-        rows = replace(rows, notes=tuple(note for note in rows.notes if not note.startswith("column 'dL'")))
-    return with_lengths(rows, found)
-
-
-def _to_count(files: Sequence[Table], given: int) -> list[int]:
-    """Which files have no column ``dL``. Raises InputError where as many photocurrents were not given."""
-    lacking = [k for k, table in enumerate(files) if "dL" not in table]
-    if lacking and not given:
-        raise InputError(
-            f"{files[lacking[0]].file}: missing column 'dL', and no --irradiance to count it from"
-        )
-    if given != len(lacking):
-        raise InputError(
-            f"--irradiance: found {given} tables, expected {len(lacking)}: one for each recording "
-            "without a column 'dL', in the same order"
-        )
-    return lacking
+    for leaf in modules_named("loading") if need_observations else ():
+        made: Recording | None = leaf.load_counted(machine, files, irradiance, shuffled, progress)
+        if made is not None:
+            return made
+    return load_rows(machine, files, need_observations=need_observations, shuffled=shuffled)

@@ -35,12 +35,12 @@ def main(machine: str, recording: str, dask: str = "") -> None:
     """Run and print; ``dask``: address of a cluster that sums up the rows."""
     began, stages = time.monotonic(), Stages()
     stages.say("reading and checking")
-    loaded, rows, check = gated(Path(machine), [Path(recording)])
+    loaded, rows, caution = gated(Path(machine), [Path(recording)])
     with rows_on(dask):
         result = diagnose(loaded, rows, progress=stages.say)
     stages.say("writing the report")
     with tempfile.TemporaryDirectory() as folder:
-        write_diagnosis(result, Path(folder), check=check)
+        write_diagnosis(result, Path(folder), caution=caution)
         digest = hashlib.sha256((Path(folder) / "diagnosis.json").read_bytes()).hexdigest()
         size = (Path(folder) / "report.html").stat().st_size
     stages.say("")

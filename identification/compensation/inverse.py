@@ -29,7 +29,7 @@ from truepose.models.machine.home import coordinate_scale
 from truepose.models.machine.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine.machine import Machine
 from truepose.models.task import Task
-from truepose.shown.result import Shown, frame_of
+from truepose.shown.result import Shown, frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -81,7 +81,7 @@ class Inverse(Shown):
         """One row for each pose: the joints (mm, rad or the column's own unit), ``status``, and what is left to the pose in
         ``position`` (mm) and ``rotation`` (rad).
         """
-        return frame_of(self)
+        return frame(self)
 
     def saturated(self, row: int) -> tuple[str, ...]:
         """Joints that the pose of a row asks to leave their range."""

@@ -26,7 +26,7 @@ from truepose.models.machine.home import coordinate_scale
 from truepose.models.machine.kinematics import SymbolicModel
 from truepose.models.machine.machine import Machine
 from truepose.models.task import WHOLE, Task
-from truepose.shown.result import Shown, frame_of
+from truepose.shown.result import Shown, frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -60,7 +60,7 @@ class Compensation(Shown):
         """Commands, one row for each of the path: the joints, ``<joint>.nominal``, then ``before.position``,
         ``before.rotation``, ``after.position``, ``after.rotation`` (errors, mm and rad).
         """
-        return frame_of(self)
+        return frame(self)
 
 
 def ideal_constants(machine: Machine, model: SymbolicModel) -> Array:

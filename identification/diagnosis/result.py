@@ -19,7 +19,7 @@ from truepose.models.effects.empirical import Empirical
 from truepose.models.file.driver import DriverKind
 from truepose.models.file.machine_file import NO_WORSE
 from truepose.models.machine.machine import Machine
-from truepose.shown.result import Shown, Written, frame_of
+from truepose.shown.result import Shown, Written, frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -131,7 +131,7 @@ class Finding(Shown):
 
     def to_frame(self) -> pd.DataFrame:
         """Its coefficients, one a row: ``coefficient``, ``value``, ``std`` (1-sigma), ``unit``."""
-        return frame_of(self)
+        return frame(self)
 
 
 @dataclass(frozen=True)
@@ -315,4 +315,4 @@ class Diagnosis(Written, Fitted):
         ``place_probability``, ``driver`` (what it varies with), ``driver_probability``, ``or_else`` (explanations that are
         as good), ``amplitudes`` (with 1-sigma and unit), ``explanation``, ``experiment`` (that would separate it).
         """
-        return frame_of(self)
+        return frame(self)

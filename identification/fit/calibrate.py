@@ -39,7 +39,7 @@ from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.given import MachineLike, as_machine
 from truepose.models.machine.machine import Machine
-from truepose.shown.result import Written, frame_of
+from truepose.shown.result import Written, frame
 from truepose.wording import meant
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ class Calibration(Written, Fitted):
 
     def to_frame(self) -> pd.DataFrame:
         """The constants of the fit, with the columns of ``Estimate.to_frame``."""
-        return frame_of(self)
+        return frame(self)
 
 
 def calibrate(

@@ -21,7 +21,7 @@ from truepose.identification.prediction.sensor_rows import Block
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine.machine import Machine
-from truepose.shown.result import frame_of
+from truepose.shown.result import frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -226,7 +226,7 @@ class Estimate(Fitted):
 
         mm, rad; coefficients of effects follow in their own units. std is inf where neither readings nor tolerances hold.
         """
-        return frame_of(self)
+        return frame(self)
 
     def fitted_effects(self) -> tuple[PlacedEffect, ...]:
         """The effects with their estimated coefficients."""

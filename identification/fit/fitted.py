@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from truepose.identification.prediction.predict import predict
 from truepose.identification.recording.load import Sources
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine
-from truepose.shown.result import Shown, above
+from truepose.shown.result import Declared, Shown
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+machine_of: Declared[Machine] = Declared("an estimate, a calibration or a diagnosis")
+residual_frame: Declared[pd.DataFrame] = Declared("an estimate, a calibration or a diagnosis")
+residual_figure: Declared[Any] = Declared("an estimate, a calibration or a diagnosis")
 
 
 class Fitted(Shown):
@@ -21,7 +26,7 @@ class Fitted(Shown):
     @cached_property
     def machine(self) -> Machine:
         """The machine as it is read from the file that is written: constants, effects and covariance. Raises InputError."""
-        return cast(Machine, above("fitted", "machine_of")(self))
+        return machine_of(self)
 
     def predict(self, rows: Recording | Sources) -> pd.DataFrame:
         """Predict readings and poses of the machine that was found, with the columns of ``truepose.predict``."""
@@ -33,8 +38,8 @@ class Fitted(Shown):
 
         The index is that of ``Recording.to_frame``. NaN where a row cannot be assembled.
         """
-        return cast("pd.DataFrame", above("fitted", "residual_frame")(self))
+        return residual_frame(self)
 
     def plot(self) -> Any:
         """Draw the residuals of each row; a ``matplotlib.figure.Figure``. Raises InputError without matplotlib."""
-        return above("fitted", "residual_figure")(self)
+        return residual_figure(self)

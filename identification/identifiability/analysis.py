@@ -34,7 +34,7 @@ from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.given import MachineLike, as_machine
-from truepose.shown.result import Shown, frame_of
+from truepose.shown.result import Shown, frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -103,7 +103,7 @@ class Identifiability(Shown):
         """Free constants, one a row: ``parameter``, ``unit``, ``tolerance``, ``std`` (to expect after the measurement, rms over
         machines as built), ``std_at_drawing``, ``status``, ``trades_with`` (names). mm, rad or an effect's own unit.
         """
-        return frame_of(self)
+        return frame(self)
 
 
 def identifiability(

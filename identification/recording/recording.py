@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +19,7 @@ from truepose.arrays import Array, Mask
 from truepose.identification.recording.history import order_in_time
 from truepose.identification.recording.memory import from_order, remembered
 from truepose.models.file.driver import MEASURED_LOADS, OF_THE_ORDER, ROW, TIME, Driver
-from truepose.shown.result import Shown, frame_of
+from truepose.shown.result import Shown, frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -46,8 +46,6 @@ class Recording(Shown):
     known only where rows are compared with each other (`truepose.identification.fit.reading_errors`). uncoupling: takes
     readings to the joints' own motions where some hold the motion of others (`truepose.models.machine.couplings`).
     """
-
-    shown_by: ClassVar[str] = "truepose.identification.recording.recording_view"
 
     joints: tuple[str, ...]
     q: Array  # (n, n_joints)
@@ -276,7 +274,7 @@ class Recording(Shown):
         ``pose``, ``from``, ``session``, ``time`` (s) and ``role`` where recorded, joints, labels, the sensors' columns, then
         drivers. The index is ``row`` of the file, with ``file`` before it where there are several.
         """
-        return frame_of(self)
+        return frame(self)
 
     def where(self, row: int) -> str:
         """File and row of one of these rows, to name it in a message."""

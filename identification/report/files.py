@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import singledispatch
 from pathlib import Path
 from typing import Any
 
@@ -13,39 +12,19 @@ from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.tool_pose import calibrated_pose
 from truepose.identification.fit.write_machine import write_calibrated
-from truepose.identification.leaves.check.result import Check
-from truepose.identification.leaves.check.words import caution, checked
-from truepose.identification.leaves.drift.analysis import Drift
-from truepose.identification.leaves.drift.page import drift_html
-from truepose.identification.leaves.drift.words import drift_json
+from truepose.identification.gate import Caution
 from truepose.identification.report import pages
 from truepose.identification.report.fitted import file_of
 from truepose.identification.report.json_text import json_text
 from truepose.identification.report.results import calibration_json, diagnosis_json
 from truepose.identification.report.row_words import far_row_words
 from truepose.models.file.machine_file import ExpectedPose
+from truepose.shown.result import files, html
 
 REPORT = "report.html"
 
 
-def write_report(result: Calibration | Diagnosis | Drift, path: Path | str) -> Path:
-    """The report of a result as one HTML file; its path."""
-    atomic_write_text(path, _html(result))
-    return Path(path)
-
-
-def write_files(result: Calibration | Diagnosis | Drift, directory: Path | str) -> list[Path]:
-    """All files of a result in a directory; their paths."""
-    output = Path(directory)
-    return [output / name for name in _written(result, output)]
-
-
-@singledispatch
-def _html(result: object) -> str:
-    raise TypeError(f"found a {type(result).__name__}, expected a result with a report")
-
-
-@_html.register
+@html.register
 def _(result: Calibration) -> str:
     far = far_row_words(calibration_json(result, far_rows(result))["rows_that_do_not_fit"])
     return pages.calibration_html(
@@ -53,35 +32,20 @@ def _(result: Calibration) -> str:
     )
 
 
-@_html.register
+@html.register
 def _(result: Diagnosis) -> str:
     return pages.report_html(result)
 
 
-@_html.register
-def _(result: Drift) -> str:
-    return drift_html(result)
-
-
-@singledispatch
-def _written(result: object, output: Path) -> list[str]:
-    raise TypeError(f"found a {type(result).__name__}, expected a result with files")
-
-
-@_written.register
+@files.register
 def _(result: Calibration, output: Path) -> list[str]:
     pose = calibrated_pose(result.fit, result.recording, result.began)
     return write_calibration(result, calibration_json(result, far_rows(result)), output, pose)
 
 
-@_written.register
+@files.register
 def _(result: Diagnosis, output: Path) -> list[str]:
     return write_diagnosis(result, output)
-
-
-@_written.register
-def _(result: Drift, output: Path) -> list[str]:
-    return write_drift(result, output)
 
 
 def write_calibration(
@@ -104,33 +68,33 @@ def write_calibration(
 
 
 def write_diagnosis(
-    result: Diagnosis, output: Path, truth: Mapping[str, Any] | None = None, check: Check | None = None
+    result: Diagnosis, output: Path, truth: Mapping[str, Any] | None = None, caution: Caution | None = None
 ) -> list[str]:
     """``diagnosis.json``, ``improved.yaml`` and ``report.html``, whose last page holds the ``truth`` of a simulation.
 
-    What a ``check`` of the files found stands above all.
+    A ``caution`` stands above all.
     """
     with atomic_directory(output) as partial:
-        _diagnosis_files(result, partial, check)
+        _diagnosis_files(result, partial, caution)
         atomic_write_text(
-            partial / REPORT, pages.report_html(result, truth, caution(check) if check else None)
+            partial / REPORT, pages.report_html(result, truth, caution.sentences if caution else None)
         )
         return sorted(file.name for file in partial.iterdir())
 
 
 def put_both(
-    calibration: Calibration, diagnosis: Diagnosis, check: Check, partial: Path, *, brief: bool = False
+    calibration: Calibration, diagnosis: Diagnosis, caution: Caution, partial: Path, *, brief: bool = False
 ) -> None:
     """What calibrate and diagnose write, into a folder that is not published yet: one ``report.html``, the diagnosis's.
 
     ``brief``: without the report.
     """
-    document = {**calibration_json(calibration, far_rows(calibration)), **checked(check)}
+    document = {**calibration_json(calibration, far_rows(calibration)), **caution.document}
     pose = calibrated_pose(calibration.fit, calibration.recording, calibration.began)
     _calibration_files(calibration, document, partial, pose)
-    _diagnosis_files(diagnosis, partial, check)
+    _diagnosis_files(diagnosis, partial, caution)
     if not brief:
-        atomic_write_text(partial / REPORT, pages.report_html(diagnosis, None, caution(check)))
+        atomic_write_text(partial / REPORT, pages.report_html(diagnosis, None, caution.sentences))
 
 
 def _calibration_files(
@@ -140,16 +104,9 @@ def _calibration_files(
     atomic_write_text(partial / "fit.json", json_text(document))
 
 
-def _diagnosis_files(result: Diagnosis, partial: Path, check: Check | None) -> None:
-    found = {} if check is None else checked(check)
-    atomic_write_text(partial / "diagnosis.json", json_text({**diagnosis_json(result), **found}))
+def _diagnosis_files(result: Diagnosis, partial: Path, caution: Caution | None) -> None:
+    atomic_write_text(
+        partial / "diagnosis.json",
+        json_text({**diagnosis_json(result), **(caution.document if caution else {})}),
+    )
     write_calibrated(partial / "improved.yaml", **file_of(result))
-
-
-def write_drift(result: Drift, output: Path, check: Check | None = None) -> list[str]:
-    """``drift.json`` and ``report.html``; their names. What a ``check`` of the files found stands above all."""
-    found = {} if check is None else checked(check)
-    with atomic_directory(output) as partial:
-        atomic_write_text(partial / "drift.json", json_text({**drift_json(result), **found}))
-        atomic_write_text(partial / REPORT, drift_html(result, caution(check) if check else ()))
-        return sorted(file.name for file in partial.iterdir())

@@ -13,7 +13,7 @@ from truepose.errors import InputError
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.estimate import Estimate
-from truepose.identification.fit.fitted import Fitted
+from truepose.identification.fit.fitted import Fitted, machine_of, residual_figure, residual_frame
 from truepose.identification.fit.tool_pose import calibrated_pose
 from truepose.identification.fit.write_machine import calibrated_text
 from truepose.identification.report.applied_words import expected_pose
@@ -45,14 +45,16 @@ def _(result: Diagnosis) -> dict[str, Any]:
     return {"estimate": result.after, "recording": result.recording, "pose": pose, "judgement": judgement}
 
 
-def machine_of(result: Fitted) -> Machine:
+@machine_of.register
+def _(result: Fitted) -> Machine:
     """Return the machine of a result as its file would be read. Raises InputError where the machine has no file."""
     told = file_of(result)
     file = told["estimate"].nominal.file
     return calibrated_text(file.path if file else "", **told)[1]
 
 
-def residual_frame(result: Fitted) -> pd.DataFrame:
+@residual_frame.register
+def _(result: Fitted) -> pd.DataFrame:
     """Return the residuals (n, m) of a result's fit in the machine file's units, and which rows were fitted."""
     fit: Estimate = file_of(result)["estimate"]
     units, index = fit.nominal.units, fit.recording.to_frame().index
@@ -64,7 +66,8 @@ def residual_frame(result: Fitted) -> pd.DataFrame:
     return pd.DataFrame({**columns, "fitted": fit.used}, index=index)
 
 
-def residual_figure(result: Fitted) -> Any:
+@residual_figure.register
+def _(result: Fitted) -> Any:
     """Return a figure with a panel for each kind of reading: the size of each row's residual, before and after."""
     try:
         from matplotlib.figure import Figure

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import singledispatch
-
 import numpy as np
 import pandas as pd
 
@@ -14,29 +12,15 @@ from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.identifiability.analysis import Identifiability
 from truepose.identification.identifiability.observability import identifiable
-from truepose.identification.leaves.drift.analysis import Drift
-from truepose.identification.leaves.drift.sizes import Movement
-from truepose.identification.leaves.planning.discriminate.result import Experiment
-from truepose.identification.leaves.planning.plan import Plan
-from truepose.identification.leaves.planning.pose_tables import experiment_table, plan_table
 from truepose.identification.report.diagnosis_words import explanation, separating_experiment
 from truepose.identification.report.results import drawing_of, unbounded
+from truepose.shown.result import frame
 
 CONSTANTS = ["parameter", "value", "std", "nominal", "unit", "tolerance", "in_tolerances", "identifiable"]
 FINDINGS = [
     "effect", "place", "probability", "place_probability", "driver", "driver_probability", "or_else",
     "amplitudes", "explanation", "experiment",
 ]  # fmt: skip
-MOVEMENTS = [
-    "parameter", "status", "probability", "change", "std", "unit", "rate", "rate_std", "steady", "hidden",
-    "extrinsic",
-]  # fmt: skip
-
-
-@singledispatch
-def frame(result: object) -> pd.DataFrame:
-    """The table of a result."""
-    raise TypeError(f"found a {type(result).__name__}, expected a result")
 
 
 @frame.register
@@ -96,18 +80,6 @@ def _(found: Finding) -> pd.DataFrame:
 
 
 @frame.register
-def _(found: Drift) -> pd.DataFrame:
-    return pd.DataFrame([_movement(one) for one in found.movements], columns=MOVEMENTS)
-
-
-def _movement(one: Movement) -> tuple[object, ...]:
-    change, std = (one.change[-1], one.std[-1]) if one.change else (np.nan, np.nan)
-    rate, rate_std = (np.nan if value is None else value for value in (one.rate, one.rate_std))
-    moved = (one.name, one.status, one.probability, change, std, one.unit)
-    return (*moved, rate, rate_std, one.steady, one.hidden, one.extrinsic)
-
-
-@frame.register
 def _(found: Identifiability) -> pd.DataFrame:
     rows = [
         (p.name, p.unit, p.tolerance, p.std, p.std_at_drawing, p.status, ", ".join(p.partners))
@@ -115,16 +87,6 @@ def _(found: Identifiability) -> pd.DataFrame:
     ]
     columns = ["parameter", "unit", "tolerance", "std", "std_at_drawing", "status", "trades_with"]
     return pd.DataFrame(rows, columns=columns)
-
-
-@frame.register
-def _(found: Plan) -> pd.DataFrame:
-    return plan_table(found)
-
-
-@frame.register
-def _(found: Experiment) -> pd.DataFrame:
-    return experiment_table(found)
 
 
 @frame.register

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from truepose.identification.diagnosis.result import Diagnosis
-from truepose.identification.leaves.check.rows import Left, column_words, row_words
-from truepose.identification.leaves.check.weighing import FAR
+from truepose.identification.fit.standing_out import FAR, Left, column_words, row_words
 
 
 def left_words(diagnosis: Diagnosis) -> str:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 COLUMNS, LINES = 110, 25
 """Widest line, and most lines, of what is told of a result."""
 CUT = " ..."
+_CAUTIONS = 3
 
 
 def wrapped(text: str, indent: int = 2, most: int = 2) -> list[str]:
@@ -44,4 +45,11 @@ def listed(
     return out
 
 
-__all__ = ["COLUMNS", "LINES", "listed", "several_lines", "wrapped"]
+def caution_lines(sentences: Sequence[str]) -> list[str]:
+    """Return what stands above a result: the first three sentences, two lines each."""
+    shown = [line for text in sentences[:_CAUTIONS] for line in wrapped(text, indent=0)]
+    left = len(sentences) - _CAUTIONS
+    return [*shown, f"and {left} more: see report.html"] if left > 0 else shown
+
+
+__all__ = ["COLUMNS", "LINES", "caution_lines", "listed", "several_lines", "wrapped"]

@@ -10,10 +10,7 @@ from truepose.identification.compensation.rows import Compensation
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.identifiability.analysis import Identifiability
-from truepose.identification.leaves.drift.analysis import Drift
-from truepose.identification.leaves.planning.plan import Plan
-from truepose.models.units import convert
-from truepose.shown.drawing import bars, dots, strips
+from truepose.shown.drawing import bars, dots
 
 SHOWN = 12
 
@@ -38,33 +35,12 @@ def before_and_after(found: Diagnosis) -> str:
     return residuals({**fits, "after": found.after} if found.terms else fits)
 
 
-def movements(found: Drift) -> str:
-    """What moved most, in its own uncertainty."""
-    sizes = {m.name: m.change[-1] / m.std[-1] for m in found.movements if m.change and m.std[-1] > 0}
-    largest = dict(sorted(sizes.items(), key=lambda item: -abs(item[1]))[:SHOWN])
-    return bars(largest, title="change from the first session to the last, in 1-sigma") if largest else ""
-
-
 def sights(found: Identifiability) -> str:
     """Which constants the readings say least about."""
     left = {p.name: p.std / p.tolerance for p in found.parameters if 0.0 < p.tolerance < np.inf}
     most = dict(sorted(left.items(), key=lambda item: -round(item[1], 6))[:SHOWN])
     title = "1-sigma to expect, in tolerances: 1 says that the readings tell nothing"
     return bars(most, title=title, limit=1.0) if most else ""
-
-
-def poses(found: Plan) -> str:
-    """Where the poses lie in the joints' ranges."""
-    values, ends = {}, {}
-    for k, actuator in enumerate(found.machine.mechanism.actuators[:SHOWN]):
-        unit = found.machine.column_unit(actuator.reading)
-        column = convert(found.q[:, k], actuator.reading_unit, unit)
-        low, high = actuator.range or (float(found.q[:, k].min()), float(found.q[:, k].max()))
-        ends[actuator.reading] = tuple(convert(end, actuator.reading_unit, unit) for end in (low, high))
-        values[actuator.reading] = column.tolist()
-    return strips(
-        values, {name: (a, b) for name, (a, b) in ends.items()}, title="poses in the joints' ranges"
-    )
 
 
 def path_errors(found: Compensation) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial, singledispatch
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,17 +17,10 @@ from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.summary import FitSummary, summarise
 from truepose.identification.identifiability.analysis import Identifiability
-from truepose.identification.leaves.drift import words as drift_words
-from truepose.identification.leaves.drift.analysis import Drift
-from truepose.identification.leaves.planning.discriminate.result import Experiment
-from truepose.identification.leaves.planning.discriminate.words import sentences
-from truepose.identification.leaves.planning.plan import Plan
-from truepose.identification.leaves.planning.words import plan_lines, plan_notes
 from truepose.identification.report import diagnosis_words, pictures
 from truepose.identification.report.applied_words import applied_words
 from truepose.identification.report.calibration_words import calibrated_words
 from truepose.identification.report.compensation_words import error_sentence
-from truepose.identification.report.frames import frame
 from truepose.identification.report.identifiability_words import (
     poses_line,
     quantity,
@@ -42,16 +35,11 @@ from truepose.identification.report.unseen_words import unseen_sentences
 from truepose.identification.report.untestable_words import untestable_lines
 from truepose.identification.report.verdict_reasons import doubts
 from truepose.models.machine.machine import Machine
+from truepose.shown.result import frame, view
 from truepose.shown.view import View
 from truepose.wording import shortened
 
 MOST = 12
-
-
-@singledispatch
-def view(result: object) -> View:
-    """What there is to see of a result."""
-    raise TypeError(f"found a {type(result).__name__}, expected a result")
 
 
 @view.register
@@ -172,34 +160,6 @@ def _(found: Finding) -> View:
 
 
 @view.register
-def _(found: Drift) -> View:
-    order = ("moved", "perhaps", "anew", "still", "masked", "unseen")
-    rows = tuple(
-        (
-            m.name,
-            m.status,
-            measure(m.change[-1], m.unit) if m.change else "",
-            measure(m.std[-1] if m.change else m.hidden, m.unit, 2),
-            percent(m.probability),
-        )
-        for m in sorted(found.movements, key=lambda m: order.index(m.status))
-    )
-    return View(
-        f"Drift of {drift_words.headline(found)}",
-        facts=(
-            f"sessions: {shortened(list(found.labels), MOST)}",
-            *drift_words.moved_sentences(found),
-            *drift_words.durability_sentences(found),
-            *(f"note: {text}" for text in drift_words.drift_notes(found)),
-        ),
-        head=("parameter", "status", "change in all", "1-sigma", "probability"),
-        rows=rows,
-        more="to_frame() has all constants",
-        picture=partial(pictures.movements, found),
-    )
-
-
-@view.register
 def _(found: Identifiability) -> View:
     blind = unseen_sentences(found.unseen)
     facts = [
@@ -222,31 +182,6 @@ def _(found: Identifiability) -> View:
 def _left(std: float, tolerance: float) -> float:
     """What is left of a tolerance, to what is no rounding; more than anything where nothing decides."""
     return round(std / tolerance, 6) if np.isfinite(tolerance) else float(np.inf if np.isinf(std) else 0.0)
-
-
-@view.register
-def _(found: Plan) -> View:
-    table = frame(found)
-    return View(
-        f"Plan of {len(found.q)} poses to calibrate {found.machine.name}: {found.method}, seed {found.seed}",
-        facts=(*plan_lines(found), *(f"note: {text}" for text in plan_notes(found))),
-        head=tuple(map(str, table.columns)),
-        rows=tuple(tuple(f"{value:g}" for value in row) for row in table.itertuples(index=False)),
-        more="to_frame() has all poses, in the units of the machine file",
-        picture=partial(pictures.poses, found),
-    )
-
-
-@view.register
-def _(found: Experiment) -> View:
-    table = frame(found)
-    return View(
-        f"Experiment of {len(table)} rows on {found.machine.name}, seed {found.seed}",
-        facts=(*sentences(found), *(f"note: {text}" for text in worded(found.notes))),
-        head=tuple(map(str, table.columns)),
-        rows=tuple(tuple(f"{value:g}" for value in row) for row in table.itertuples(index=False)),
-        more="to_frame() has all rows, in the units of the machine file",
-    )
 
 
 @view.register
@@ -280,6 +215,3 @@ def _(found: Inverse) -> View:
         ),
         more="to_frame() has all poses",
     )
-
-
-__all__ = ["frame", "view"]

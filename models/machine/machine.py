@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Literal
 
 from truepose.models.file.driver import RECORDING, DeclaredDriver, Driver, DriverKind
 from truepose.models.file.machine_file import MachineFile
@@ -18,7 +18,7 @@ from truepose.models.machine.placed import PlacedEffect
 from truepose.models.machine.sensor import Channel, Sensor
 from truepose.models.machine.view import TOOL, TOOL_IN_WORLD, View
 from truepose.models.units import UnitSystem
-from truepose.shown.result import Shown, frame_of
+from truepose.shown.result import Shown, frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -125,8 +125,6 @@ class Machine(Shown):
     ``notes`` say what was taken from elsewhere than the file. ``drivers`` are names of columns; of those that
     ``declared_drivers`` holds, units are known.
     """
-
-    shown_by: ClassVar[str] = "truepose.models.machine.machine_view"
 
     name: str
     mechanism: Mechanism
@@ -299,7 +297,7 @@ class Machine(Shown):
 
         mm, rad; coefficients of effects follow in their own units, NaN where there is no drawing.
         """
-        return frame_of(self)
+        return frame(self)
 
     def with_effects(self, effects: tuple[PlacedEffect, ...]) -> Machine:
         """The same machine with these effects and no others."""

@@ -91,7 +91,12 @@ __all__ = [
 def __getattr__(name: str) -> object:
     if name not in _HOMES:
         raise AttributeError(f"module 'truepose' has no attribute {name!r}")
-    return getattr(_importlib.import_module(_HOMES[name]), name)
+    try:
+        return getattr(_importlib.import_module(_HOMES[name]), name)
+    except ModuleNotFoundError as exc:
+        if ".leaves." not in _HOMES[name] or not (exc.name or "").startswith("truepose."):
+            raise
+        raise AttributeError(f"truepose.{name}: its part of truepose is not installed") from None
 
 
 def __dir__() -> list[str]:

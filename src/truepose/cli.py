@@ -24,14 +24,7 @@ from truepose.commands.schema import schema
 from truepose.commands.tables import predict, simulate
 from truepose.commands.try_columns import WithTryColumns
 from truepose.demo import demo
-from truepose.identification.leaves.check.command import check
-from truepose.identification.leaves.drift.command import drift
-from truepose.identification.leaves.fleet.command import fleet
-from truepose.identification.leaves.importing.command import import_
-from truepose.identification.leaves.photogrammetry.command import poses
-from truepose.identification.leaves.planning.command import plan
-from truepose.models.leaves.export.command import export
-from truepose.models.leaves.starting.command import init
+from truepose.leaves import modules_named
 
 app = typer.Typer(
     name="truepose",
@@ -61,12 +54,25 @@ def _quietable(command: Callable[..., None]) -> Callable[..., None]:
     return run
 
 
-for _command in (
-    demo, init, check, calibrate, diagnose, identifiability, drift, fleet, plan, poses, predict, simulate, compensate,
-    codegen, export, effects, schema,
-):  # fmt: skip
-    app.command(cls=WithTryColumns if _command is diagnose else OneLineCommand)(_quietable(_command))
-app.command("import", cls=OneLineCommand)(_quietable(import_))
+ORDER = (
+    "demo", "init", "check", "calibrate", "diagnose", "identifiability", "drift", "fleet", "plan", "poses", "predict",
+    "simulate", "compensate", "codegen", "export", "effects", "schema", "import",
+)  # fmt: skip
+"""How the help lists commands: in the order of the work, then others by name."""
+
+
+def commands() -> dict[str, Callable[..., None]]:
+    """Return the commands of the kernel and of the leaves; a leaf's takes the place of the kernel's of the same name."""
+    kernel = (
+        demo, calibrate, diagnose, identifiability, predict, simulate, compensate, codegen, effects, schema,
+    )  # fmt: skip
+    leaves = (command for leaf in modules_named("command") for command in leaf.COMMANDS)
+    named = {command.__name__.strip("_"): command for command in (*kernel, *leaves)}
+    return dict(sorted(named.items(), key=lambda item: (*ORDER, item[0]).index(item[0])))
+
+
+for _name, _command in commands().items():
+    app.command(_name, cls=WithTryColumns if _name == "diagnose" else OneLineCommand)(_quietable(_command))
 app.command(
     hidden=True,
     add_help_option=False,

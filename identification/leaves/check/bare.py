@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.identification.fit.standing_out import FAR
 from truepose.identification.leaves.check.result import Found
 from truepose.identification.leaves.check.rig import Rig, Stand
-from truepose.identification.leaves.check.weighing import FAR, USUAL_REACH, reach
+from truepose.identification.leaves.check.weighing import USUAL_REACH, reach
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.angle_range import beyond
 from truepose.identification.recording.recording import Recording

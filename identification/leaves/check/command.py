@@ -60,4 +60,4 @@ def check(
             raise typer.Exit(BAD_INPUT)
 
 
-__all__ = ["check"]
+COMMANDS = (check,)

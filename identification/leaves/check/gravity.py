@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from truepose.identification.fit.standing_out import FAR
 from truepose.identification.leaves.check.drawing import Problem, linearised, without
 from truepose.identification.leaves.check.result import Found
 from truepose.identification.leaves.check.rig import Rig
 from truepose.identification.leaves.check.slip import USUAL
-from truepose.identification.leaves.check.weighing import CERTAIN, FAR, Weighed, evidence
+from truepose.identification.leaves.check.weighing import CERTAIN, Weighed, evidence
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from truepose.identification.leaves.check.pair import Pair
 from truepose.identification.leaves.check.slip import Mend
 from truepose.identification.signatures.untestable import Missing
-from truepose.shown.result import Shown, frame_of
+from truepose.shown.result import Shown, frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -60,7 +60,6 @@ class Check(Shown):
     all of it mended and constants within their tolerances.
     """
 
-    shown_by: ClassVar[str] = "truepose.identification.leaves.check.words"
     found: tuple[Found, ...]
     rows: int
     left: float | None
@@ -85,7 +84,7 @@ class Check(Shown):
 
     def to_frame(self) -> pd.DataFrame:
         """One finding a row: ``kind``, ``where``, ``verdict``, ``before``, ``after``, ``unit``, ``says``, ``fix``."""
-        return frame_of(self)
+        return frame(self)
 
     def document(self) -> dict[str, Any]:
         """``truepose/check/1``."""

@@ -14,6 +14,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.identification.fit.standing_out import FAR
 from truepose.identification.leaves.check.alignment import Frames
 from truepose.identification.leaves.check.drawing import Settled, expected, settle
 from truepose.identification.leaves.check.rig import ABSURD, KEPT, Rig, Scene, Stand, motion
@@ -29,8 +30,6 @@ WORTH = 8.0
 LEAST = 0.1
 """Sigmas below which no misfit counts as smaller."""
 CERTAIN = 0.99
-FAR = 4.0
-"""Sigmas of misfit, and tolerances of departures, that any fit may leave."""
 USUAL_REACH, DECADES = 500.0, 0.5
 """mm: the longest dimension of a robot, roughly; and by how many decades (1-sigma) robots are larger or smaller."""
 PHYSICS = 0.2
@@ -219,7 +218,6 @@ def best_of(every: Iterable[Weighed]) -> Weighed:
 
 __all__ = [
     "CERTAIN",
-    "FAR",
     "NOWHERE_ELSE",
     "PHYSICS",
     "Hypothesis",

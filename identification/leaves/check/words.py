@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import pandas as pd
-
 from truepose.identification.leaves.check.result import Check, Found
 from truepose.identification.report.lines import wrapped
 from truepose.identification.report.untestable_words import missing_words
-from truepose.shown.view import View
 
-_CAUTIONS = 3
-_VERDICTS = {
+VERDICTS = {
     "ok": "ok: the recording fits the machine file",
     "suspect": "suspect: the recording may not belong to the machine file as it stands",
     "wrong": "wrong: the recording does not belong to the machine file as it stands",
@@ -21,7 +17,7 @@ _VERDICTS = {
 
 def check_lines(check: Check, written: Sequence[str] = ()) -> list[str]:
     """Lines of ``truepose check``."""
-    lines = [_VERDICTS[check.verdict]]
+    lines = [VERDICTS[check.verdict]]
     for found in check.found:
         lines.append(f"  {found.kind}: {found_words(found)}")
         lines.append(f"    to mend: {found.fix}")
@@ -68,27 +64,6 @@ def caution(check: Check) -> list[str]:
     return [f"{f.verdict.upper()}: {f.kind}: {found_words(f)}; {f.fix}" for f in check.found]
 
 
-def caution_lines(check: Check) -> list[str]:
-    """The same for a terminal: the first three, two lines each."""
-    shown = [line for text in caution(check)[:_CAUTIONS] for line in wrapped(text, indent=0)]
-    left = len(check.found) - _CAUTIONS
-    return [*shown, f"and {left} more: see report.html"] if left > 0 else shown
-
-
 def checked(check: Check) -> dict[str, object]:
     """What a result's JSON holds of a check: nothing where all is well."""
     return {"check": check.document()} if check.found else {}
-
-
-def view(check: Check) -> View:
-    """What there is to see of a check: the lines of the command, and its findings as a table."""
-    rows = tuple((f.kind, ", ".join(f.where), f.verdict, f.says) for f in check.found)
-    facts = tuple(line.strip() for line in check_lines(check)[1:])
-    return View(f"Check: {_VERDICTS[check.verdict]}", facts, ("kind", "where", "verdict", "what"), rows)
-
-
-def frame(check: Check) -> pd.DataFrame:
-    """The findings of a check, as ``Check.to_frame`` says."""
-    columns = ("kind", "where", "verdict", "before", "after", "unit", "says", "fix")
-    told = [{**f.document(), "where": ", ".join(f.where)} for f in check.found]
-    return pd.DataFrame([[one[name] for name in columns] for one in told], columns=list(columns))

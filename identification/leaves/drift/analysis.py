@@ -32,7 +32,7 @@ from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.given import MachineLike, as_machine
 from truepose.models.machine.machine import Machine
-from truepose.shown.result import Written, frame_of
+from truepose.shown.result import Written, frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -79,7 +79,7 @@ class Drift(Written):
 
         mm, rad or an effect's own unit. change and rate are NaN where the constant is taken as common to all sessions.
         """
-        return frame_of(self)
+        return frame(self)
 
 
 def drift(

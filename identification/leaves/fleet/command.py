@@ -131,4 +131,4 @@ def _pool(workers: int, dask: str) -> Iterator[Pool]:
         yield found
 
 
-__all__ = ["fleet"]
+COMMANDS = (fleet,)

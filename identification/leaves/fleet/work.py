@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import html
 import threading
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -25,8 +26,8 @@ from truepose.threads import one_thread
 if TYPE_CHECKING:
     from truepose.identification.diagnosis.result import Diagnosis
     from truepose.identification.fit.calibrate import Calibration
+    from truepose.identification.gate import Caution
     from truepose.identification.learned_prior import LearnedPrior
-    from truepose.identification.leaves.check.result import Check
     from truepose.identification.recording.recording import Recording
     from truepose.models.machine.machine import Machine
 
@@ -73,7 +74,7 @@ class Task:
 
 @dataclass(frozen=True)
 class _Result:
-    check: Check
+    caution: Caution
     calibration: Calibration
     diagnosis: Diagnosis
 
@@ -110,20 +111,19 @@ def _tried(task: Task) -> _Result | Record:
 def _worked_out(task: Task) -> _Result | Record:
     from truepose.identification.diagnosis.engine import diagnose
     from truepose.identification.fit.calibrate import calibrate
-    from truepose.identification.leaves.check.run import check_files
-    from truepose.identification.leaves.check.words import refusal
+    from truepose.identification.gate import load_checked
 
     for plugin in task.options.plugins:
         _load(plugin)
     member, options = task.member, task.options
     assert member.machine is not None
-    check, machine, rows = check_files(member.machine, member.recordings, shuffled=options.shuffled)
-    if machine is None or rows is None or (check.verdict == "wrong" and not options.anyway):
-        return task.record("wrong", refusal(check))
+    caution, machine, rows = load_checked(member.machine, member.recordings, shuffled=options.shuffled)
+    if machine is None or rows is None or (caution.refusal and not options.anyway):
+        return task.record("wrong", caution.refusal)
     machine, rows = _seen_from(task, machine, rows)
     learned = None if options.prior is None else _prior(options.prior)
     diagnosis = diagnose(machine, rows, prior=learned)
-    return _Result(_told_check(task, check), calibrate(machine, rows), diagnosis)
+    return _Result(_told_caution(task, caution), calibrate(machine, rows), diagnosis)
 
 
 @cache
@@ -151,9 +151,17 @@ def _seen_from(task: Task, machine: Machine, rows: Recording) -> tuple[Machine, 
     return machine, replace(rows, files=tuple(map(told, rows.files)), notes=tuple(map(told, rows.notes)))
 
 
-def _told_check(task: Task, check: Check) -> Check:
-    found = tuple(replace(one, says=task.told(one.says), fix=task.told(one.fix)) for one in check.found)
-    return replace(check, found=found)
+def _told_caution(task: Task, caution: Caution) -> Caution:
+    document = {name: _told(task, value) for name, value in caution.document.items()}
+    return replace(caution, sentences=tuple(map(task.told, caution.sentences)), document=document)
+
+
+def _told(task: Task, value: object) -> object:
+    if isinstance(value, Mapping):
+        return {name: _told(task, one) for name, one in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [_told(task, one) for one in value]
+    return task.told(value) if isinstance(value, str) else value
 
 
 def _record(task: Task, result: _Result) -> Record:
@@ -165,7 +173,7 @@ def _record(task: Task, result: _Result) -> Record:
     document, judgement = diagnosis_json(result.diagnosis), diagnosis_judgement(result.diagnosis)
     return replace(
         task.record("done" if judgement.calibrated else "refused", "; ".join(judgement.why)),
-        figures=figures_of(document, result.check.verdict),
+        figures=figures_of(document, result.caution.verdict),
         parameters=parameters_of(document),
         evidence=finite(kept(result.diagnosis)),
     )
@@ -180,5 +188,5 @@ def _write(task: Task, record: Record, result: _Result | None) -> None:
             (task.output / name).unlink()
     with atomic_directory(task.output) as partial:
         if result is not None:
-            put_both(result.calibration, result.diagnosis, result.check, partial, brief=task.options.brief)
+            put_both(result.calibration, result.diagnosis, result.caution, partial, brief=task.options.brief)
         atomic_write_text(partial / RECORD, record.text() + "\n")

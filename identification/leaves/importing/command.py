@@ -251,3 +251,6 @@ def _finish(
             f"then: truepose diagnose {machine} {output} -o result",
         ]
     finish(summary, lines, notes, as_json=as_json)
+
+
+COMMANDS = (import_,)

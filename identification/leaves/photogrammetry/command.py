@@ -87,3 +87,6 @@ def _finish(frame: pd.DataFrame, output: Path, as_json: bool) -> None:
     notes = [f"row {row}: points that hardly fit the rigid body: {names}" for row, names in bent.items()]
     lines = [f"{output}: {len(frame)} rows, chi2 per degree of freedom {fit:.3g} (median)"]
     finish(summary, lines, notes, as_json=as_json)
+
+
+COMMANDS = (poses,)

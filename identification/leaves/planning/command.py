@@ -176,3 +176,6 @@ def _discriminate(wanted: _Wanted, asked: Request) -> None:
     summary |= {"columns": [str(c) for c in frame.columns], **told, "files": [str(wanted.output)]}
     heading = f"{wanted.output}: {len(frame)} rows"
     finish(summary, [heading, *lines], worded(found.notes), as_json=wanted.as_json)
+
+
+COMMANDS = (plan,)

@@ -24,7 +24,7 @@ from truepose.identification.leaves.planning.rounding import rounded
 from truepose.identification.leaves.planning.supply import Supply
 from truepose.models.given import MachineLike, as_machine
 from truepose.models.machine.machine import Machine
-from truepose.shown.result import Shown, frame_of
+from truepose.shown.result import Shown, frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -84,7 +84,7 @@ class Plan(Shown):
         """The rows that ``truepose plan`` writes: ``pose``, ``from`` where readings are changes, then the joints, in the units
         of the machine file.
         """
-        return frame_of(self)
+        return frame(self)
 
     def repeats(self, share: float) -> int:
         """How many poses have an earlier one whose joints are all within ``share`` of their ranges."""

@@ -1,4 +1,4 @@
-"""What ``compensate`` does with a robot program: its options, and the correction of its targets in place."""
+"""``compensate`` for tables and robot programs: its options for a program, whose targets are corrected in place."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from truepose.commands.common import pairs
+from truepose.commands.common import AnywayOption, FileOption, JsonOption, MachineArg, PluginOption, pairs
+from truepose.commands.compensate import Corrected, MethodOption, compensate_table, correct_and_tell
 from truepose.errors import InputError, ReadBackError
 from truepose.files import atomic_file
 
@@ -66,6 +67,50 @@ TurnOption = Annotated[
 ]
 
 
+PathArg = Annotated[
+    Path,
+    typer.Argument(
+        metavar="PATH",
+        help="Rows of nominal joint values, or of tool poses x y z rx ry rz in the base frame; or a robot program "
+        "(.src .dat .mod .script).",
+    ),
+]
+
+
+def compensate(
+    machine: MachineArg,
+    path: PathArg,
+    output: FileOption,
+    method: MethodOption = "exact",
+    dialect: DialectOption = None,
+    base: BaseOption = None,
+    tool: ToolOption = None,
+    frame: FrameOption = None,
+    at: AtOption = None,
+    limit: LimitOption = 5.0,
+    limit_angle: TurnOption = 1.0,
+    anyway: AnywayOption = False,
+    as_json: JsonOption = False,
+    plugin: PluginOption = None,
+) -> None:
+    """Commands that put the real tool where nominal joints and links, with the calibrated tool, would put it.
+
+    MACHINE is a calibrated.yaml or improved.yaml; its effects use the path's drivers (payload, temperatures, time). Its task:
+    says which components of the pose are met; without one, fewer than six joints meet what they can hold.
+    A table comes back with the joints' columns corrected. In a robot program (KUKA .src and .dat, ABB .mod, URScript) the
+    numbers of the targets are corrected where they stand, or where a motion names them; what cannot be is listed by line.
+
+    Example: truepose compensate fit/calibrated.yaml path.csv -o commands.csv
+
+    Example: truepose compensate fit/calibrated.yaml job.src -o job_corrected.src --frame "BASE_DATA[1]=800,0,400,0,0,0"
+    """
+    options = Options(dialect, base, tool, frame or (), at or (), limit, limit_angle)
+    correct_and_tell(
+        lambda loaded: _corrected(loaded, path, output, method, options),
+        machine, output, anyway=anyway, as_json=as_json, plugin=plugin,
+    )  # fmt: skip
+
+
 @dataclass(frozen=True)
 class Options:
     """What the command line says of a program."""
@@ -89,9 +134,22 @@ class Options:
                 )
 
 
-def correct_program(
+def _corrected(machine: Machine, path: Path, output: Path, method: str, options: Options) -> Corrected:
+    """Write the commands for a table or a robot program."""
+    from truepose.identification.leaves.programs.dialects import dialect_of
+
+    known = dialect_of(path, options.dialect)
+    if known is None:
+        options.unused()
+        return compensate_table(machine, path, output, method)
+    if method != "exact":
+        raise InputError(f"--method: found {method!r} with a robot program, expected exact")
+    return _correct_program(machine, known, path, output, options)
+
+
+def _correct_program(
     machine: Machine, dialect: Dialect, path: Path, output: Path, options: Options
-) -> tuple[dict[str, object], list[str], list[str]]:
+) -> Corrected:
     """Correct a program's targets; summary, lines and notes. Nothing is written where nothing can be corrected."""
     from truepose.identification.leaves.programs.correct import correct
     from truepose.identification.leaves.programs.dialects import beside, text_of
@@ -136,3 +194,6 @@ def _value(name: str, text: str) -> float:
         return float(text)
     except ValueError:
         raise InputError(f"--at {name}: found {text!r}, expected a number") from None
+
+
+COMMANDS = (compensate,)

@@ -13,11 +13,11 @@ from truepose.identification.fit.estimate import Estimate
 from truepose.identification.report.document import Block, Charts, Fold, Section, Table, Text
 from truepose.identification.report.figures import parameters
 from truepose.identification.report.figures.parameters import Departures
-from truepose.identification.report.frames import frame
 from truepose.identification.report.mount_words import mount_blocks
 from truepose.identification.report.numbers import significant, unit_symbol
 from truepose.identification.report.plain_names import plain_names
 from truepose.models.machine.machine import Machine
+from truepose.shown.result import frame
 
 FEW = 12
 """Coefficients of effects up to which they stand among the constants."""

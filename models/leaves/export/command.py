@@ -69,3 +69,6 @@ def export(
             "files": [str(output)],
         }
         finish(summary, [str(output)], done.notes, as_json=as_json)
+
+
+COMMANDS = (export,)

@@ -1,4 +1,4 @@
-"""Bundled nominal machines, one file each in ``models/leaves/starting/bundled_arms``: constants as their makers publish them, each with its source.
+"""Bundled nominal machines, one file each in ``bundled_arms``: constants as their makers publish them, each with its source.
 
 A file has ``title``, ``sources``, ``notes``, ``mechanism`` (a section of a machine file, mm and deg), and what its source
 says beyond: ``gravity``, ``masses``, ``tolerances``, ``frames``, ``sensor``.

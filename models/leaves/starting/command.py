@@ -169,3 +169,6 @@ def _from_questions() -> Start:
     from truepose.models.leaves.starting.asked import asked_start
 
     return asked_start(lambda question, default: str(typer.prompt(question, default=default, err=True)))
+
+
+COMMANDS = (init,)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,19 +19,7 @@ from truepose.commands.common import (
     progress,
     reported,
 )
-from truepose.errors import InputError
 from truepose.files import atomic_file
-from truepose.identification.leaves.programs.command import (
-    AtOption,
-    BaseOption,
-    DialectOption,
-    FrameOption,
-    LimitOption,
-    Options,
-    ToolOption,
-    TurnOption,
-    correct_program,
-)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -41,8 +30,7 @@ PathArg = Annotated[
     Path,
     typer.Argument(
         metavar="PATH",
-        help="Rows of nominal joint values, or of tool poses x y z rx ry rz in the base frame; or a robot program "
-        "(.src .dat .mod .script).",
+        help="Rows of nominal joint values, or of tool poses x y z rx ry rz in the base frame.",
     ),
 ]
 MethodOption = Annotated[
@@ -59,13 +47,6 @@ def compensate(
     path: PathArg,
     output: FileOption,
     method: MethodOption = "exact",
-    dialect: DialectOption = None,
-    base: BaseOption = None,
-    tool: ToolOption = None,
-    frame: FrameOption = None,
-    at: AtOption = None,
-    limit: LimitOption = 5.0,
-    limit_angle: TurnOption = 1.0,
     anyway: AnywayOption = False,
     as_json: JsonOption = False,
     plugin: PluginOption = None,
@@ -74,14 +55,30 @@ def compensate(
 
     MACHINE is a calibrated.yaml or improved.yaml; its effects use the path's drivers (payload, temperatures, time). Its task:
     says which components of the pose are met; without one, fewer than six joints meet what they can hold.
-    A table comes back with the joints' columns corrected. In a robot program (KUKA .src and .dat, ABB .mod, URScript) the
-    numbers of the targets are corrected where they stand, or where a motion names them; what cannot be is listed by line.
+    A table comes back with the joints' columns corrected.
 
     Example: truepose compensate fit/calibrated.yaml path.csv -o commands.csv
-
-    Example: truepose compensate fit/calibrated.yaml job.src -o job_corrected.src --frame "BASE_DATA[1]=800,0,400,0,0,0"
     """
-    options = Options(dialect, base, tool, frame or (), at or (), limit, limit_angle)
+    correct_and_tell(
+        lambda loaded: compensate_table(loaded, path, output, method),
+        machine, output, anyway=anyway, as_json=as_json, plugin=plugin,
+    )  # fmt: skip
+
+
+Corrected = tuple[dict[str, object], list[str], list[str]]
+"""Summary for --json, lines and notes."""
+
+
+def correct_and_tell(
+    correct: Callable[[Machine], Corrected],
+    machine: Path,
+    output: Path,
+    *,
+    anyway: bool,
+    as_json: bool,
+    plugin: list[Path] | None,
+) -> None:
+    """Load a machine that may be applied, run a correction with it, and tell of it."""
     with reported(plugin):
         from truepose.identification.report.applied_words import check_applicable
         from truepose.models.load import load_machine
@@ -91,29 +88,12 @@ def compensate(
             loaded = load_machine(machine)
             if not anyway:
                 check_applicable(loaded)
-            summary, lines, notes = _corrected(loaded, path, output, method, options)
+            summary, lines, notes = correct(loaded)
         summary = {"command": "compensate", **summary, "files": [str(output)]}
         finish(summary, lines, notes, as_json=as_json)
 
 
-def _corrected(
-    machine: Machine, path: Path, output: Path, method: str, options: Options
-) -> tuple[dict[str, object], list[str], list[str]]:
-    """Write the commands for a table or a robot program; summary, lines and notes."""
-    from truepose.identification.leaves.programs.dialects import dialect_of
-
-    known = dialect_of(path, options.dialect)
-    if known is None:
-        options.unused()
-        return _compensate_table(machine, path, output, method)
-    if method != "exact":
-        raise InputError(f"--method: found {method!r} with a robot program, expected exact")
-    return correct_program(machine, known, path, output, options)
-
-
-def _compensate_table(
-    machine: Machine, path: Path, output: Path, method: str
-) -> tuple[dict[str, object], list[str], list[str]]:
+def compensate_table(machine: Machine, path: Path, output: Path, method: str) -> Corrected:
     """Write the commands for a table of joints or poses; summary, lines and notes."""
     from truepose.identification.compensation import compensate as compensation
     from truepose.identification.compensation.path_table import commands, load_path

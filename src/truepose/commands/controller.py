@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
 
@@ -24,7 +23,6 @@ from truepose.errors import InputError
 
 if TYPE_CHECKING:
     from truepose.codegen.features import Features
-    from truepose.codegen.leaves.embedded.measure import Measurement
     from truepose.codegen.printer import Real
     from truepose.models.machine.machine import Machine
 
@@ -36,13 +34,6 @@ FeaturesOption = Annotated[
         metavar="LIST",
     ),
 ]
-MeasureOption = Annotated[
-    bool,
-    typer.Option(
-        "--measure",
-        help="Run it on an emulated Cortex-M7 (float: M4F) and state in README.md what it takes there.",
-    ),
-]
 
 
 def codegen(
@@ -50,7 +41,6 @@ def codegen(
     output: DirectoryOption,
     real: RealOption = "double",
     features: FeaturesOption = None,
-    measure: MeasureOption = False,
     anyway: AnywayOption = False,
     as_json: JsonOption = False,
     plugin: PluginOption = None,
@@ -61,6 +51,25 @@ def codegen(
 
     Example: truepose codegen fit/calibrated.yaml -o small --features warm
     """
+    write_and_tell(machine, output, real, features, anyway=anyway, as_json=as_json, plugin=plugin)
+
+
+Write = Callable[..., "tuple[list[Path], dict[str, object], list[str]]"]
+"""Writes the C of a machine: paths, what is added to --json, and lines; arguments as ``write_c``."""
+
+
+def write_and_tell(
+    machine: Path,
+    output: Path,
+    real: str,
+    features: str | None,
+    *,
+    anyway: bool,
+    as_json: bool,
+    plugin: list[Path] | None,
+    write: Write | None = None,
+) -> None:
+    """Write the C of a machine's file into ``output``, and tell what it holds."""
     with reported(plugin):
         from truepose.codegen.features import ALL, Features
 
@@ -69,11 +78,21 @@ def codegen(
         chosen = ALL if features is None else Features.of(features)
         with progress("writing C"):
             loaded = _machine_for(output, machine, anyway=anyway)
-            paths, measured = _write(loaded, output, number, chosen, measure=measure)
+            drawing = (loaded.file.nominal if loaded.file else {}) or None
+            paths, more, added = (write or write_c)(loaded, output, number, drawing, chosen)
         files = sorted(str(path) for path in paths)
-        summary, lines = _told(loaded, chosen, measured)
+        summary, lines = _told(loaded, chosen)
         head = {"command": "codegen", "machine": loaded.name, "real": number, "features": list(chosen.names)}
-        finish({**head, "files": files, **summary}, [*files, *lines], [], as_json=as_json)
+        finish({**head, "files": files, **summary, **more}, [*files, *lines, *added], [], as_json=as_json)
+
+
+def write_c(
+    machine: Machine, output: Path, real: Real, drawing: Mapping[str, float] | None, features: Features
+) -> tuple[list[Path], dict[str, object], list[str]]:
+    """Write the C, which compensates for what differs from the ``drawing``."""
+    from truepose.codegen.c import generate
+
+    return generate(machine, output, real, nominal=drawing, features=features), {}, []
 
 
 def _number(real: str) -> Real:
@@ -95,24 +114,8 @@ def _machine_for(output: Path, path: Path, *, anyway: bool) -> Machine:
     return machine
 
 
-def _write(
-    machine: Machine, output: Path, real: Real, features: Features, *, measure: bool
-) -> tuple[list[Path], list[Measurement]]:
-    """Write the C, which compensates for what differs from the drawing; the paths, and what it takes where asked for."""
-    from truepose.codegen.c import generate
-    from truepose.codegen.leaves.embedded.write import generate_measured
-
-    drawing = (machine.file.nominal if machine.file else {}) or None
-    if measure:
-        return generate_measured(machine, output, real, nominal=drawing, features=features)
-    return generate(machine, output, real, nominal=drawing, features=features), []
-
-
-def _told(
-    machine: Machine, features: Features, measured: Sequence[Measurement]
-) -> tuple[dict[str, object], list[str]]:
-    """What the C holds, what it leaves out and what it takes: for --json, and in lines."""
-    from truepose.codegen.leaves.embedded.section import summary
+def _told(machine: Machine, features: Features) -> tuple[dict[str, object], list[str]]:
+    """What the C holds and what it leaves out: for --json, and in lines."""
     from truepose.codegen.left_out import left_out, left_out_json, left_out_words
     from truepose.identification.report.applied_words import expected_words, pose_json
 
@@ -123,6 +126,4 @@ def _told(
         "task": list(held.task.components),
         "expected_pose": pose_json(machine),
     }
-    if measured:
-        payload["measured"] = [asdict(measurement) for measurement in measured]
-    return payload, [*left_out_words(held), expected_words(machine), *summary(measured)]
+    return payload, [*left_out_words(held), expected_words(machine)]

@@ -1,4 +1,4 @@
-"""The gate before a fit: files that do not belong together are refused, in the words of ``truepose check``."""
+"""The gate before a fit: files that do not belong together are refused."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import typer
 from truepose.errors import InputError
 
 if TYPE_CHECKING:
-    from truepose.identification.leaves.check.result import Check
+    from truepose.identification.gate import Caution
     from truepose.identification.recording.recording import Recording
     from truepose.models.machine.machine import Machine
 
@@ -31,18 +31,16 @@ def gated(
     anyway: bool = False,
     tried: Sequence[str] | None = None,
     shuffled: bool = False,
-) -> tuple[Machine, Recording, Check]:
-    """The machine and its rows, checked. Raises InputError where the check is certain that something is wrong.
+) -> tuple[Machine, Recording, Caution]:
+    """Load and check files (``identification/gate.py``). Raises InputError where the check is certain of a mistake.
 
-    With ``anyway`` what was found stands above the result; a file without a sensor is refused all the same. ``tried``: columns
-    that nobody declared and that are to be drivers (none named: all). ``shuffled`` rows are no visits one after the other.
+    With ``anyway`` what was found stands above the result; a file without a sensor is refused all the same.
     """
-    from truepose.identification.leaves.check.run import check_files
-    from truepose.identification.leaves.check.words import refusal
+    from truepose.identification.gate import load_checked
 
-    check, loaded, rows = check_files(
+    caution, loaded, rows = load_checked(
         machine, recordings, irradiance=irradiance, tried=tried, shuffled=shuffled
     )
-    if loaded is None or rows is None or (check.verdict == "wrong" and not anyway):
-        raise InputError(f"{machine}: {refusal(check)}")
-    return loaded, rows, check
+    if loaded is None or rows is None or (caution.refusal and not anyway):
+        raise InputError(f"{machine}: {caution.refusal}")
+    return loaded, rows, caution

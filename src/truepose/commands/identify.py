@@ -30,7 +30,7 @@ from truepose.stopping import stopping
 if TYPE_CHECKING:
     from truepose.identification.diagnosis.result import Diagnosis
     from truepose.identification.fit.calibrate import Calibration
-    from truepose.identification.leaves.check.result import Check
+    from truepose.identification.gate import Caution
 
 FITTING = (
     ("checking", 1.0),
@@ -128,25 +128,25 @@ def calibrate(
         check_directory(output, FIT)
         with progress("calibrating", FITTING) as say:
             say("checking")
-            loaded, rows, check = gated(
+            loaded, rows, caution = gated(
                 machine, recordings, irradiance=irradiance or (), anyway=anyway, shuffled=shuffled
             )
             check_machine(output, FIT, loaded.name)
             names = [name.strip() for name in only.split(",") if name.strip()]
             result = run(loaded, rows, estimator=estimator, solver=solver, only=names, progress=say)
-            summary, lines = _calibration_written(result, check, output, say)
+            summary, lines = _calibration_written(result, caution, output, say)
         finish({"command": "calibrate", **summary}, lines, result.notes, as_json=as_json)
         refuse(result.judgement, output, as_json=as_json)
 
 
 def _calibration_written(
-    result: Calibration, check: Check, output: Path, say: Callable[[str], None]
+    result: Calibration, caution: Caution, output: Path, say: Callable[[str], None]
 ) -> tuple[dict[str, Any], list[str]]:
     """Write the results into ``output``; what is told of them, for --json and in lines."""
     from truepose.identification.diagnosis.outliers import far_rows
     from truepose.identification.fit.tool_pose import calibrated_pose
-    from truepose.identification.leaves.check.words import caution, caution_lines, checked
     from truepose.identification.report.files import write_calibration
+    from truepose.identification.report.lines import caution_lines
     from truepose.identification.report.results import calibration_json
     from truepose.identification.report.terminal import calibration_lines
 
@@ -154,9 +154,9 @@ def _calibration_written(
     fit = calibration_json(result, far_rows(result))
     pose = calibrated_pose(result.fit, result.recording, result.began)
     say("writing the report")
-    files = write_calibration(result, {**fit, **checked(check)}, output, pose, caution(check))
-    summary = {**{k: fit[k] for k in _BRIEF}, "files": written(output, files), **checked(check)}
-    return summary, [*caution_lines(check), *calibration_lines(result, fit, output, pose)]
+    files = write_calibration(result, {**fit, **caution.document}, output, pose, caution.sentences)
+    summary = {**{k: fit[k] for k in _BRIEF}, "files": written(output, files), **caution.document}
+    return summary, [*caution_lines(caution.sentences), *calibration_lines(result, fit, output, pose)]
 
 
 _BRIEF = (
@@ -197,7 +197,7 @@ def diagnose(
         check_directory(output, DIAGNOSIS)
         with progress("checking"):
             tried, light = tried_names(try_columns), irradiance or ()
-            loaded, rows, check = gated(
+            loaded, rows, caution = gated(
                 machine, recordings, irradiance=light, anyway=anyway, shuffled=shuffled, tried=tried
             )
             check_machine(output, DIAGNOSIS, loaded.name)
@@ -205,22 +205,21 @@ def diagnose(
             with stopping.asked("" if quiet() else STOPPING) as stop:
                 result = run(loaded, rows, prior=learned, progress=say, stop=stop)
             say("writing the report")
-            summary, lines = _diagnosis_written(result, check, output)
+            summary, lines = _diagnosis_written(result, caution, output)
         finish(summary, lines, diagnosis_notes(result), as_json=as_json)
         refuse(diagnosis_judgement(result), output, as_json=as_json)
 
 
-def _diagnosis_written(result: Diagnosis, check: Check, output: Path) -> tuple[dict[str, Any], list[str]]:
+def _diagnosis_written(result: Diagnosis, caution: Caution, output: Path) -> tuple[dict[str, Any], list[str]]:
     """Write the results into ``output``; what is told of them, for --json and in lines."""
-    from truepose.identification.leaves.check.words import caution_lines, checked
     from truepose.identification.report.files import write_diagnosis
-    from truepose.identification.report.lines import LINES
+    from truepose.identification.report.lines import LINES, caution_lines
     from truepose.identification.report.terminal import diagnosis_lines, diagnosis_summary
 
-    files = written(output, write_diagnosis(result, output, check=check))
-    warned = caution_lines(check)
+    files = written(output, write_diagnosis(result, output, caution=caution))
+    warned = caution_lines(caution.sentences)
     lines = [*warned, *diagnosis_lines(result, output, LINES - len(warned), checked=True)]
-    return {**diagnosis_summary(result, "diagnose", files), **checked(check)}, lines
+    return {**diagnosis_summary(result, "diagnose", files), **caution.document}, lines
 
 
 def diagnosing(sizes: Sequence[int]) -> list[tuple[str, float]]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from support.checked_arm import EXACT, Document, checked, document, recorded, rig_of
 from support.examples import examples
+from truepose.identification.fit.standing_out import FAR
 from truepose.identification.leaves.check.classes import shares, undone
 from truepose.identification.leaves.check.drawing import expected, settle
 from truepose.identification.leaves.check.findings import findings, unexplained
@@ -24,7 +25,6 @@ from truepose.identification.leaves.check.rig import ABSURD, Rig, motion
 from truepose.identification.leaves.check.search import Search
 from truepose.identification.leaves.check.weighing import (
     CERTAIN,
-    FAR,
     PHYSICS,
     Hypothesis,
     Weighed,

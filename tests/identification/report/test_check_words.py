@@ -9,15 +9,14 @@ import pytest
 from truepose.identification.leaves.check.result import Check, Found
 from truepose.identification.leaves.check.words import (
     caution,
-    caution_lines,
     check_lines,
     checked,
     found_words,
-    frame,
     refusal,
-    view,
 )
+from truepose.identification.report.lines import caution_lines
 from truepose.identification.signatures.untestable import Missing
+from truepose.shown.result import frame, view
 
 SLIP = Found("sign", ("q2", "q3"), "q2 counts backwards", "turn its sign", "wrong", 12.0, 0.03)
 DOUBT = replace(SLIP, kind="sigma", verdict="suspect", says="sigma is twice as large")
@@ -80,13 +79,13 @@ def test_three_cautions_stand_above_a_result() -> None:
     assert caution(check(DOUBT)) == ["SUSPECT: sigma: sigma is twice as large; turn its sign"]
     assert caution(check()) == [] and checked(check()) == {}
     assert checked(check(DOUBT)) == {"check": check(DOUBT).document()}
-    three = caution_lines(check(DOUBT, DOUBT, DOUBT))
+    three = caution_lines(caution(check(DOUBT, DOUBT, DOUBT)))
     assert len(three) == 3 and all(not line.startswith(" ") for line in three)
     for more in (1, 2):
-        some = caution_lines(check(*[DOUBT] * (3 + more)))
+        some = caution_lines(caution(check(*[DOUBT] * (3 + more))))
         assert some[:3] == three and some[3:] == [f"and {more} more: see report.html"]
     long = replace(DOUBT, says=" ".join(["word"] * 90))
-    assert len(caution_lines(check(long))) == 2
+    assert len(caution_lines(caution(check(long)))) == 2
 
 
 def test_what_there_is_to_see_of_a_check() -> None:

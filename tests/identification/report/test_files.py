@@ -10,26 +10,23 @@ from typing import Any, cast
 import pytest
 
 from support.reports import fitted, own_markup, recorded, synthetic
-from support.told_drift import CHANGED, movement, told_drift
 from truepose.identification.diagnosis.result import Applied, PoseError
 from truepose.identification.fit.calibrate import Calibration
-from truepose.identification.leaves.check.result import Check, Found
+from truepose.identification.gate import Caution
 from truepose.identification.report.files import (
     put_both,
     write_calibration,
     write_diagnosis,
-    write_drift,
-    write_files,
-    write_report,
 )
 from truepose.identification.report.results import calibration_json
 from truepose.models.file.machine_file import ExpectedPose
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
+from truepose.shown.result import Written
 
-SLIP = Found("sign", ("q2",), "q2 counts backwards", "turn its sign", "suspect", 12.0, 0.03)
-DOUBT = Check((SLIP,), 40, 0.03, "mm", ())
-CALM = replace(DOUBT, found=())
+SENTENCE = "SUSPECT: sign: q2 counts backwards; turn its sign"
+DOUBT = Caution("suspect", (SENTENCE,), {"check": {"found": [{"kind": "sign", "where": ["q2"]}]}})
+CALM = Caution()
 
 
 def document(path: Path) -> dict[str, Any]:
@@ -39,21 +36,6 @@ def document(path: Path) -> dict[str, Any]:
 def cautious(page: Path) -> bool:
     """Whether the doubt stands in the page."""
     return "q2 counts backwards" in own_markup(page.read_text("utf-8"))
-
-
-def test_a_drift_is_two_files_with_the_doubts_of_a_check(tmp_path: Path) -> None:
-    moved = told_drift(movement("a", "moved", **CHANGED))
-    for name, check in (("bare", None), ("calm", CALM), ("doubt", DOUBT)):
-        assert write_drift(moved, tmp_path / name, check) == ["drift.json", "report.html"]
-        told = document(tmp_path / name / "drift.json")
-        assert told["moved"] == ["a"] and ("check" in told) is (name == "doubt")
-        assert cautious(tmp_path / name / "report.html") is (name == "doubt")
-    told = document(tmp_path / "doubt" / "drift.json")
-    assert told["check"] == json.loads(json.dumps(DOUBT.document()))
-    paths = write_files(moved, tmp_path / "whole")
-    assert paths == [tmp_path / "whole" / name for name in ("drift.json", "report.html")]
-    page = write_report(moved, tmp_path / "page.html")
-    assert page.read_bytes() == (tmp_path / "whole" / "report.html").read_bytes()
 
 
 def calibrated(machine: Machine) -> Calibration:
@@ -115,7 +97,7 @@ def test_both_together_have_one_report(machine: Machine, tmp_path: Path, brief: 
 def test_what_is_no_result_has_no_report(other: object, tmp_path: Path) -> None:
     name = type(other).__name__
     with pytest.raises(TypeError, match=f"found a {name}, expected a result with a report"):
-        write_report(cast(Any, other), tmp_path / "page.html")
+        Written.report(cast(Any, other), tmp_path / "page.html")
     with pytest.raises(TypeError, match=f"found a {name}, expected a result with files"):
-        write_files(cast(Any, other), tmp_path / "out")
+        Written.save(cast(Any, other), tmp_path / "out")
     assert not list(tmp_path.iterdir())

@@ -14,8 +14,10 @@ from truepose.identification.compensation.inverse import Inverse, Reach
 from truepose.identification.compensation.rows import Compensation
 from truepose.identification.diagnosis.result import Alternative, Levels, Quantity
 from truepose.identification.identifiability.observability import identifiable
-from truepose.identification.report.frames import CONSTANTS, FINDINGS, MOVEMENTS, frame
+from truepose.identification.leaves.drift.showing import MOVEMENTS
+from truepose.identification.report.frames import CONSTANTS, FINDINGS
 from truepose.models.machine.machine import Machine
+from truepose.shown.result import frame
 
 
 def test_constants_stand_so_many_tolerances_from_the_drawing(machine: Machine) -> None:

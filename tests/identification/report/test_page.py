@@ -12,7 +12,6 @@ import truepose.models
 from support.browser import browser, tried
 from support.reports import arm, synthetic
 from support.results import diagnosis
-from truepose.identification.report.files import write_report
 from truepose.identification.report.pages import report_html
 
 pytestmark = pytest.mark.skipif(browser() is None, reason="no chromium to show a page in")
@@ -78,22 +77,20 @@ return {rings: document.querySelectorAll("svg.chart .pick").length, sorted: colu
 
 
 def _diagnosis(folder: Path) -> str:
-    return write_report(diagnosis(), folder / "report.html").read_text(encoding="utf-8")
+    return diagnosis().report(folder / "report.html").read_text(encoding="utf-8")
 
 
 def _calibration(folder: Path) -> str:
     machine = truepose.load_machine(MACHINES / "polisher" / "machine.yaml")
     recording = truepose.load_recording(machine, [MACHINES / "polisher" / "recording.csv"])
-    return write_report(truepose.calibrate(machine, recording), folder / "report.html").read_text(
-        encoding="utf-8"
-    )
+    return truepose.calibrate(machine, recording).report(folder / "report.html").read_text(encoding="utf-8")
 
 
 def _drift(folder: Path) -> str:
     machine = truepose.load_machine(MACHINES / "nanopositioner" / "machine.yaml")
     days = [MACHINES / "nanopositioner" / f"drift_day{day}.csv" for day in (0, 7)]
     found = truepose.drift(machine, truepose.load_recording(machine, days))
-    return write_report(found, folder / "report.html").read_text(encoding="utf-8")
+    return found.report(folder / "report.html").read_text(encoding="utf-8")
 
 
 def _made_up(folder: Path) -> str:

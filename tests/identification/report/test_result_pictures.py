@@ -16,7 +16,9 @@ from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.identifiability.analysis import Identifiability
 from truepose.identification.leaves.drift.analysis import Drift
+from truepose.identification.leaves.drift.showing import draw_movements
 from truepose.identification.leaves.planning.plan import Plan
+from truepose.identification.leaves.planning.showing import draw_poses
 from truepose.identification.report import pictures
 from truepose.shown.drawing import bars, dots, strips
 
@@ -70,11 +72,11 @@ def test_what_moved_is_drawn_by_its_last_change_in_its_own_sigmas() -> None:
         movement("held", (1.0,), (0.0,)),
     ]  # fmt: skip
     found = cast(Drift, SimpleNamespace(movements=moves))
-    assert named(pictures.movements(found)) == [("b", "-3"), ("a", "1")]
+    assert named(draw_movements(found)) == [("b", "-3"), ("a", "1")]
     many = [movement(f"m{k}", (float(k + 1),), (1.0,)) for k in range(13)]
-    drawn = named(pictures.movements(cast(Drift, SimpleNamespace(movements=many))))
+    drawn = named(draw_movements(cast(Drift, SimpleNamespace(movements=many))))
     assert [name for name, _ in drawn] == [f"m{k}" for k in range(12, 0, -1)]
-    assert pictures.movements(cast(Drift, SimpleNamespace(movements=moves[2:]))) == ""
+    assert draw_movements(cast(Drift, SimpleNamespace(movements=moves[2:]))) == ""
 
 
 def test_constants_are_drawn_by_what_is_left_of_their_tolerance() -> None:
@@ -99,7 +101,7 @@ def test_poses_are_drawn_between_the_ends_of_their_joints_in_the_units_of_the_fi
     unit = {"q1": "deg", "q2": "mm"}.__getitem__
     machine = SimpleNamespace(mechanism=SimpleNamespace(actuators=[turn, slide]), column_unit=unit)
     found = cast(Plan, SimpleNamespace(machine=machine, q=q))
-    drawn = pictures.poses(found)
+    drawn = draw_poses(found)
     told = re.findall(r">([^<>]+ \.\. [^<>]+)<", drawn)
     assert told == ["-180 .. 180", "1 .. 4"]
     values = {"q1": np.degrees(q[:, 0]).tolist(), "q2": q[:, 1].tolist()}

@@ -17,8 +17,8 @@ from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.identifiability.analysis import Identifiability, ParameterSight
 from truepose.identification.identifiability.note import Note
 from truepose.identification.report.numbers import significant
-from truepose.identification.report.views import view
 from truepose.models.machine.machine import Machine
+from truepose.shown.result import view
 
 
 def test_what_is_no_result_has_no_view() -> None:

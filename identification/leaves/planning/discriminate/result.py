@@ -12,7 +12,7 @@ from truepose.identification.leaves.planning.discriminate.factors import Factor
 from truepose.identification.leaves.planning.discriminate.rows import Rows
 from truepose.identification.leaves.planning.discriminate.targets import Target
 from truepose.models.machine.machine import Machine
-from truepose.shown.result import Shown, frame_of
+from truepose.shown.result import Shown, frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -97,4 +97,4 @@ class Experiment(Shown):
 
     def to_frame(self) -> pd.DataFrame:
         """The rows that ``truepose plan --discriminate`` writes: joints and what else varies, in the machine file's units."""
-        return frame_of(self)
+        return frame(self)

@@ -14,13 +14,15 @@ from truepose.arrays import Array
 from truepose.identification.recording.recording import Recording
 from truepose.models.units import convert
 from truepose.shown.drawing import strips
+from truepose.shown.result import frame, view
 from truepose.shown.view import View
 from truepose.wording import joined, shortened
 
 MOST = 12
 
 
-def view(recording: Recording) -> View:
+@view.register
+def _view(recording: Recording) -> View:
     """How many rows of which files, what was recorded, and over which ranges."""
     columns = _numbers(recording)
     held_out = int(recording.validation.sum())
@@ -47,7 +49,8 @@ def view(recording: Recording) -> View:
     )
 
 
-def frame(recording: Recording) -> pd.DataFrame:
+@frame.register
+def _frame(recording: Recording) -> pd.DataFrame:
     """The rows with the columns of a recording file (see ``Recording.to_frame``)."""
     data: dict[str, Any] = {}
     if recording.pose is not None:

@@ -14,13 +14,15 @@ from truepose.models.machine.machine_sketch import sketch
 from truepose.models.machine.mechanism import Actuator
 from truepose.models.machine.parameters import element_of
 from truepose.models.units import convert
+from truepose.shown.result import frame, view
 from truepose.shown.view import View
 from truepose.wording import joined, shortened
 
 MOST = 8
 
 
-def view(machine: Machine) -> View:
+@view.register
+def _view(machine: Machine) -> View:
     """What it is, what measures it, how many constants are free, what else acts on it."""
     parameters = machine.parameters
     free = [p for p in parameters if p.free]
@@ -43,7 +45,8 @@ def view(machine: Machine) -> View:
     )
 
 
-def frame(machine: Machine) -> pd.DataFrame:
+@frame.register
+def _frame(machine: Machine) -> pd.DataFrame:
     """Constants, one a row (see ``Machine.to_frame``)."""
     drawing = machine.file.nominal if machine.file else {}
     rows = [

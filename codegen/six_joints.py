@@ -9,9 +9,8 @@ import numpy as np
 from truepose.codegen.chain import ChainExpressions, pivot_order
 from truepose.codegen.features import Features
 from truepose.codegen.layout import Layout
-from truepose.codegen.leaves.all_solutions.branches import branches_of
-from truepose.codegen.leaves.all_solutions.resultant import DEGREE, elimination_of
 from truepose.codegen.printer import Real
+from truepose.leaves import modules_named
 from truepose.models.machine.kinematics import SymbolicModel
 
 SEARCH_ITER = 20000
@@ -42,7 +41,8 @@ def six_joints(
     share = 1e-9 if real == "double" else 1e-3 if features.cold else 1e-6
     samples = np.array([q for q, _ in layout.vectors])
     per_mm = 1.0 / layout.unknown
-    branches = branches_of(model, chain, layout.reach, layout.turns)
+    closed = (leaf.closed_form(model, chain, layout) for leaf in modules_named("solutions"))
+    branches = next(closed, None)
     return {
         "six": True,
         "branches": branches,
@@ -58,17 +58,11 @@ def six_joints(
 def _general(
     model: SymbolicModel, chain: ChainExpressions, layout: Layout, *, wanted: bool
 ) -> dict[str, Any]:
-    """What finds all solutions of a six-joint arm that is not similar to one with a closed form."""
-    found = elimination_of(model, chain, layout.reach, layout.turns, layout.vectors) if wanted else None
-    angles = 2.0 * np.pi * np.arange(2 * DEGREE + 1) / (2 * DEGREE + 1)
-    return {
-        "resultant": found,
-        **({"all_iter": SEARCH_ITER} if wanted and not found else {}),
-        "nudged": found is not None and bool(np.any(found.tilts)),
-        "loop_turns": [int(turn) for turn in np.roll(found.turns, -found.first)] if found else [],
-        "sample_cosines": np.cos(angles),
-        "sample_sines": np.sin(angles),
-    }
+    """What finds all solutions of an arm that is not similar to one with a closed form: its equation, else a search."""
+    out: dict[str, Any] = {"resultant": None}
+    for leaf in modules_named("solutions"):
+        out |= leaf.general_equation(model, chain, layout, wanted=wanted)
+    return out | ({"all_iter": SEARCH_ITER} if wanted and not out["resultant"] else {})
 
 
 __all__ = ["six_joints"]
