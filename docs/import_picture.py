@@ -1,7 +1,7 @@
 """Who imports whom, read from the code: the floors of the house, checked and drawn as ``figures/imports.svg``.
 
 Every import counts, also one inside a function or under ``TYPE_CHECKING``. A module may import from its own
-room and from rooms on lower floors. The examination stands above the product: nothing of the product may import it.
+room and from rooms on lower floors.
 
     python docs/import_picture.py
 """
@@ -25,13 +25,11 @@ from scipy.sparse.csgraph import connected_components
 ROOT = Path(__file__).resolve().parent.parent
 BACK = "#c2452d"  # the colour of an import that runs back
 PICTURE = ROOT / "docs/figures/imports.svg"
-OUTSIDE = "challenge"  # the examination: a package of its own, beside `truepose` and not installed with it
 FOLDERS = {
     "models": "models",
     "identification": "identification",
     "codegen": "codegen",
     "src/truepose": "",
-    OUTSIDE: OUTSIDE,
 }
 
 # From the ground up. A room is a folder or a single file, named below `truepose`.
@@ -80,10 +78,6 @@ FLOORS = (
     ("__init__",),
     ("cli",),
     ("__main__",),
-    ("challenge.simulator",),
-    ("challenge",),
-    ("challenge.mujoco", "challenge.studies"),
-    ("challenge.battery",),
 )
 
 
@@ -97,7 +91,7 @@ class Import:
 
 
 def modules() -> dict[str, Path]:
-    """Every module of the installed package, named below ``truepose``, and of the examination."""
+    """Every module of the installed package, named below ``truepose``."""
     out = {}
     for folder, package in FOLDERS.items():
         top = ROOT / folder
@@ -105,8 +99,7 @@ def modules() -> dict[str, Path]:
             parts = path.relative_to(top).with_suffix("").parts
             if folder == "src/truepose" and parts[0] in FOLDERS:
                 continue  # the link to a folder that has been read
-            package_file = path.name == "__init__.py" and path != ROOT / OUTSIDE / "__init__.py"
-            if package_file and len(ast.parse(path.read_text(encoding="utf-8")).body) <= 1:
+            if path.name == "__init__.py" and len(ast.parse(path.read_text(encoding="utf-8")).body) <= 1:
                 continue  # a docstring
             inner = parts[:-1] if parts[-1] == "__init__" and len(parts) > 1 else parts
             name = ".".join(part for part in (package, *inner) if part)
@@ -118,7 +111,7 @@ def imports(known: dict[str, Path]) -> list[Import]:
     """All imports between the modules ``known``, each pair once; lazy only if every such statement is."""
     out: dict[tuple[str, str], bool] = {}
     for user, path in known.items():
-        dotted = user if _outside(user) else f"truepose.{user}"
+        dotted = f"truepose.{user}"
         package = (dotted if path.name == "__init__.py" else dotted.rpartition(".")[0]).split(".")
         for names, lazy in _statements(ast.parse(path.read_text(encoding="utf-8")), package, False):
             for used in {_known(name, known) for name in names} - {None, user}:
@@ -217,16 +210,11 @@ def _statements(node: ast.AST, package: list[str], lazy: bool) -> Iterator[tuple
 
 def _known(name: str, known: dict[str, Path]) -> str | None:
     """The module that ``truepose.models.lie.exp_so3`` is, or that holds it; None for other packages."""
-    if name.partition(".")[0] != "truepose" and not _outside(name):
+    if name.partition(".")[0] != "truepose":
         return None
     inner = name.removeprefix("truepose").removeprefix(".")
     holder = inner.rpartition(".")[0] or "__init__"
     return next((one for one in (inner, holder) if one in known), None)
-
-
-def _outside(name: str) -> bool:
-    """Whether a module is of the examination."""
-    return name.partition(".")[0] == OUTSIDE
 
 
 def main() -> None:

@@ -12,7 +12,6 @@ import typer
 
 from truepose import faults
 from truepose.commands.catalogue import effects
-from truepose.commands.challenge import challenge
 from truepose.commands.common import QuietOption
 from truepose.commands.compensate import compensate
 from truepose.commands.controller import codegen
@@ -73,11 +72,6 @@ def commands() -> dict[str, Callable[..., None]]:
 
 for _name, _command in commands().items():
     app.command(_name, cls=WithTryColumns if _name == "diagnose" else OneLineCommand)(_quietable(_command))
-app.command(
-    hidden=True,
-    add_help_option=False,
-    context_settings={"ignore_unknown_options": True},
-)(challenge)
 
 
 def _version(wanted: bool) -> None:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from support import fringe_signal as signals
 from truepose.errors import InputError
 from truepose.models.machine.fabry_perot import (
     cosine,
@@ -24,8 +23,6 @@ from truepose.models.machine.fabry_perot import (
 
 WAVELENGTH = 1.56e-3
 mirrors = st.floats(0.001, 0.95)
-signals = import_module("fringe_signal")
-"""The simulator of the studies, which sums beams."""
 
 
 @given(mirrors, mirrors, st.floats(-20.0, 20.0))

@@ -15,16 +15,19 @@ from support.telescope_models import (
     LENGTH,
     LOADED,
     MODELS,
+    TOOL,
     TRAVEL,
     apart,
-    campaigns,
     hinged,
+    lower_centres,
     machine_of,
+    model_text,
     number,
     poses_of,
     recording_of,
-    simulator,
+    upper_centres,
 )
+from truepose import simulate
 from truepose.codegen.c import generate
 from truepose.errors import InputError
 from truepose.identification.fit.estimate import estimate
@@ -74,12 +77,11 @@ def test_the_linear_model_is_the_inverse_jacobian_of_home(tmp_path: Path) -> Non
     predictor = Predictor(machine, recording_of(tmp_path, machine, TRAVEL), (placed,))
     x, good = predictor.assemble(predictor.model.p_home)
     assert good.all()
-    drawn = simulator.nominal_machine()
-    home = x[0, 6:9]
-    z = home + drawn.upper_centres - drawn.lower_centres(np.zeros(6))
+    home, upper = x[0, 6:9], upper_centres()
+    z = home + upper - lower_centres(np.zeros(6))
     z /= np.linalg.norm(z, axis=1)[:, None]
     # home has no turn worth mentioning (1e-8 rad): modified Rodrigues parameters there are angle / 4
-    moved = (x[:, :3] - home) @ z.T + 4 * (x[:, 3:6] - x[0, 9:]) @ np.cross(drawn.upper_centres, z).T
+    moved = (x[:, :3] - home) @ z.T + 4 * (x[:, 3:6] - x[0, 9:]) @ np.cross(upper, z).T
     assert np.allclose((moved + (TRAVEL @ k.T) * z[:, 2]) / z[:, 2], TRAVEL, rtol=0, atol=1e-7)
 
 
@@ -124,15 +126,13 @@ def test_short_flexures_and_those_that_turn_about_their_middle_are_ball_joints(t
 
 def test_bent_legs_are_as_long_as_equations_14_to_17_say(tmp_path: Path) -> None:
     poses = poses_of(tmp_path, machine_of(tmp_path, "beam"), TRAVEL)
-    drawn = simulator.nominal_machine()
     home = poses_of(tmp_path, machine_of(tmp_path, "spherical"), np.zeros((1, 6)))[0]
-    tool = drawn.frame("tool")
+    tool = np.eye(4)
+    tool[2, 3] = TOOL
 
     def legs(pose: Array, rho: Array) -> Array:
         platform = pose @ np.linalg.inv(tool)
-        return np.asarray(
-            drawn.upper_centres @ platform[:3, :3].T + platform[:3, 3] - drawn.lower_centres(rho)
-        )
+        return np.asarray(upper_centres() @ platform[:3, :3].T + platform[:3, 3] - lower_centres(rho))
 
     straight = legs(home, np.zeros(6))
     straight /= np.linalg.norm(straight, axis=1)[:, None]
@@ -212,7 +212,7 @@ def test_what_a_model_lacks_is_told(tmp_path: Path, model: str, old: str, new: s
 
 
 def test_beam_theory_without_flexures_is_refused(tmp_path: Path) -> None:
-    text = campaigns.model_text("beam", "pose")
+    text = model_text("beam")
     kept = [line for line in text.splitlines() if not line.strip().startswith("flexure:")]
     (tmp_path / "m.yaml").write_text("\n".join(kept).replace("beta: 0.025, ", ""))
     with pytest.raises(InputError, match=r"mechanism.flexure: found none, expected one: model beam"):
@@ -221,13 +221,10 @@ def test_beam_theory_without_flexures_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("model", ["beam", "elastic"])
 def test_a_calibrated_file_holds_flexures_and_stiffnesses(tmp_path: Path, model: str) -> None:
-    drawn = simulator.nominal_machine()
-    simulation = simulator.simulate(
-        drawn, TRAVEL, ring_stiffness=np.inf, sensor=simulator.PoseSensor(), seed=1
-    )
     machine = machine_of(tmp_path, model)
-    (tmp_path / "r.csv").write_text(simulator.recording_text(simulation))
-    recording = load_recording(machine, [tmp_path / "r.csv"])
+    readings = simulate(machine, recording_of(tmp_path, machine, TRAVEL), [], seed=1)
+    readings[list(machine.mechanism.readings)] = TRAVEL
+    recording = load_recording(machine, readings)
     fit = estimate(machine, recording)
     write_calibrated(tmp_path / "calibrated.yaml", fit, recording)
     read = load_machine(tmp_path / "calibrated.yaml")

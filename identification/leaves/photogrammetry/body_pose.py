@@ -1,7 +1,7 @@
 """Displacement of a rigid body from points measured on it before and after: pose, covariance, suspects.
 
 Use ``body_pose`` for photogrammetry or tracker points of one body in two placements; it needs no idea of the
-body's shape. ``benchmarks/telescope/body_pose_study.py`` compares it with frames of a cylinder (telescope paper, section 3.1).
+body's shape. (Frames of a cylinder, as in the telescope paper, section 3.1, err by more.)
 ``pose_table`` turns a whole table of points into the columns of a ``pose`` sensor.
 """
 

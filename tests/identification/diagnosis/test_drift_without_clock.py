@@ -1,6 +1,6 @@
 """What a diagnosis owes recordings without a clock: drift in the order of rows, and no drift in the place of physics.
 
-Recordings come from ``benchmarks/drifting_arm``, a forward model in numpy apart from the library's.
+Recordings come from ``support.drifting_arm``, a forward model in numpy apart from the library's.
 """
 
 from __future__ import annotations
@@ -11,7 +11,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from drifting_arm.arm import (
+from numpy.typing import NDArray
+
+from support.drifting_arm import (
     JOINTS,
     SIGMA,
     TURN_SIGMA,
@@ -21,8 +23,6 @@ from drifting_arm.arm import (
     rotation_vector,
     tool_pose,
 )
-from numpy.typing import NDArray
-
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.write_machine import write_calibrated

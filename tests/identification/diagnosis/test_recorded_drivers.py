@@ -1,6 +1,6 @@
 """Any recorded column may drive any part: measured torques, thermometers elsewhere, and what a user tries.
 
-Readings come from the plain numpy machines of ``benchmarks/drivers``, whose heat is that of finite volumes.
+Readings come from ``support.plain_arm``, an arm in numpy apart from the library.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from drivers import arm
-from drivers.study import heated, soft_arm
 from typer.testing import CliRunner
 
 import truepose
-from support.tiny_machine import MACHINE
+from support import plain_arm as arm
+from support.plain_arm import soft_arm
+from support.tiny_fleets import MACHINE
 from truepose.cli import app
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.recording.tried import try_columns
@@ -133,13 +133,6 @@ def test_torques_need_no_declaration(folder: Path, found: Diagnosis) -> None:
     assert f"torque.{joint}" in again.drivers
     declared = again.declared(f"torque.{joint}")
     assert declared is not None and not declared.everywhere
-
-
-@pytest.mark.parametrize("seed", [2, 3])
-def test_a_part_beside_anothers_thermometer_is_named(seed: int) -> None:
-    """A link of an arm, and a leg of a hexapod: heat of a bar, without a first-order lag."""
-    judged = heated(seed)
-    assert judged.place and judged.law, judged.said
 
 
 def tilting(folder: Path, **more: np.ndarray) -> Path:

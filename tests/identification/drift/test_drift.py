@@ -1,6 +1,6 @@
 """What ``drift`` owes sequences of recordings in which known parameters move, or nothing does.
 
-Recordings come from ``benchmarks/drifting_arm``, a forward model in numpy apart from the library's.
+Recordings come from ``support.drifting_arm``, a forward model in numpy apart from the library's.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from drifting_arm.arm import HOUR, SIGMA, TURN_SIGMA, machine_text, tolerance, write_sequence
 from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from support import MACHINES
+from support.drifting_arm import HOUR, SIGMA, TURN_SIGMA, machine_text, tolerance, write_sequence
 from truepose.cli import app
 from truepose.errors import InputError
 from truepose.identification.leaves.drift.analysis import Drift, drift

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from drifting_arm.arm import HOUR, SIGMA, TURN_SIGMA, machine_text, write_sequence
 from numpy.typing import NDArray
 from scipy import stats
 
 from support import MACHINES
+from support.drifting_arm import HOUR, SIGMA, TURN_SIGMA, machine_text, write_sequence
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.problem import Prior, Problem, prior_of
 from truepose.identification.fit.summary import rms_by_kind

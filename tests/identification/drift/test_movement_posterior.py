@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from drifting_arm.arm import machine_text
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.special import expit, softmax
 from scipy.stats import multivariate_normal
 
+from support.drifting_arm import machine_text
 from support.stacked_sessions import KINDS, SIGMA_STEPS, covariance_of, likeliest_of, plain, stacked
 from truepose.identification.fit.problem import Prior, prior_of
 from truepose.identification.leaves.drift.movement_posterior import (

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from drifting_arm.arm import HOUR, SIGMA, TURN_SIGMA, machine_text, write_sequence
 from numpy.typing import NDArray
 from scipy import stats
 
 from support import MACHINES
+from support.drifting_arm import HOUR, SIGMA, TURN_SIGMA, machine_text, write_sequence
 from support.stacked_sessions import (
     CLASSES,
     PRIOR,

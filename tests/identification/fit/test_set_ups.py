@@ -1,6 +1,6 @@
 """What a fit owes recordings between which base and tool were set up anew: stated, or as another campaign of a known arm.
 
-Recordings come from ``benchmarks/drifting_arm``, a forward model in numpy apart from the library's.
+Recordings come from ``support.drifting_arm``, a forward model in numpy apart from the library's.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from drifting_arm.arm import write_sequence
 from typer.testing import CliRunner
 
+from support.drifting_arm import write_sequence
 from truepose.cli import app
 from truepose.errors import InputError
 from truepose.identification.diagnosis.engine import diagnose

@@ -1,6 +1,6 @@
 """Fringe counting: errors over speed, noise, contrast and turning points, its invariances, flags and tables.
 
-Series come from benchmarks/fringe_signal.py, which adds the light beam by beam. Lengths mm, errors nm.
+Series come from ``support.fringe_signal``, which adds the light beam by beam. Lengths mm, errors nm.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ import pytest
 from typer.testing import CliRunner
 
 from support import MACHINES
-from support.fringe_journeys import FIBRE, signals, study
+from support import fringe_signal as signals
+from support.fringe_journeys import FIBRE, cut, journeys
 from support.fringe_journeys import journey as series
 from truepose.cli import app
 from truepose.errors import InputError
@@ -114,14 +115,14 @@ def test_too_few_samples_a_fringe_are_flagged() -> None:
 
 
 def test_missing_samples_are_flagged() -> None:
-    cut = study.cut(study.journey(30.0, signals.Detector(), False), False)
-    assert Fault.GAP in read(cut(np.random.default_rng(1))).faults
+    broken = cut(journeys(30.0, signals.Detector(), False), False)
+    assert Fault.GAP in read(broken(np.random.default_rng(1))).faults
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_fringes_lost_in_a_jump_are_never_taken_for_a_reading(seed: int) -> None:
-    cut = study.cut(study.journey(30.0, signals.Detector(), False), True)
-    assert {Fault.JUMP, Fault.COUNT} & set(read(cut(np.random.default_rng(seed))).faults)
+    broken = cut(journeys(30.0, signals.Detector(), False), True)
+    assert {Fault.JUMP, Fault.COUNT} & set(read(broken(np.random.default_rng(seed))).faults)
 
 
 def test_noise_that_hides_fringes_is_flagged() -> None:

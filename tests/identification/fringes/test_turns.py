@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from support import fringe_signal as signals
 from truepose.identification.leaves.fringes.count import count_fringes
 from truepose.identification.leaves.fringes.faults import Fault
 from truepose.identification.leaves.fringes.levels import Noise
@@ -19,7 +19,6 @@ from truepose.models.machine.fabry_perot import coupling, fringe
 Array = NDArray[np.float64]
 FIBRE = (0.04, 0.9)
 SAMPLES, SIGMA = 160, 0.01
-signals = import_module("fringe_signal")
 
 
 def visit(path: Array, high: bool, excess: float, seed: int) -> Visit:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,6 @@ from numpy.typing import NDArray
 
 from support import MACHINES, TESTS
 from support.short_arm import POSITION, arm, status
-from truepose.errors import InputError
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.identifiability.analysis import identifiability
@@ -32,7 +30,6 @@ from truepose.identification.report.identifiability_words import identifiability
 from truepose.identification.report.unseen_words import unseen_sentences
 from truepose.models.load import load_machine
 
-irreducible = import_module("polisher.irreducible")
 Array = NDArray[np.float64]
 
 
@@ -207,31 +204,6 @@ def test_a_set_is_independent_maximal_and_says_what_the_others_show_like() -> No
         np.testing.assert_allclose(shown, h.factor[:, k] / h.scale[k], atol=1e-9)
     assert found.relations["f"] == {}
     assert found.condition == pytest.approx(np.linalg.cond(h.factor[:, kept]))
-
-
-def test_sequential_sets_take_columns_in_order() -> None:
-    h = columns()
-    assert irreducible.sequential_subset(h).kept == ("a", "b", "c", "e")
-    assert irreducible.sequential_subset(h, tolerance=0.1).kept == (
-        "a",
-        "b",
-        "c",
-    )  # e is new by a thousandth of itself
-    assert irreducible.sequential_subset(h, ("d", "f")).kept == ("d", "a", "c", "e")
-    relation = irreducible.sequential_subset(h).relations["d"]
-    assert relation == pytest.approx({"a": 2.0, "b": -1.0})
-    assert irreducible.sequential_subset(h, order="cb").kept == ("c", "b")
-    with pytest.raises(InputError, match="found no free parameter 'z'"):
-        irreducible.sequential_subset(h, ("z",))
-
-
-def test_spectral_reduction_is_of_full_rank_and_loses_nothing() -> None:
-    h = columns()
-    found = irreducible.spectral_reduction(h)
-    reduced = h.factor @ found.directions.T
-    assert reduced.shape[1] == h.rank == 4
-    np.testing.assert_allclose(np.diag(reduced.T @ reduced), found.eigenvalues, rtol=1e-8)
-    np.testing.assert_allclose(reduced @ found.directions, h.factor, atol=1e-7)
 
 
 def test_ties_go_to_the_first_and_a_least_size_leaves_the_rest() -> None:

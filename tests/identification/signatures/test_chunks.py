@@ -11,8 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from support.tiny_fleets import GAIN, PLAY, rows
-from support.tiny_machine import Tiny
+from support.tiny_fleets import GAIN, PLAY, machine_text, rows
 from truepose import load_machine, load_recording
 from truepose.errors import InputError
 from truepose.identification.fit.estimate import estimate
@@ -49,7 +48,7 @@ REMEMBERED = ("stop.q1~0.01", "loop.q2~0.01~-1~1", "approach.q2", "temperature.a
 @pytest.fixture(scope="module")
 def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
     file = tmp_path_factory.mktemp("tiny") / "machine.yaml"
-    file.write_text(Tiny().machine_text())
+    file.write_text(machine_text())
     return load_machine(file)
 
 
@@ -182,7 +181,7 @@ def test_the_command_writes_the_same_files(
     from truepose.cli import app
 
     monkeypatch.setattr(chunks, "CHUNK", 20)
-    (tmp_path / "machine.yaml").write_text(Tiny().machine_text())
+    (tmp_path / "machine.yaml").write_text(machine_text())
     rows(1, [GAIN], 24).to_csv(tmp_path / "recording.csv", index=False)
     command = ["diagnose", str(tmp_path / "machine.yaml"), str(tmp_path / "recording.csv"), "-o"]
     for name, more in (("cores", []), ("cluster", ["--dask", dask.client.scheduler.address])):

@@ -9,5 +9,3 @@ ROOT = Path(__file__).resolve().parents[3]
 TESTS = ROOT / "tests"
 MACHINES = TESTS / "machines"
 """Machine files of the tests."""
-BENCHMARKS = ROOT / "benchmarks"
-"""The studies, which are no part of the installed package: their modules are imported by name."""

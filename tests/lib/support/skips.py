@@ -15,7 +15,7 @@ from support import ROOT
 SHARED = ROOT.parent / "shared"
 NOTHING_BESIDE = "no recordings by others beside the checkout (they are no part of the project)"
 NO_AVX2 = "this processor has no AVX2"
-NO_MUJOCO = "the extra 'mujoco' is not installed (a simulator and its arms: half a gigabyte)"
+NO_MUJOCO = "MuJoCo, or a package that ships its arms, is not installed (half a gigabyte)"
 MAY_BE_SKIPPED = frozenset({NOTHING_BESIDE, NO_AVX2, NO_MUJOCO})
 """What no package can install, or what is too large to be asked of everybody."""
 

@@ -1,14 +1,15 @@
-"""The nominal telescope in each of its models, its poses, and chains of beam elements to hold them against. mm, N, rad."""
+"""The nominal telescope in each of its models, its poses, and what a rod's stiffness is. mm, N, rad."""
 
 from __future__ import annotations
 
-from importlib import import_module
 from pathlib import Path
 
 import casadi as ca
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
+from support import MACHINES, ROOT
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
@@ -19,14 +20,24 @@ from truepose.models.machine.machine import Machine
 Array = NDArray[np.float64]
 MODELS = ("spherical", "linear", "beam", "stiffness", "elastic")
 LENGTH = 30.0
-simulator = import_module("telescope_simulator")
-campaigns, fits = import_module("telescope_models.campaign"), import_module("telescope_models.fits")
-ClosurePredictor = import_module("telescope_models.implicit").ClosurePredictor
+STIFFNESSES = (
+    "flexure.bending: 797865, flexure.tension: 332098, flexure.torsion: 613742, "
+    "rod.bending: 2.51327e+09, rod.tension: 2.51327e+07, rod.torsion: 1.93329e+09, "
+)
+KNOWN = {"beam": "beta: 0.025, ", "stiffness": STIFFNESSES, "elastic": STIFFNESSES}
+"""Tolerances of what a model has beside geometry."""
 
 
-def machine_of(folder: Path, model: str, *edits: tuple[str, str], sensor: str = "pose") -> Machine:
+def model_text(model: str) -> str:
+    """Machine file of a model, seen as poses; base and tool stand exactly as drawn."""
+    text = (MACHINES / "telescope.yaml").read_text(encoding="utf-8")
+    text = text.replace("model: spherical", f"model: {model}")
+    return text.replace("tolerances: {", "tolerances: {" + KNOWN.get(model, ""))
+
+
+def machine_of(folder: Path, model: str, *edits: tuple[str, str]) -> Machine:
     """The nominal telescope in a model, its text edited."""
-    text = campaigns.model_text(model, sensor)
+    text = model_text(model)
     for old, new in edits:
         assert old in text
         text = text.replace(old, new)
@@ -75,8 +86,27 @@ def hinged(machine: Machine) -> list[tuple[str, str]]:
     ]
 
 
+def _centres(point: str) -> Array:
+    """(6, 3) ``a`` or ``b`` of the legs as drawn."""
+    nominal = {p.name: p.nominal for p in load_machine(MACHINES / "telescope.yaml").parameters}
+    return np.array([[nominal[f"leg{k}.{point}.{axis}"] for axis in "xyz"] for k in range(1, 7)])
+
+
+def lower_centres(rho: Array) -> Array:
+    """(6, 3) lower joint centres in the base frame at travels (6,): all actuators are vertical."""
+    return np.asarray(_centres("a") + np.outer(rho, [0.0, 0.0, 1.0]))
+
+
+def upper_centres() -> Array:
+    """(6, 3) upper joint centres in the frame of the platform."""
+    return _centres("b")
+
+
 LOADED = (
     ("units: {length: mm, angle: deg}", "units: {length: mm, angle: deg}\ngravity: [0, 0, -9.80665]"),
     ("tolerances:", "masses:\n  payload: {kg: 20, com: [0, 0, 0], in: platform}\ntolerances:"),
 )
-TRAVEL = np.asarray(simulator.paper_poses()[1][:12])
+TOOL = 120.0
+"""Height of the tool above the platform."""
+_RECORDED = pd.read_csv(ROOT / "models/machines/telescope/recording.csv", comment="#")
+TRAVEL: Array = _RECORDED[[f"rho{k}" for k in range(1, 7)]].to_numpy()[:12]

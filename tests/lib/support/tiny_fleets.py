@@ -3,43 +3,105 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
-from challenge.simulator.base import Imperfection, Plan
-from support.tiny_machine import Tiny
-
-GAIN = Imperfection("gain", ("q1",), 2e-3, {})
-PLAY = Imperfection("play", ("q2",), 2e-3, {})
+Array = NDArray[np.float64]
+SIGMA, LENGTH, ANGLE = 0.01, 0.1, 0.0005
+MACHINE = """schema: truepose/machine/1
+name: tiny
+units: {{length: mm, angle: deg}}
+mechanism:
+  type: serial
+  joints:
+    - {{name: q1, kind: revolute, r: 300, range: [-170, 170]}}
+    - {{name: q2, kind: revolute, alpha: -90, d: 100, range: [-90, 90]}}
+frames: {{tool: {{in: flange, xyz: [400, 50, 30], tolerance: {{xyz: {length}}}}}}}
+sensor: {{type: position, sigma: {{xyz: {sigma}}}}}
+tolerances: {{length: {length}, angle: {angle}}}
+"""
+NOMINAL = {
+    "q1.alpha": 0.0, "q1.beta": 0.0, "q1.d": 0.0, "q1.theta": 0.0, "q1.r": 300.0,
+    "q2.alpha": -np.pi / 2, "q2.beta": 0.0, "q2.d": 100.0, "q2.theta": 0.0, "q2.r": 0.0,
+    "tool.x": 400.0, "tool.y": 50.0, "tool.z": 30.0,
+}  # fmt: skip
+JOINTS = ("q1", "q2")
+LIMITS = np.radians([170.0, 90.0])
 ROWS = 16
 
 
-def rows(seed: int, faults: Sequence[Imperfection] = (), count: int = ROWS) -> pd.DataFrame:
+@dataclass(frozen=True)
+class Fault:
+    """A gain (rad per rad) or a play (rad) of a joint."""
+
+    kind: str
+    joint: str
+    size: float
+
+
+GAIN = Fault("gain", "q1", 2e-3)
+PLAY = Fault("play", "q2", 2e-3)
+
+
+def machine_text(sigma_factor: float = 1.0, tolerance_factor: float = 1.0) -> str:
+    """The arm's file."""
+    lengths, angles = LENGTH * tolerance_factor, float(np.degrees(ANGLE)) * tolerance_factor
+    return MACHINE.format(length=lengths, angle=angles, sigma=SIGMA * sigma_factor)
+
+
+def built(rng: np.random.Generator, scale: float = 1.0) -> dict[str, float]:
+    """The arm as made: off its drawing by its tolerances, mm and rad."""
+    spread = {n: LENGTH if n[-1] in "drxyz" else ANGLE for n in NOMINAL}
+    return {n: v + scale * spread[n] * rng.standard_normal() for n, v in NOMINAL.items()}
+
+
+def points(p: Mapping[str, float], q: Array) -> Array:
+    """(n, 3) points of the tool at joints (n, 2): forward kinematics written out, mm and rad."""
+    point = np.tile([p["tool.x"], p["tool.y"], p["tool.z"]], (len(q), 1))
+    for k, joint in ((1, "q2"), (0, "q1")):
+        about_z = Rotation.from_rotvec(np.outer(q[:, k] + p[f"{joint}.theta"], [0.0, 0.0, 1.0]))
+        up, out = np.array([0.0, 0.0, p[f"{joint}.r"]]), np.array([p[f"{joint}.d"], 0.0, 0.0])
+        point = about_z.apply(point + up) + out
+        turn = Rotation.from_euler("y", p[f"{joint}.beta"]) * Rotation.from_euler("x", p[f"{joint}.alpha"])
+        point = turn.apply(point)
+    return np.asarray(point)
+
+
+def rows(seed: int, faults: Sequence[Fault] = (), count: int = ROWS) -> pd.DataFrame:
     """A recording: readings of the joints and of the tracker, and the sides that joints came from."""
-    arm, rng = Tiny(), np.random.default_rng(seed)
-    campaign = arm.campaign(Plan(poses=count, repeats=1, both_sides=True), rng)
-    exact = arm.measure(arm.specimen(rng), tuple(faults), campaign)
-    readings = arm.noisy(exact, campaign, rng)
-    columns = {name: np.degrees(campaign.q[:, k]) for k, name in enumerate(arm.readings)}
-    columns |= {name: readings[:, k] for k, name in enumerate(arm.columns)}
-    columns |= {f"approach.{name}": campaign.approach[:, k] for k, name in enumerate(arm.readings)}
+    rng = np.random.default_rng(seed)
+    q = LIMITS * rng.uniform(0.0, 0.95, (count, 2)) * rng.choice([-1, 1], (count, 2))
+    q = np.radians(np.degrees(q).round(6))
+    side, moved = rng.choice([-1.0, 1.0], (count, 2)), q.copy()
+    rng.choice([0.0, 5.0], count), rng.random(count)  # a payload and a temperature that nothing depends on
+    for fault in faults:
+        k = JOINTS.index(fault.joint)
+        moved[:, k] += fault.size * q[:, k] if fault.kind == "gain" else -fault.size / 2 * side[:, k]
+    exact = points(built(rng), moved)
+    readings = exact + SIGMA * rng.standard_normal(exact.shape)
+    columns = {name: np.degrees(q[:, k]) for k, name in enumerate(JOINTS)}
+    columns |= {name: readings[:, k] for k, name in enumerate("xyz")}
+    columns |= {f"approach.{name}": side[:, k] for k, name in enumerate(JOINTS)}
     return pd.DataFrame(columns)
 
 
 def write_machine(folder: Path, recording: pd.DataFrame, name: str = "recording.csv") -> None:
     """A folder of one machine."""
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "machine.yaml").write_text(Tiny().machine_text(), encoding="utf-8")
+    (folder / "machine.yaml").write_text(machine_text(), encoding="utf-8")
     recording.to_csv(folder / name, index=False)
 
 
-def write_fleet(folder: Path, faults: Mapping[str, Sequence[Imperfection]]) -> Path:
+def write_fleet(folder: Path, faults: Mapping[str, Sequence[Fault]]) -> Path:
     """A folder of machines by name."""
     for seed, (name, own) in enumerate(faults.items()):
         write_machine(folder / name, rows(seed, own))
     return folder
 
 
-__all__ = ["GAIN", "PLAY", "rows", "write_fleet", "write_machine"]
+__all__ = ["GAIN", "MACHINE", "PLAY", "machine_text", "rows", "write_fleet", "write_machine"]
