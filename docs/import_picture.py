@@ -67,6 +67,7 @@ FLOORS = (
     ("identification.fleet",),
     ("identification.report",),
     ("identification.running",),
+    ("api",),
     ("__init__",),
     ("commands",),
     ("demo",),

@@ -5,14 +5,14 @@ from __future__ import annotations
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, cast
 
-from truepose.identification.prediction.predict import predict
-from truepose.identification.recording.load import Sources
-from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine
 from truepose.shown.result import Shown, above
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from truepose.identification.recording.load import Sources
+    from truepose.identification.recording.recording import Recording
 
 
 class Fitted(Shown):
@@ -25,7 +25,7 @@ class Fitted(Shown):
 
     def predict(self, rows: Recording | Sources) -> pd.DataFrame:
         """Predict readings and poses of the machine that was found, with the columns of ``truepose.predict``."""
-        return predict(self.machine, rows)
+        return cast("pd.DataFrame", above("fitted", "predicted_frame")(self, rows))
 
     @property
     def residuals(self) -> pd.DataFrame:

@@ -16,10 +16,18 @@ from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.fitted import Fitted
 from truepose.identification.fit.tool_pose import calibrated_pose
 from truepose.identification.fit.write_machine import calibrated_text
+from truepose.identification.prediction.predict import predict
+from truepose.identification.recording.load import Sources, as_recording
+from truepose.identification.recording.recording import Recording
 from truepose.identification.report.applied_words import expected_pose
 from truepose.identification.report.judgement_words import diagnosis_judgement
 from truepose.models.machine.machine import Machine
 from truepose.models.units import convert
+
+
+def predicted_frame(result: Fitted, rows: Recording | Sources) -> pd.DataFrame:
+    """Return what the machine of a result predicts for rows."""
+    return predict(result.machine, as_recording(result.machine, rows, need_observations=False))
 
 
 @singledispatch

@@ -17,8 +17,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truepose.arrays import Array
+from truepose.bounded import check_input
 from truepose.errors import InputError
-from truepose.identification.leaves.bags.bag_limits import check_bag
 from truepose.identification.leaves.bags.settled import BAND, SECONDS, Average, Stream, average, stretches
 from truepose.identification.recording.arrow_columns import ArrowCells
 from truepose.identification.recording.text import SI, TextTable
@@ -151,7 +151,8 @@ def _read(path: Path) -> _Log:
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
         raise InputError(f"{path}: a ROS bag needs rosbags: pip install 'truepose[ros]'") from None
-    check_bag(path)
+    for part in path.iterdir() if path.is_dir() else [path]:
+        check_input(part)
     log = _Log()
     store = get_typestore(Stores.ROS1_NOETIC if path.suffix == ".bag" else Stores.ROS2_HUMBLE)
     read = store.deserialize_ros1 if path.suffix == ".bag" else store.deserialize_cdr
