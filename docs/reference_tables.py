@@ -14,8 +14,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from truepose.identification.recording import columns
-from truepose.identification.recording.row_schema import row_schema
+import recording_columns as columns
+from recording_columns import row_schema
 from truepose.models.schemas import FILES, MACHINE, RECORDING
 from truepose.models.schemas.machine import allowed, machine_schema, schema_text
 
@@ -92,7 +92,7 @@ def _table(rows: dict[str, str], like: str = "") -> list[str]:
 
 
 def recorded(group: str) -> str:
-    """The table of a group of ``truepose.identification.recording.columns``."""
+    """The table of a group of ``recording_columns``."""
     known: Sequence[columns.KnownColumn] = getattr(columns, group)
     sensors = group == "READINGS"
     head = ["column", "value", "sensor" if sensors else "left out", "meaning"]

@@ -10,8 +10,10 @@ import difflib
 import hashlib
 import importlib
 import importlib.util
+import inspect
 import pkgutil
 import sys
+import traceback
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,30 +22,44 @@ from types import ModuleType
 from typing import Generic, TypeVar
 
 from truepose.errors import InputError, TrueposeError
-from truepose.models.plugin_guard import PREFIX, Kind, guarded, is_plugins, translated
 
 T = TypeVar("T")
+PREFIX = "truepose_plugin_"
+"""How the names of modules begin that are plug-ins."""
 
 
 class Registry(Generic[T]):
-    """Named entries of one kind, filled on first use from the modules of a package."""
+    """Named entries of one kind, filled on first use from the modules of a package; classes are made from ``base``."""
 
-    def __init__(self, kind: str, package: str, guard: Kind | None = None) -> None:
-        self._guard = guard
+    def __init__(self, kind: str, package: str, base: type | None = None) -> None:
+        self._base = base
         self._kind, self._package, self._entries, self._filled = kind, package, dict[str, T](), False
 
     def add(self, name: str) -> Callable[[T], T]:
-        """Decorator: the class that follows is known by ``name``; one of a user's file is guarded."""
+        """Decorator: the class that follows is known by ``name``. Raises InputError for what is no entry of this kind."""
         if not isinstance(name, str) or not name:
             raise InputError(f"the plug-in's {self._kind}: found the name {name!r}, expected a text")
 
         def register(entry: T) -> T:
-            if self._guard is not None and (is_plugins(entry) or not self._guard.fits(entry)):
-                entry = guarded(entry, name, self._guard)
+            self._check(entry, name)
             self._entries[name] = entry
             return entry
 
         return register
+
+    def _check(self, entry: object, name: str) -> None:
+        """Raise InputError for an entry that cannot be used: of another class, incomplete, or with another name."""
+        where = f"the plug-in's {self._kind} {name!r}"
+        if self._base is None and not callable(entry):
+            raise InputError(f"{where}: found {entry!r}, expected a function")
+        if self._base is not None and not (inspect.isclass(entry) and issubclass(entry, self._base)):
+            raise InputError(f"{where}: found {entry!r}, expected a class made from {self._base.__name__}")
+        missing = sorted(getattr(entry, "__abstractmethods__", ()))
+        if missing:
+            raise InputError(f"{where}: found no {', '.join(missing)}, expected all of them")
+        slug = getattr(entry, "slug", None if self._kind == "effect" else name)
+        if slug != name:
+            raise InputError(f"{where}: found the slug {slug!r}, expected {name!r}")
 
     def get(self, name: object, where: str) -> T:
         """The entry of that name; InputError naming ``where``, what exists and close matches."""
@@ -99,17 +115,27 @@ def load_plugin(path: Path) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
     try:
-        with translated(f"{path}: the plugin cannot be loaded", str(path)), warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore", SyntaxWarning
-            )  # of what is then told as an error, or does no harm
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SyntaxWarning)  # reported as an error, or harmless
             spec.loader.exec_module(module)
-    except BaseException as exc:
+    except KeyboardInterrupt:
         del sys.modules[name]
-        if isinstance(exc, TrueposeError) and str(path) not in str(exc):
-            raise InputError(f"{path}: the plugin cannot be loaded: {exc}") from exc
         raise
+    except BaseException as exc:  # sys.exit among them
+        del sys.modules[name]
+        words = str(exc) if isinstance(exc, TrueposeError) else f"{type(exc).__name__}: {exc}"
+        raise InputError(f"{path}: the plugin cannot be loaded: {words}") from exc
     return module
+
+
+def plugin_fault(exc: Exception) -> str | None:
+    """Return what a plug-in's own code did wrong, with its file and line; None where no plug-in was running."""
+    files = {str(path) for path in loaded_plugins()}
+    frames = [f for f in traceback.extract_tb(exc.__traceback__) if str(Path(f.filename).resolve()) in files]
+    if not frames:
+        return None
+    words = f"{type(exc).__name__}: {exc}" if str(exc) else type(exc).__name__
+    return f"{frames[-1].filename}: line {frames[-1].lineno}: the plug-in's {frames[-1].name} failed: {words}"
 
 
 def load_once(path: Path) -> None:

@@ -32,9 +32,7 @@ from truepose.identification.compensation.rows import (
     ideal_constants,
     twists_between,
 )
-from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
-from truepose.models.given import MachineLike, as_machine
 from truepose.models.machine.machine import Machine
 
 METHODS: tuple[Method, ...] = ("exact", "first-order")
@@ -50,26 +48,24 @@ _COLUMNS = ("command", "target", "before", "after", "not_asked", "eased")
 
 
 def compensate(
-    machine: MachineLike,
-    path: Recording | Sources,
+    machine: Machine,
+    path: Recording,
     *,
     method: Method = "exact",
     compiled_from: int = COMPILED_FROM,
 ) -> Compensation:
     """Commands for every row of ``path``, whose readings are nominal; drivers are the path's own.
 
-    A file of readings, a DataFrame or a dict of columns is a path, too. Nominal values are those of the file's
+    Nominal values are those of the file's
     ``nominal:``. Paths of ``compiled_from`` rows and more are solved by the generated C where there is a compiler;
     results agree within what counts as met (1e-9 of the machine's size, and 1e-9 rad). Raises InputError naming the
     first row that cannot be followed: out of reach, or with a joint out of its range.
     """
-    machine = as_machine(machine)
     if method not in METHODS:
         raise InputError(f"--method: found {method!r}, expected one of {', '.join(METHODS)}")
-    rows = as_recording(machine, path, need_observations=False)
-    follower = Follower(machine, rows)
-    if method != "exact" or len(rows) < compiled_from:
-        return follower.by_numpy(np.arange(len(rows)), method)
+    follower = Follower(machine, path)
+    if method != "exact" or len(path) < compiled_from:
+        return follower.by_numpy(np.arange(len(path)), method)
     return _compiled(machine, follower)
 
 

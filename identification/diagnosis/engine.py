@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 from truepose.identification.diagnosis.null_fits import null_fits
 from truepose.identification.diagnosis.result import Diagnosis
@@ -15,38 +14,33 @@ from truepose.identification.diagnosis.stages import first, further, stages
 from truepose.identification.diagnosis.verdict import concluded
 from truepose.identification.fit.reading_errors import estimate_reading_errors
 from truepose.identification.fit.set_ups import with_set_ups
-from truepose.identification.learned_prior import FleetPrior, LearnedPrior, read_prior
-from truepose.identification.recording.load import Sources, as_recording
+from truepose.identification.learned_prior import FleetPrior, LearnedPrior
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.tried import with_measured_loads
 from truepose.identification.signatures.candidates import catalogue
-from truepose.models.given import MachineLike, as_machine
+from truepose.models.machine.machine import Machine
 
 
 def diagnose(
-    machine: MachineLike,
-    recording: Recording | Sources,
+    machine: Machine,
+    recording: Recording,
     *,
-    prior: LearnedPrior | Path | str | None = None,
+    prior: LearnedPrior | None = None,
     progress: Callable[[str], None] = lambda _: None,
     stop: Callable[[], bool] = lambda: False,
 ) -> Diagnosis:
     """Say what physics the model of ``machine`` leaves out of ``recording``, model it and prove it.
 
-    A path, a DataFrame or a dict of columns is a recording, too. ``prior``: what a fleet of machines leaves for this one, or
-    the file of it (``truepose.identification.learned_prior``). ``stop`` is asked now and then: once it returns True, the search
-    ends, and what it found by then is named and proved (``Diagnosis.stopped``). Raises InputError for unusable input and
-    ConvergenceError when the fit without effects finds no minimum.
+    ``prior``: what a fleet of machines leaves for this one (``truepose.identification.learned_prior``). ``stop`` is asked now
+    and then: once it returns True, the search ends, and what it found by then is named and proved (``Diagnosis.stopped``).
+    Raises InputError for unusable input and ConvergenceError when the fit without effects finds no minimum.
     """
-    machine = as_machine(machine)
-    learned = read_prior(prior) if isinstance(prior, Path | str) else prior
-    recording = as_recording(machine, recording)
     machine = with_measured_loads(with_set_ups(machine, recording), recording)
     progress("fitting without effects")
     every = stages(machine, estimate_reading_errors(machine, recording))
     fits, cat = null_fits(machine, every[0]), catalogue(machine, recording)
-    if learned is not None:
-        cat = replace(cat, learned=FleetPrior(learned, machine.mechanism_type))
+    if prior is not None:
+        cat = replace(cat, learned=FleetPrior(prior, machine.mechanism_type))
     progress(f"weighing {len(cat.candidates)} explanations")
     fits, near = first(machine, every[0], fits, cat, stop)
     for rows in every[1:]:

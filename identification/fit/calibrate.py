@@ -35,9 +35,7 @@ from truepose.identification.fit.simultaneous import simultaneous
 from truepose.identification.fit.widening import untied
 from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.prediction.predictor import FIT, Predictor
-from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
-from truepose.models.given import MachineLike, as_machine
 from truepose.models.machine.machine import Machine
 from truepose.shown.result import Written, frame
 from truepose.wording import meant
@@ -95,8 +93,8 @@ class Calibration(Written, Fitted):
 
 
 def calibrate(
-    machine: MachineLike,
-    recording: Recording | Sources,
+    machine: Machine,
+    recording: Recording,
     *,
     estimator: str = "map",
     solver: str = "gn",
@@ -105,7 +103,7 @@ def calibrate(
     only: Sequence[str] = (),
     progress: Callable[[str], None] = lambda _: None,
 ) -> Calibration:
-    """Fit the machine with the effects of its file; a path, a DataFrame or a dict of columns is a recording, too.
+    """Fit the machine with the effects of its file.
 
     ``only``: frames, parts or constants (``base``, ``q4``, ``q4.theta``), or the zeros of all joints (``offset``), that alone
     are fitted; all else, effects included, is held as the file has it (``truepose.identification.fit.only``).
@@ -116,9 +114,7 @@ def calibrate(
     together, for bounds that cannot be kept and for too few rows, ConvergenceError naming the parameters
     responsible.
     """
-    machine = as_machine(machine)
     biased = _checked(estimator, solver, scaling)
-    recording = as_recording(machine, recording)
     only = with_zeros(machine, only)
     machine = with_set_ups(held_but(machine, only) if only else machine, recording)
     progress("fitting")

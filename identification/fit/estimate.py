@@ -21,10 +21,8 @@ from truepose.identification.fit.problem import Prior, Problem, prior_of
 from truepose.identification.fit.robust import robust
 from truepose.identification.fit.widening import widened
 from truepose.identification.prediction.predictor import FIT, Predictor
-from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.given import MachineLike, as_machine
 from truepose.models.machine.machine import Machine
 
 Solver = Callable[[Problem, Array], Solution]
@@ -49,8 +47,8 @@ FREE_TRIES = ((STUBBORN, 400),)
 
 
 def estimate(
-    machine: MachineLike,
-    recording: Recording | Sources,
+    machine: Machine,
+    recording: Recording,
     effects: Sequence[PlacedEffect] | None = None,
     *,
     widen: float = 1.0,
@@ -64,7 +62,7 @@ def estimate(
     solver: Solver | None = None,
     noise: float = 1.0,
 ) -> Estimate:
-    """Fit ``machine`` with ``effects``, by default its own, to the calibration rows of ``recording`` (or of what is read so).
+    """Fit ``machine`` with ``effects``, by default its own, to the calibration rows of ``recording``.
 
     ``damping`` is that of the first step; without it full steps are taken, and damped ones where those find no minimum.
     ``start`` (np,) are parameters and coefficients to begin with, mm and rad; ``exclude`` (n,) leaves rows out; rows that
@@ -73,9 +71,7 @@ def estimate(
     (``Estimate.noise``), where that is known; it decides what tolerances and expected sizes weigh beside them. Raises
     InputError for too few rows, ConvergenceError naming the parameters responsible.
     """
-    machine = as_machine(machine)
     effects = machine.effects if effects is None else effects
-    recording = as_recording(machine, recording)
     predictor = predictor or Predictor(machine, recording, effects, visits=FIT)
     prior = prior or prior_of(machine, effects)
     prior = prior.with_sigma(prior.sigma / noise) if noise != 1.0 else prior

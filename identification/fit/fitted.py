@@ -5,17 +5,18 @@ from __future__ import annotations
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from truepose.identification.prediction.predict import predict
-from truepose.identification.recording.load import Sources
-from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine
 from truepose.shown.result import Declared, Shown
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from truepose.identification.recording.load import Sources
+    from truepose.identification.recording.recording import Recording
+
 
 machine_of: Declared[Machine] = Declared("an estimate, a calibration or a diagnosis")
+predicted_frame: Declared[pd.DataFrame] = Declared("an estimate, a calibration or a diagnosis")
 residual_frame: Declared[pd.DataFrame] = Declared("an estimate, a calibration or a diagnosis")
 residual_figure: Declared[Any] = Declared("an estimate, a calibration or a diagnosis")
 
@@ -30,7 +31,7 @@ class Fitted(Shown):
 
     def predict(self, rows: Recording | Sources) -> pd.DataFrame:
         """Predict readings and poses of the machine that was found, with the columns of ``truepose.predict``."""
-        return predict(self.machine, rows)
+        return predicted_frame(self, rows)
 
     @property
     def residuals(self) -> pd.DataFrame:

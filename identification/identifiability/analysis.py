@@ -31,9 +31,8 @@ from truepose.identification.identifiability.patterns import Blind
 from truepose.identification.identifiability.poses import SEED, Seen, drawn_poses, measured, with_observations
 from truepose.identification.identifiability.subset import Columns, Subset, independent_subset
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
-from truepose.models.given import MachineLike, as_machine
+from truepose.models.machine.machine import Machine
 from truepose.shown.result import Shown, frame
 
 if TYPE_CHECKING:
@@ -107,8 +106,8 @@ class Identifiability(Shown):
 
 
 def identifiability(
-    machine: MachineLike,
-    recording: Recording | Sources | None = None,
+    machine: Machine,
+    recording: Recording | None = None,
     *,
     poses: int = DRAWN_POSES,
     machines: int = DRAWN_MACHINES,
@@ -116,15 +115,11 @@ def identifiability(
 ) -> Identifiability:
     """What the poses of ``recording`` tell, or ``poses`` drawn over the ranges of the joints.
 
-    A path, a DataFrame or a dict of columns is a recording, too. Rows for validation do not count. Readings may be
+    Rows for validation do not count. Readings may be
     missing; where they are there they only say where a base of wide tolerance stands. Raises InputError where a joint
     has no range to draw from, where nothing is free, and when no row can be assembled.
     """
-    machine = as_machine(machine)
-    if recording is None:
-        rows = drawn_poses(machine, poses, seed)
-    else:
-        rows = as_recording(machine, recording, need_observations=False)
+    rows = drawn_poses(machine, poses, seed) if recording is None else recording
     machine = with_set_ups(machine, rows)
     predictor = with_observations(machine, rows)
     prior = prior_of(machine, machine.effects)

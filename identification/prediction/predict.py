@@ -18,11 +18,9 @@ from truepose.identification.prediction.blocks import TOGETHER
 from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.spread import column_std
-from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
 from truepose.models.file.driver import ROW, Driver
-from truepose.models.given import MachineLike, as_machine
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import AXIS_UNITS
 from truepose.models.units import convert
@@ -42,14 +40,12 @@ class Prediction:
     good: Mask
 
 
-def predict(machine: MachineLike, recording: Recording | Sources) -> pd.DataFrame:
+def predict(machine: Machine, recording: Recording) -> pd.DataFrame:
     """One row for each row, in order: sensor columns, ``<column>.std``, pose.x ... pose.rz (rotation vector).
 
-    A path, a DataFrame or a dict of columns is a recording, too; it needs no readings. Columns are in the units of the
+    The recording needs no readings. Columns are in the units of the
     machine file. Rows that cannot be assembled are NaN (see ``unassembled``).
     """
-    machine = as_machine(machine)
-    recording = as_recording(machine, recording, need_observations=False)
     found = predicted(predictor_for(machine, recording))
     units = machine.units
     assert found.std is not None

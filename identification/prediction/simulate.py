@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -11,29 +10,25 @@ import pandas as pd
 from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.prediction.predict import predicted, predictor_for
-from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
-from truepose.identification.recording.table import read_table
+from truepose.identification.recording.table import Table
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.given import MachineLike, as_machine
 from truepose.models.machine.machine import Machine
 from truepose.models.units import convert
 
 
 def simulate(
-    machine: MachineLike,
-    poses: Recording | Sources,
+    machine: Machine,
+    poses: Recording,
     extra: Sequence[PlacedEffect] = (),
     *,
     seed: int | None = 0,
 ) -> pd.DataFrame:
-    """The sensor's columns for every row of ``poses`` (a path, a DataFrame or a dict, too), in the machine file's units.
+    """The sensor's columns for every row of ``poses``, in the machine file's units.
 
     Noise is the instrument's, drawn from ``seed``; None leaves it out. Raises InputError naming the first row
     that cannot be assembled, and a column of labels that a sensor without readings needs.
     """
-    machine = as_machine(machine)
-    poses = as_recording(machine, poses, need_observations=False)
     _check_labels(machine, poses)
     predictor = predictor_for(machine.with_effects((*machine.effects, *extra)), poses)
     found = predicted(predictor, with_std=False)
@@ -64,9 +59,8 @@ def _check_labels(machine: Machine, poses: Recording) -> None:
                 )
 
 
-def with_inputs(path: Path | str, simulated: pd.DataFrame) -> pd.DataFrame:
-    """The columns of a file of poses as they stand, then the simulated readings in place of its own."""
-    table = read_table(path)
+def with_inputs(table: Table, simulated: pd.DataFrame) -> pd.DataFrame:
+    """The columns of a table of poses as they stand, then the simulated readings in place of its own."""
     kept = {}
     for column in table.columns:
         if column.name not in simulated:

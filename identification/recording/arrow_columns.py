@@ -5,15 +5,13 @@ What is no plain number is left to ``Table.numbers``, which also says what is wr
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.compute as pc  # type: ignore[import-untyped]
-import pyarrow.parquet as pq  # type: ignore[import-untyped]
 
 from truepose.arrays import Array
 
@@ -76,78 +74,3 @@ class ArrowCells(Sequence[object]):
 def _plain(cells: Any) -> Any:
     """Cells that are kept by their distinct values, written out."""
     return cells.dictionary_decode() if pa.types.is_dictionary(cells.type) else cells
-
-
-class StackedCells(ArrowCells):
-    """A column in parts, some rows each, which are asked for anew whenever it is read: a file may be larger than memory."""
-
-    def __init__(self, rows: int, parts: Callable[[], Iterable[ArrowCells]]) -> None:
-        self._rows, self._parts = rows, parts
-
-    def __len__(self) -> int:
-        return self._rows
-
-    def __iter__(self) -> Iterator[object]:
-        for part in self._parts():
-            yield from part
-
-    @cached_property
-    def _list(self) -> list[object]:
-        return list(self)
-
-    @property
-    def empty(self) -> bool:
-        """Whether no cell holds anything but blanks."""
-        return all(part.empty for part in self._parts())
-
-    def numbers(self, *, lost: bool = False) -> Array | None:
-        """(n,) as of ``ArrowCells``, filled part by part."""
-        return _stacked(self._parts(), self._rows, lost=lost)
-
-
-class TextCells(StackedCells):
-    """A column of a text file: of its parts numbers and labels are ``kept``, None where only the file has the texts.
-
-    ``written`` reads all texts from the file, as they stand there.
-    """
-
-    def __init__(
-        self,
-        rows: int,
-        written: Callable[[], Iterable[ArrowCells]],
-        kept: Sequence[ArrowCells | Array | None],
-    ) -> None:
-        labels = [part for part in kept if isinstance(part, ArrowCells)]
-        super().__init__(rows, written if len(labels) < len(kept) else lambda: labels)
-        self._kept = kept
-
-    def numbers(self, *, lost: bool = False) -> Array | None:
-        """(n,) as of ``ArrowCells``; the file is not read again."""
-        kept = [part for part in self._kept if part is not None]
-        if len(kept) < len(self._kept):
-            return None
-        parts = (part if isinstance(part, ArrowCells) else ArrowCells(part) for part in kept)
-        return _stacked(parts, self._rows, lost=lost)
-
-
-def parquet_cells(path: Path, name: str, rows: int) -> StackedCells:
-    """A column of a Parquet file."""
-
-    def parts() -> Iterator[ArrowCells]:
-        with pq.ParquetFile(path) as file:
-            for batch in file.iter_batches(columns=[name]):
-                yield ArrowCells(batch.column(0))
-
-    return StackedCells(rows, parts)
-
-
-def _stacked(parts: Iterable[ArrowCells], rows: int, *, lost: bool) -> Array | None:
-    """(rows,) numbers of all parts, None where one has none."""
-    out, at = np.empty(rows), 0
-    for part in parts:
-        own = part.numbers(lost=lost)
-        if own is None:
-            return None
-        out[at : at + len(own)] = own
-        at += len(own)
-    return out

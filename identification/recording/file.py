@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -14,7 +13,6 @@ from truepose.arrays import Array, Mask
 from truepose.errors import InputError
 from truepose.identification.recording.arrow_columns import ArrowCells
 from truepose.identification.recording.history import latest_earlier_row
-from truepose.identification.recording.ignored import ignored_columns, untried_columns
 from truepose.identification.recording.joint_column import (
     JointColumn,
     column_unit,
@@ -23,13 +21,13 @@ from truepose.identification.recording.joint_column import (
     turned_notes,
 )
 from truepose.identification.recording.names import in_known_case, missing_column
-from truepose.identification.recording.table import Table, read_table
+from truepose.identification.recording.table import Table
 from truepose.identification.recording.times import Times, read_times
 from truepose.models.file.driver import APPROACH, MEASURED_LOADS, VELOCITY, DeclaredDriver, Driver
-from truepose.models.file.limits import LATEST
+from truepose.models.file.limits import LATEST, ROWS
 from truepose.models.machine.column_names import OF_ROWS
 from truepose.models.units import UnitSystem, convert
-from truepose.wording import shortened
+from truepose.wording import cut, meant, shortened
 
 IntArray = npt.NDArray[np.int64]
 
@@ -39,6 +37,10 @@ OF_JOINTS: Final = (APPROACH, VELOCITY, *MEASURED_LOADS)
 _ROLES: Final = ("calibration", "validation")
 _NAMED: Final = 4
 """Lost readings that a note names."""
+_HINTED: Final = 200
+"""Columns that are compared with known names."""
+_LISTED: Final = 40
+"""Columns that a note names."""
 
 
 @dataclass(frozen=True)
@@ -66,17 +68,19 @@ class RecordingPart:
 
 
 def read_part(
-    path: Path | str | Table,
+    table: Table,
     joints: Sequence[JointColumn],
     sensor_columns: Mapping[str, str],
     units: UnitSystem,
     needed: Sequence[str],
     declared: Sequence[DeclaredDriver] = (),
 ) -> RecordingPart:
-    """Read and check one file (or its table). `needed` names the columns it must have beside the joints; `declared`: drivers
+    """Check one file's table. `needed` names the columns it must have beside the joints; `declared`: drivers
     that the machine file names.
     """
-    table = path if isinstance(path, Table) else read_table(path)
+    if table.n_rows > ROWS:
+        found = f"{table.file}: found {table.n_rows:,} rows, expected at most {ROWS:,}"
+        raise InputError(f"{found}: average what was read at one pose, or split the file")
     names = [joint.name for joint in joints]
     declared = [d for d in declared if d.name not in (*names, *sensor_columns, *OF_ROWS)]
     logged = [*LOGGED, *_of_joints(joints), *(d.name for d in declared)]
@@ -113,10 +117,10 @@ def read_part(
             *table.notes,
             *_lost(table.file, observations),
             *turned_notes(table, joints, q, said),
-            *ignored_columns(table, known, {*LOGGED, *_of_joints(joints)}),
+            *_ignored_columns(table, known, {*LOGGED, *_of_joints(joints)}),
         ),
         said=said,
-        untried=untried_columns(table, {*known, *OF_ROWS}),
+        untried=_untried_columns(table, {*known, *OF_ROWS}),
     )
 
 
@@ -249,3 +253,34 @@ def _from_row(table: Table, pose: IntArray | None, time: Array | None) -> IntArr
     rows = latest_earlier_row(pose, origin, time)
     table.refuse("from", rows < 0, lambda row: f"{origin[row]}", "the pose of this or of an earlier row")
     return rows
+
+
+def _ignored_columns(table: Table, known: Collection[str], optional: Collection[str]) -> tuple[str, ...]:
+    """A note on the columns that are not ``known``, with the known or ``optional`` name that may be meant; none without any."""
+    others = _others(table, known)
+    if not others:
+        return ()
+    absent = {*known, *optional} - set(table.names)
+    hints = {name: meant(name, absent) for name in others[:_HINTED]}
+    named = [f"{name!r} ({hint})" for name, hint in hints.items() if hint]
+    named += [repr(cut(name)) for name in others if not hints.get(name)]
+    return (f"{table.file}: ignored columns that mean nothing here: {shortened(named, _LISTED)}",)
+
+
+def _untried_columns(table: Table, known: Collection[str]) -> tuple[str, ...]:
+    """Columns of numbers that vary, beside those that are ``known``: what might drive an error."""
+    return tuple(name for name in _others(table, known) if name and _varies(table, name))
+
+
+def _others(table: Table, known: Collection[str]) -> list[str]:
+    """Columns that are neither known nor say of known ones how they were averaged."""
+    named = {*known, "samples", *(f"{name}.sigma" for name in known)}
+    named |= {f"{name.rpartition('.')[0]}.samples" for name in known}
+    return [name for name in table.names if name not in named]
+
+
+def _varies(table: Table, name: str) -> bool:
+    try:
+        return bool(np.ptp(table.numbers(name)) > 0.0)
+    except InputError:
+        return False

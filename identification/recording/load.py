@@ -17,12 +17,11 @@ from truepose.errors import InputError
 from truepose.identification.recording.angle_range import TURN, unfold_readings
 from truepose.identification.recording.file import LABEL
 from truepose.identification.recording.joint_column import JointColumn
-from truepose.identification.recording.memory_tables import is_table
 from truepose.identification.recording.names import in_known_case
 from truepose.identification.recording.own_equipment import begun, with_own_equipment
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording
-from truepose.identification.recording.table import Table, read_table, table_in_memory
+from truepose.identification.recording.table import Table, is_table, read_table, table_in_memory
 from truepose.models.machine.couplings import coupling_matrix, turns_freely
 from truepose.models.machine.machine import Machine
 
@@ -49,30 +48,27 @@ def joint_columns(machine: Machine) -> list[JointColumn]:
 
 
 def tables(source: Sources, readings: Sequence[str] = ()) -> list[Table]:
-    """The table of every recording in ``source``, for a machine whose joints are ``readings``.
+    """Return the table of every recording in ``source``, for a machine whose joints are ``readings``.
 
     Raises InputError for what is none, and as ``read_table`` does.
     """
-    if isinstance(source, (str, os.PathLike, Table, pd.DataFrame, Mapping)) or is_table(source):
-        return [_table(source, "", readings)]
-    if not isinstance(source, Sequence):
-        raise InputError(
-            f"recording: found {type(source).__name__}, expected a path, a DataFrame, a dict of columns, "
-            "or several of these"
-        )
-    return [_table(s, f" {k}" if len(source) > 1 else "", readings) for k, s in enumerate(source, start=1)]
-
-
-def _table(source: Any, number: str, readings: Sequence[str]) -> Table:
-    if isinstance(source, Table):
-        return source
-    if isinstance(source, (str, os.PathLike)):
-        return read_table(Path(source), readings)
-    if is_table(source):
-        return table_in_memory(source, f"{type(source).__name__}{number}")
-    raise InputError(
-        f"recording{number}: found {type(source).__name__}, expected a path, a DataFrame or a dict"
-    )
+    alone = isinstance(source, (str, os.PathLike, Table)) or is_table(source)
+    sources: Sequence[Any] = source if isinstance(source, Sequence) and not alone else [source]
+    out = []
+    for k, one in enumerate(sources, start=1):
+        number = f" {k}" if len(sources) > 1 else ""
+        if isinstance(one, Table):
+            out.append(one)
+        elif isinstance(one, (str, os.PathLike)):
+            out.append(read_table(Path(one), readings))
+        elif is_table(one):
+            out.append(table_in_memory(one, f"{type(one).__name__}{number}"))
+        else:
+            raise InputError(
+                f"recording{number}: found {type(one).__name__}, expected a path, a DataFrame, a dict of columns, "
+                "or several of these"
+            )
+    return out
 
 
 def load_recording(

@@ -1,10 +1,9 @@
-"""Recordings from files: every part read and checked, then joined into one `Recording`."""
+"""Recordings from tables: every part checked, then joined into one `Recording`."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,6 @@ from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.recording.file import RecordingPart, read_part, written_units
 from truepose.identification.recording.joint_column import JointColumn
-from truepose.identification.recording.origin import digest_of, recorded_on, says_shuffled
 from truepose.identification.recording.recording import IntArray, Recording, frozen
 from truepose.identification.recording.table import Table
 from truepose.models.file.driver import DeclaredDriver, Driver
@@ -21,7 +19,7 @@ from truepose.models.units import UnitSystem
 
 
 def read_recording(
-    paths: Sequence[Path | str | Table],
+    tables: Sequence[Table],
     joints: Sequence[JointColumn],
     sensor_columns: Mapping[str, str],
     units: UnitSystem,
@@ -33,26 +31,27 @@ def read_recording(
     shuffled: bool = False,
     begun: Mapping[str, float] | None = None,
 ) -> Recording:
-    """Read, check and join recordings; columns without a unit of their own are in the file's `units`.
+    """Check and join recordings; columns without a unit of their own are in the file's `units`.
 
     `sensor_columns` maps each column to its internal unit ("mm", "rad", "1"), or to "label" for a text.
     Without `need_observations` sensor columns may be missing. `required` names further columns that must be
     there (`from`), `optional_labels` texts to keep when they are, `declared` further drivers. ``shuffled``: rows are no visits
     one after the other, as a file's comment `order: shuffled` says, too. Raises InputError naming file, row and column.
     """
-    if not paths:
+    if not tables:
         raise InputError("found no recording, expected at least one file")
     asked = {**sensor_columns, **dict.fromkeys(optional_labels, "label")}
     needed = (*(sensor_columns if need_observations else ()), *required)
-    parts = [read_part(path, joints, asked, units, needed, declared) for path in paths]
+    parts = [read_part(table, joints, asked, units, needed, declared) for table in tables]
     parts = _on_one_clock(parts, begun or {})
     absent = {driver.name: driver.absent for driver in declared if driver.absent is not None}
     joined = _join(parts, tuple(joint.name for joint in joints), tuple(asked), absent)
-    told = [part.file for part in parts if shuffled or says_shuffled(part.file)]
+    told = [table.file for table in tables if shuffled or table.shuffled]
     if told:
         joined = replace(joined, shuffled=True, notes=(*joined.notes, _without_order(told, parts)))
     written = written_units(joints, sensor_columns, tuple(joined.drivers), units, declared)
-    return replace(joined, written=written)
+    digests, dates = tuple(table.digest for table in tables), tuple(table.date for table in tables)
+    return replace(joined, written=written, digests=digests, dates=dates)
 
 
 def _on_one_clock(parts: Sequence[RecordingPart], begun: Mapping[str, float]) -> list[RecordingPart]:
@@ -119,8 +118,6 @@ def _join(
         from_row=_if_all(from_rows, parts, "from", notes),
         notes=tuple(notes),
         said={n: u for n, u in parts[0].said.items() if all(part.said.get(n) == u for part in parts)},
-        digests=tuple(digest_of(part.file) for part in parts),
-        dates=tuple(recorded_on(part.file) for part in parts),
         untried=tuple(n for n in parts[0].untried if all(n in part.untried for part in parts)),
     )
 

@@ -2,14 +2,14 @@
 
 Nothing here knows a robot. `read_table` keeps the cells as they stand; `Table.numbers`, `integers` and
 `texts` turn a column into values and refuse, naming file, row and column, whatever is not one. Rows count
-from 1: the first line of data; messages add the line of the file. Large files are read by columns, some rows at a time
-(`arrow_columns`, `text_rows`).
+from 1: the first line of data; messages add the line of the file.
 """
 
 from __future__ import annotations
 
 import csv
 import math
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,21 +17,21 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.parquet as pq  # type: ignore[import-untyped]
 
 from truepose.arrays import Array, Mask
+from truepose.bounded import check_input
 from truepose.errors import InputError
-from truepose.identification.leaves.workbooks.spreadsheet import MAGIC, read_spreadsheet
-from truepose.identification.recording.arrow_columns import ArrowCells, parquet_cells
-from truepose.identification.recording.memory_tables import columns_of
-from truepose.identification.recording.size import check_file, check_size
+from truepose.identification.recording.arrow_columns import ArrowCells
+from truepose.identification.recording.origin import digest_of
 from truepose.identification.recording.text import SI, TextTable, read_text
+from truepose.leaves import modules_named
 from truepose.models.units import is_unit, parse_unit
 
 _SI_UNITS: Final = {"mm": "m", "rad": "rad"}
 _PARQUET_MAGIC: Final = b"PAR1"
-_BAG_MAGIC: Final = (b"\x89MCAP0\r\n", b"SQLite format 3\0", b"#ROSBAG V")
 _LARGEST_INTEGER: Final = 2**53  # beyond it a float holds no odd number
 
 
@@ -47,7 +47,8 @@ class Column:
 class Table:
     """Cells of one file as they stand: text in CSV; number, text, bool or None elsewhere.
 
-    `line` gives the line of the file that a 0-based row stands on, None where there are no lines.
+    `line` gives the line of the file that a 0-based row stands on, None where there are no lines. `digest`: SHA-256 of the
+    file; `date`: the day that its comments name, both empty where there is none; `shuffled`: they say so of the rows.
     """
 
     file: str
@@ -56,6 +57,9 @@ class Table:
     n_rows: int
     line: Callable[[int], int] | None = None
     notes: tuple[str, ...] = ()
+    digest: str = ""
+    date: str = ""
+    shuffled: bool = False
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -103,9 +107,7 @@ class Table:
 
     def _numbers(self, name: str, *, lost: bool) -> Array:
         cells = self.cells[name]
-        plain = cells.numbers() if isinstance(cells, ArrowCells) else None
-        if plain is None and lost and isinstance(cells, ArrowCells):
-            plain = cells.numbers(lost=True)
+        plain = cells.numbers(lost=lost) if isinstance(cells, ArrowCells) else None
         if plain is not None:
             return plain
         values = np.empty(len(cells))
@@ -160,7 +162,7 @@ def read_table(path: Path | str, readings: Sequence[str] = ()) -> Table:
     """
     file = str(path)
     try:
-        return _read(Path(path), readings)
+        return replace(_read(Path(path), readings), digest=digest_of(Path(path)))
     except OSError as exc:
         reason = exc.strerror or str(exc)
         raise InputError(f"{file}: cannot read the file: {reason}") from None
@@ -172,51 +174,39 @@ def read_table(path: Path | str, readings: Sequence[str] = ()) -> Table:
 
 def table_in_memory(source: Any, name: str) -> Table:
     """A DataFrame, a dict of columns or an Arrow table as a table; ``name`` opens messages. Raises InputError."""
-    headers, columns = columns_of(source, name)
-    return _table(name, TextTable(headers, columns))
+    headers, columns = _columns_of(source, name)
+    return table_of(name, TextTable(headers, columns))
 
 
 def _read(path: Path, readings: Sequence[str]) -> Table:
     file = str(path)
-    check_file(path)
-    if is_bag(path):
-        return bag_table(path, readings=readings)
+    check_input(path)
+    for leaf in modules_named("reading"):
+        found: TextTable | None = leaf.read_cells(path, readings)
+        if found is not None:
+            return table_of(file, found)
     with path.open("rb") as stream:
         start = stream.read(8)
     if start.startswith(_PARQUET_MAGIC):
-        with pq.ParquetFile(path) as table:
-            check_size(file, table.metadata.num_columns, table.metadata.num_rows)
-            names, rows = list(table.schema_arrow.names), int(table.metadata.num_rows)
-        return _table(file, TextTable(names, [parquet_cells(path, name, rows) for name in names]))
-    return _table(file, read_spreadsheet(path) if start.startswith(MAGIC) else read_text(path))
+        with pq.ParquetFile(path) as parquet:
+            read = parquet.read()
+        columns = [ArrowCells(column.combine_chunks()) for column in read.columns]
+        return table_of(file, TextTable(list(read.column_names), columns))
+    return table_of(file, read_text(path))
 
 
-def bag_table(
-    path: Path, topic: str | None = None, joints: Sequence[str] = (), readings: Sequence[str] = ()
-) -> Table:
-    """A ROS bag as a table, a row for each stretch in which all joints stand; see ``bags.read_bag``."""
-    from truepose.identification.leaves.bags.bags import read_bag
-
-    return _table(str(path), read_bag(path, topic, joints, readings))
-
-
-def is_bag(path: Path) -> bool:
-    """Whether a path is a ROS bag: its folder, or a file of one."""
-    if path.is_dir():
-        return (path / "metadata.yaml").is_file()
-    with path.open("rb") as stream:
-        return stream.read(16).startswith(_BAG_MAGIC)
-
-
-def _table(file: str, found: TextTable) -> Table:
-    check_size(file, len(found.headers), len(found.columns[0]) if found.columns else 0)
+def table_of(file: str, found: TextTable) -> Table:
+    """Return cells as the table of a file. Raises InputError for a column given twice and for no rows."""
     parsed = tuple(parse_header(header) for header in found.headers)
-    _refuse_duplicates(file, parsed)
+    counts = Counter(column.name for column in parsed)
+    twice = next((name for name, count in counts.items() if name and count > 1), None)
+    if twice is not None:
+        raise InputError(f"{file}: column {twice!r}: found twice, expected once")
     cells = {column.name: values for column, values in zip(parsed, found.columns, strict=True)}
     n_rows = len(found.columns[0]) if found.columns else 0
     if n_rows == 0:
         raise InputError(f"{file}: found no row of data, expected at least one")
-    return Table(file, parsed, cells, n_rows, found.line, found.notes)
+    return Table(file, parsed, cells, n_rows, found.line, found.notes, "", found.date, found.shuffled)
 
 
 def parse_header(header: str) -> Column:
@@ -229,14 +219,6 @@ def parse_header(header: str) -> Column:
         if enclosed and (stated or (is_unit(unit) and not unit.isdigit())):
             return Column(name.rstrip(), unit.strip())
     return Column(text)
-
-
-def _refuse_duplicates(file: str, columns: Sequence[Column]) -> None:
-    seen: set[str] = set()
-    for column in columns:
-        if column.name in seen and column.name:
-            raise InputError(f"{file}: column {column.name!r}: found twice, expected once")
-        seen.add(column.name)
 
 
 def _number(cell: object) -> float:
@@ -270,3 +252,49 @@ def _label(cell: object) -> str:
     if isinstance(cell, float) and cell.is_integer():
         return str(int(cell))
     return str(cell).strip()
+
+
+def is_table(source: object) -> bool:
+    """Whether a source holds columns itself: a mapping, a DataFrame, or anything that gives Arrow columns."""
+    return isinstance(source, (Mapping, pd.DataFrame)) or hasattr(source, "__arrow_c_stream__")
+
+
+def _columns_of(source: Any, where: str) -> tuple[list[str], list[Sequence[object]]]:
+    """Headers and cells; NaN and None are empty cells. Raises InputError for names that are no text, unequal columns."""
+    if not isinstance(source, (Mapping, pd.DataFrame)):
+        try:
+            table = pa.table(source)
+        except pa.ArrowInvalid as exc:
+            raise InputError(
+                f"{where}: found one column without a name, expected a table of columns"
+            ) from exc
+        return list(table.column_names), [ArrowCells(column) for column in table.columns]
+    names = list(source.keys())
+    for name in names:
+        if not isinstance(name, str):
+            raise InputError(f"{where}: found the column {name!r}, expected names that are texts")
+    if isinstance(source, pd.DataFrame):
+        return names, [_cells_of(source.iloc[:, k]) for k in range(len(names))]
+    series = [_series(source[name], f"{where}: column {name!r}") for name in names]
+    sizes = {name: len(column) for name, column in zip(names, series, strict=True)}
+    if len(set(sizes.values())) > 1:
+        short, long = min(sizes, key=sizes.__getitem__), max(sizes, key=sizes.__getitem__)
+        raise InputError(
+            f"{where}: found {sizes[short]} values in {short!r} and {sizes[long]} in {long!r}, expected as many"
+        )
+    return names, [_cells_of(column) for column in series]
+
+
+def _series(values: Any, where: str) -> pd.Series[Any]:
+    """One column, without an index that could put its values in other rows."""
+    if isinstance(values, (str, bytes)) or np.ndim(values) != 1:
+        raise InputError(f"{where}: expected a sequence of values, one a row")
+    return pd.Series(list(values) if not isinstance(values, (np.ndarray, pd.Series)) else np.asarray(values))
+
+
+def _cells_of(column: pd.Series[Any]) -> Sequence[object]:
+    try:
+        found = pa.array(column, from_pandas=True)
+    except pa.ArrowException:  # cells of several kinds
+        return [None if cell is None or pd.isna(cell) else cell for cell in column]
+    return ArrowCells(found)

@@ -1,111 +1,143 @@
-"""Texts of measured rows: what stands between columns, and the columns themselves, never whole in memory.
+"""Texts of measured rows: what stands between columns, and the columns themselves.
 
 Nothing is guessed: a text that could be read in two ways is refused with what was found.
 """
 
 from __future__ import annotations
 
+import codecs
+import contextlib
 import csv
+import io
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
-from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
+import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.compute as pc  # type: ignore[import-untyped]
+import pyarrow.csv as pacsv  # type: ignore[import-untyped]
 
-from truepose.arrays import Array
+from truepose.bounded import read_input
 from truepose.errors import InputError
-from truepose.identification.recording.arrow_columns import ArrowCells, TextCells
-from truepose.identification.recording.decimals import DecimalMarks, with_points
-from truepose.identification.recording.encoding import encoding_of
+from truepose.identification.recording.arrow_columns import ArrowCells
 from truepose.identification.recording.languages import refuse_languages
-from truepose.identification.recording.plain_text import SPACES, counts
-from truepose.identification.recording.size import check_line, check_size
-from truepose.identification.recording.text_rows import TextRows, open_text
-from truepose.models.file.limits import LINE
+from truepose.identification.recording.origin import recorded_on, says_shuffled
 
+SPACES: Final = " "
+"""Separator of columns that any white space stands between."""
 SI: Final = "SI"
 """Unit of a column in the SI unit of whatever is in it, as ROS logs: metres for lengths, radians for angles."""
 _NAMES: Final = {"\t": "a tab", ";": "a semicolon", ",": "a comma"}
 """What may stand between columns, beside spaces."""
 _SAMPLE = 50
 """Lines that tell what stands between columns, the header among them."""
-_REPEATED = 256
-"""Distinct texts of a column of a block up to which they are kept: labels, and numbers of poses."""
-_PROBED = 1024
-"""Cells that tell most columns with more distinct texts."""
 _WORD: Final = re.compile(r"\S+(?:\s+(?:\[[^\]]{0,80}\]|\([^)]{0,80}\)))?")
 """A name and its unit; texts of many opening brackets would be searched to the end from each."""
 _SEPARATOR_LINE: Final = re.compile(r'sep=([^\r\n"])\s*', re.IGNORECASE)
+_PATTERNS: Final = {
+    ",": r"^\s*[-+]?(\d+,\d*|,\d+)([eE][-+]?\d+)?\s*$",
+    ".": r"^\s*[-+]?(\d+\.\d*|\.\d+)([eE][-+]?\d+)?\s*$",
+}
+_GROUPED: Final = r"^\s*[-+]?[1-9]\d{0,2},\d{3}\s*$"
+_MARKS: Final = (
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
+"""What an encoded text may begin with."""
+_CONTROL: Final = re.compile(r"[\x00-\x08\x0e-\x1f]")
+_UNCLEAR: Final = re.compile(rb"[\x80-\x9f]")
+"""Letters in Windows-1252, nothing in Latin-1."""
 
 
 @dataclass(frozen=True)
 class TextTable:
     """Headers and cells column by column, as they stand.
 
-    ``line`` gives the line of the file of a 0-based row, None where there are no lines.
+    ``line`` gives the line of the file of a 0-based row, None where there are no lines. date: the day that comments name;
+    shuffled: they say so of the rows.
     """
 
     headers: Sequence[str]
     columns: Sequence[Sequence[object]]
     line: Callable[[int], int] | None = None
     notes: tuple[str, ...] = ()
+    date: str = ""
+    shuffled: bool = False
 
 
 def read_text(path: Path) -> TextTable:
-    """A text's header and rows, read a block at a time: numbers and labels are kept, other cells read again when asked for.
+    """Read a text's header and rows; empty lines and comments are left out.
 
     Raises InputError for a text that cannot be decoded or could be read in two ways, for a missing header and a row of
     the wrong length, csv.Error for quotes that do not close.
     """
-    with path.open("rb") as stream:
-        encoding, notes = encoding_of(stream, str(path))
-    rows, marks = _rows_of(path, encoding), DecimalMarks()
-    kept: list[list[ArrowCells | Array | None]] = [[] for _ in rows.headers]
-    count = 0
-    for columns in rows.blocks():
-        marks.add(columns)
-        count += len(columns[0])
-        check_size(str(path), len(columns), count)
-        for own, cells in zip(kept, columns, strict=True):
-            own.append(_kept(with_points(cells)))
-    marks.check(rows.headers, rows.separator, str(path), rows.line)
-    cells = [TextCells(count, partial(_written, rows, k), own) for k, own in enumerate(kept)]
-    return TextTable(rows.headers, cells, rows.line, notes)
-
-
-def _written(rows: TextRows, column: int) -> Iterator[ArrowCells]:
-    """A column's texts, some rows at a time."""
-    return (ArrowCells(with_points(columns[column])) for columns in rows.blocks())
-
-
-def _kept(cells: Any) -> ArrowCells | Array | None:
-    """What is kept of some rows of a column of texts: few distinct ones as they stand, else numbers; None for others."""
-    if len(pc.unique(cells[:_PROBED])) <= _REPEATED:
-        told = cells.dictionary_encode()
-        if len(told.dictionary) <= _REPEATED:
-            return ArrowCells(told)
-    return ArrowCells(cells).numbers(lost=True)
-
-
-def _rows_of(path: Path, encoding: str) -> TextRows:
-    """Where the rows of a file are, and what stands between their cells, as its first lines tell."""
-    with open_text(path, encoding) as stream:
-        whole = (check_line(str(path), line) for line in iter(partial(stream.readline, LINE + 1), ""))
-        lines = list(islice(filter(counts, whole), _SAMPLE))
-    refuse_languages("".join(lines), str(path))
-    told = _SEPARATOR_LINE.fullmatch(lines[0]) if lines else None  # a spreadsheet's own first line
-    header = next(iter(lines[1:] if told else lines), "")
-    if not header:
-        raise InputError(f"{path}: found no header, expected a line with the names of the columns")
-    sample = [line for line in lines if line != header]
-    separator = told[1] if told else _separator(header, sample, str(path))
+    where = str(path)
+    text, notes = decoded(read_input(path), where)
+    numbers, lines = list[int](), list[str]()
+    for number, line in enumerate(io.StringIO(text, newline=""), start=1):
+        start = line.lstrip()
+        if start and not start.startswith("#"):
+            numbers.append(number)
+            lines.append(line)
+    refuse_languages("".join(lines[:_SAMPLE]), where)
+    stated = _SEPARATOR_LINE.fullmatch(lines[0]) if lines else None  # a spreadsheet's own first line
+    above = 2 if stated else 1
+    if len(lines) < above:
+        raise InputError(f"{where}: found no header, expected a line with the names of the columns")
+    header = lines[above - 1]
+    sample = [line for line in lines[above - 1 : _SAMPLE] if line != header]
+    separator = stated[1] if stated else _separator(header, sample, where)
     names = _WORD.findall(header) if separator == SPACES else next(csv.reader([header], delimiter=separator))
-    check_size(str(path), len(names), 0)
-    return TextRows(path, encoding, separator, tuple(names), above=2 if told else 1)
+    columns, ends = _columns(where, lines[above:], numbers[above:], len(names), separator)
+
+    def line_of(row: int) -> int:
+        return numbers[above + ends[row] - 1]
+
+    columns = _with_points(names, columns, separator, where, line_of)
+    cells = [ArrowCells(column) for column in columns]
+    return TextTable(names, cells, line_of, notes, recorded_on(text), says_shuffled(text))
+
+
+def _columns(
+    where: str, lines: Sequence[str], numbers: Sequence[int], count: int, separator: str
+) -> tuple[list[Any], Sequence[int]]:
+    """Return an array of texts for each of ``count`` columns, and how many lines there are up to each row's end."""
+    text = "".join(lines)
+    if lines and separator.isascii() and separator != SPACES and '"' not in text:
+        with contextlib.suppress(pa.ArrowException):  # Python says below what is wrong
+            return _plain_columns(text.encode(), count, separator), range(1, len(lines) + 1)
+    if separator == SPACES:
+        words = (" ".join(line.split()) for line in lines)
+        reader = csv.reader(words, delimiter=" ", quoting=csv.QUOTE_NONE)
+    else:
+        reader = csv.reader(lines, delimiter=separator, strict=True)
+    cells, ends = list[str](), list[int]()
+    for row in reader:
+        ends.append(reader.line_num)
+        if len(row) != count:
+            at = f"row {len(ends)} (line {numbers[reader.line_num - 1]})"
+            twice = separator == "," and len(row) == 2 * count
+            hint = "; decimal commas need a semicolon or a tab between columns" if twice else ""
+            raise InputError(f"{where}: {at}: found {len(row)} cells, expected {count}{hint}")
+        cells += row
+    return [pa.array(cells[k::count], pa.string()) for k in range(count)], ends
+
+
+def _plain_columns(data: bytes, count: int, separator: str) -> list[Any]:
+    """Return the columns of a text without quotes. Raises pa.ArrowException for rows of another length."""
+    keys = [str(k) for k in range(count)]
+    read = pacsv.read_csv(
+        pa.BufferReader(data),
+        read_options=pacsv.ReadOptions(column_names=keys),
+        parse_options=pacsv.ParseOptions(delimiter=separator, quote_char=False),
+        convert_options=pacsv.ConvertOptions(
+            column_types=dict.fromkeys(keys, pa.string()), strings_can_be_null=False
+        ),
+    )
+    return [column.combine_chunks() for column in read.columns]
 
 
 def _separator(header: str, sample: Sequence[str], where: str) -> str:
@@ -130,3 +162,77 @@ def _count(line: str, separator: str) -> int:
         return len(next(csv.reader([line], delimiter=separator), []))
     except csv.Error:
         return 0
+
+
+def _with_points(
+    names: Sequence[str], columns: Sequence[Any], separator: str, where: str, line: Callable[[int], int]
+) -> list[Any]:
+    """Return arrays of texts with points for decimal commas.
+
+    Raises InputError where commas and points are both decimal marks, or where commas may group thousands. ``line`` gives the
+    file's line of a 0-based row; ``where`` opens messages.
+    """
+    comma = _first(columns, ",")
+    if comma is None:
+        return list(columns)
+    point = _first(columns, ".")
+
+    def found(at: tuple[int, int]) -> str:
+        column, row = at
+        cell = columns[column][row].as_py().strip()
+        return f"{cell!r} in row {row + 1} (line {line(row)}), column {names[column].strip()!r}"
+
+    if point is not None:
+        raise InputError(
+            f"{where}: found {found(comma)} and {found(point)}, expected one decimal mark throughout"
+        )
+    numbers = [pc.match_substring_regex(cells, _PATTERNS[","]) for cells in columns]
+    grouped = [pc.match_substring_regex(cells, _GROUPED) for cells in columns]
+    if separator != ";" and not any(
+        pc.any(pc.and_not(*pair)).as_py() for pair in zip(numbers, grouped, strict=True)
+    ):
+        raise InputError(
+            f"{where}: found {found(comma)}: the comma may mark decimals or thousands; write a point, or a semicolon "
+            "between columns"
+        )
+    return [
+        pc.if_else(number, pc.replace_substring(cells, ",", "."), cells)
+        for number, cells in zip(numbers, columns, strict=True)
+    ]
+
+
+def _first(columns: Sequence[Any], mark: str) -> tuple[int, int] | None:
+    """Return column and row of the first number with a decimal mark; None where there is none."""
+    for column, cells in enumerate(columns):
+        if pc.any(pc.match_substring(cells, mark)).as_py():
+            row = int(pc.index(pc.match_substring_regex(cells, _PATTERNS[mark]), True).as_py())
+            if row >= 0:
+                return column, row
+    return None
+
+
+def decoded(data: bytes, where: str) -> tuple[str, tuple[str, ...]]:
+    """Return the text, and a note where it is no Unicode. Raises InputError for what is no text, or may be several."""
+    encoding, notes = _stated(data), tuple[str, ...]()
+    try:
+        text = data.decode(encoding or "utf-8")
+    except UnicodeDecodeError:
+        if encoding is not None or _UNCLEAR.search(data):
+            raise InputError(
+                f"{where}: cannot read the file: neither text in UTF-8, UTF-16 or Latin-1, nor Parquet, Excel or a bag"
+            ) from None
+        text, notes = data.decode("latin-1"), (f"{where}: read as Latin-1: it is no text in UTF-8",)
+    control = _CONTROL.search(text)
+    if control:
+        raise InputError(
+            f"{where}: cannot read the file: found the control character {control[0]!r}, expected text"
+        )
+    return text, notes
+
+
+def _stated(data: bytes) -> str | None:
+    """Return the encoding that the first bytes and the size tell; None where they do not."""
+    marked = next((name for mark, name in _MARKS if data.startswith(mark)), None)
+    if marked is None and data[:2].count(0) == 1 and not len(data) % 2:
+        return "utf-16-le" if data[1] == 0 else "utf-16-be"
+    return marked

@@ -13,13 +13,27 @@ from truepose.errors import InputError
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.estimate import Estimate
-from truepose.identification.fit.fitted import Fitted, machine_of, residual_figure, residual_frame
+from truepose.identification.fit.fitted import (
+    Fitted,
+    machine_of,
+    predicted_frame,
+    residual_figure,
+    residual_frame,
+)
 from truepose.identification.fit.tool_pose import calibrated_pose
 from truepose.identification.fit.write_machine import calibrated_text
+from truepose.identification.prediction.predict import predict
+from truepose.identification.recording.load import as_recording
 from truepose.identification.report.applied_words import expected_pose
 from truepose.identification.report.judgement_words import diagnosis_judgement
 from truepose.models.machine.machine import Machine
 from truepose.models.units import convert
+
+
+@predicted_frame.register
+def _(result: Fitted, rows: Any) -> pd.DataFrame:
+    """Return what the machine of a result predicts for rows."""
+    return predict(result.machine, as_recording(result.machine, rows, need_observations=False))
 
 
 @singledispatch

@@ -14,8 +14,6 @@ SMALLEST: Final = 1e-12
 """Of a standard deviation, a tolerance that is not 0, a gear ratio or a pitch: fractions of an atom's size, and 1e-12 rad."""
 LATEST: Final = 1e20
 """Of plain numbers, and of columns that are neither joints nor readings: nanoseconds since 1970 are 1.8e18."""
-FILE_BYTES: Final = 256 << 20
-"""Of a machine file or another YAML document; a covariance of 5,000 constants has 130 MB."""
 ENTRIES: Final = 500_000
 """Values in a YAML document, as the signs between them tell."""
 LEAST_GRAVITY: Final = 1e-6
@@ -24,16 +22,10 @@ PARTS: Final = 300
 """Joints, bodies, legs ... of one mechanism: more would be equations for hours."""
 NAMED: Final = 20_000
 """Targets, masses, effects, tolerances ... of one machine file."""
-COLUMNS: Final = 10_000
-"""Of a recording."""
 ROWS: Final = 2_000_000
 """Of one file of a recording."""
 POSES: Final = 10_000
 """That are planned or drawn at once."""
-RECORDING_BYTES: Final = 2 << 30
-"""Of one file of a recording."""
-LINE: Final = 4 << 20
-"""Characters of a line of text."""
 
 
 def within(value: float, largest: float = LARGEST) -> bool:
@@ -47,17 +39,13 @@ def positive(value: float) -> bool:
 
 
 __all__ = [
-    "COLUMNS",
     "ENTRIES",
-    "FILE_BYTES",
     "LARGEST",
     "LATEST",
     "LEAST_GRAVITY",
-    "LINE",
     "NAMED",
     "PARTS",
     "POSES",
-    "RECORDING_BYTES",
     "ROWS",
     "SMALLEST",
     "positive",

@@ -14,8 +14,9 @@ from typing import Any, Final
 import numpy as np
 import yaml
 
+from truepose.bounded import read_input
 from truepose.errors import InputError
-from truepose.models.file.limits import ENTRIES, FILE_BYTES
+from truepose.models.file.limits import ENTRIES
 
 _FLOAT: Final = re.compile(
     r"""^(?:[-+]?(?:\.[0-9]+|[0-9]+\.[0-9]*)(?:[eE][-+]?[0-9]+)?
@@ -136,11 +137,7 @@ def read_document(path: Path | str) -> dict[str, Any]:
 def read_text(path: Path | str) -> str:
     """The text of a file in UTF-8. Raises InputError for one that cannot be read or is too large."""
     try:
-        with Path(path).open("rb") as stream:
-            data = stream.read(FILE_BYTES + 1)  # a device may have no end
-        if len(data) > FILE_BYTES:
-            raise InputError(f"{path}: found more than {FILE_BYTES >> 20} MB, expected a smaller file")
-        return data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+        return read_input(Path(path)).decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except (OSError, ValueError) as exc:
         reason = exc.strerror if isinstance(exc, OSError) else "not a text in UTF-8"
         if isinstance(exc, ValueError) and not isinstance(exc, UnicodeDecodeError):

@@ -11,12 +11,7 @@ from typing import Any
 
 from truepose.models.machine.context import BuildContext
 from truepose.models.machine.mechanism import Mechanism
-from truepose.models.plugin_guard import Kind, a
 from truepose.models.registry import Registry
 
 Builder = Callable[[Mapping[str, Any], BuildContext], Mechanism]
-builders: Registry[Builder] = Registry(
-    "mechanism type",
-    "truepose.models.builders",
-    Kind("mechanism type", None, {"": a(Mechanism, "a Mechanism")}),
-)
+builders: Registry[Builder] = Registry("mechanism type", "truepose.models.builders")

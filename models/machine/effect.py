@@ -15,12 +15,10 @@ from dataclasses import dataclass, field
 import casadi as ca
 
 from truepose.errors import InputError
-from truepose.models.file.formula_checks import no_shifts
 from truepose.models.machine.assembly import displacement_of
 from truepose.models.machine.couplings import recorded_reading
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.placed import Coefficient, Physics, Place, Settings
-from truepose.models.plugin_guard import Kind, a_tuple_of
+from truepose.models.machine.placed import Physics, Place, Settings
 from truepose.models.registry import Registry
 
 
@@ -117,13 +115,4 @@ class Effect(Physics):
         return True
 
 
-_GIVEN = Kind(
-    "effect",
-    Effect,
-    {
-        "places": a_tuple_of((tuple, list), "places"),
-        "coefficients": a_tuple_of(Coefficient, "Coefficient"),
-        "shifts": no_shifts,
-    },
-)
-effects: Registry[type[Effect]] = Registry("effect", "truepose.models.effects", _GIVEN)
+effects: Registry[type[Effect]] = Registry("effect", "truepose.models.effects", Effect)

@@ -16,12 +16,10 @@ import numpy as np
 
 from truepose.arrays import Array, Index
 from truepose.models import lie
-from truepose.models.file.formula_checks import no_prediction, no_readings, no_residual
 from truepose.models.machine.context import BuildContext
 from truepose.models.machine.mechanism import AXES
 from truepose.models.machine.parameters import Parameter
 from truepose.models.machine.view import TOOL_IN_WORLD, View
-from truepose.models.plugin_guard import Kind, a, a_tuple_of
 from truepose.models.registry import Registry
 
 
@@ -193,18 +191,4 @@ def flange_of(world: ca.SX, s: Mapping[str, ca.SX]) -> ca.SX:
     return world @ lie.transform(turn, -turn @ tool[:3, 3])
 
 
-_GIVEN = Kind(
-    "sensor",
-    Sensor,
-    {
-        "build": a(Sensor, "a sensor"),
-        "parameters": a_tuple_of(Parameter, "Parameter"),
-        "columns": a(Mapping, "a mapping from columns to units"),
-        "channels": a_tuple_of(Channel, "Channel"),
-        "predict": no_prediction,
-        "residual": no_residual,
-        "values": no_readings,
-        "noisy": no_readings,
-    },
-)
-sensors: Registry[type[Sensor]] = Registry("sensor type", "truepose.models.sensors", _GIVEN)
+sensors: Registry[type[Sensor]] = Registry("sensor type", "truepose.models.sensors", Sensor)

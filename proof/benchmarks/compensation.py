@@ -34,6 +34,7 @@ from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.simulate import simulate, with_inputs
 from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.table import read_table
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
@@ -95,7 +96,9 @@ def calibrated(name: str, folder: Path) -> Machine:
     poses = folder / "poses.csv"
     _path(machine, name, 40).to_csv(poses, index=False)
     read = load_recording(machine, [poses], need_observations=False)
-    with_inputs(poses, simulate(machine, read, seed=1)).to_csv(folder / "recording.csv", index=False)
+    with_inputs(read_table(poses), simulate(machine, read, seed=1)).to_csv(
+        folder / "recording.csv", index=False
+    )
     recording = load_recording(machine, [folder / "recording.csv"])
     fit = estimate(machine, recording)
     off = np.where(np.isfinite(fit.prior.sigma), fit.prior.sigma, 0.0)

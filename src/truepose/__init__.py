@@ -10,21 +10,23 @@ from pathlib import Path as _Path
 from truepose.version import VERSION as _VERSION
 
 if _typing.TYPE_CHECKING:
+    from truepose.api import (
+        calibrate,
+        compensate,
+        diagnose,
+        estimate,
+        identifiability,
+        predict,
+        simulate,
+    )
     from truepose.codegen.c import generate
     from truepose.errors import ConvergenceError, InputError, TrueposeError
-    from truepose.identification.compensation.compensate import compensate
     from truepose.identification.compensation.inverse import inverse
-    from truepose.identification.diagnosis.engine import diagnose
-    from truepose.identification.fit.calibrate import calibrate
-    from truepose.identification.fit.estimate import estimate
     from truepose.identification.fit.write_machine import write_calibrated
-    from truepose.identification.identifiability.analysis import identifiability
     from truepose.identification.leaves.check.run import check
-    from truepose.identification.leaves.drift.analysis import drift
+    from truepose.identification.leaves.drift.public import drift
     from truepose.identification.leaves.planning.plan import plan
     from truepose.identification.load import load_recording
-    from truepose.identification.prediction.predict import predict
-    from truepose.identification.prediction.simulate import simulate
     from truepose.identification.report.results import diagnosis_json, fit_json
     from truepose.models.effect_text import parse_effect
     from truepose.models.leaves.export.write import export
@@ -40,24 +42,24 @@ _HOMES = {
     "ConvergenceError": "truepose.errors",
     "InputError": "truepose.errors",
     "TrueposeError": "truepose.errors",
-    "calibrate": "truepose.identification.fit.calibrate",
+    "calibrate": "truepose.api",
     "check": "truepose.identification.leaves.check.run",
-    "compensate": "truepose.identification.compensation.compensate",
-    "diagnose": "truepose.identification.diagnosis.engine",
+    "compensate": "truepose.api",
+    "diagnose": "truepose.api",
     "diagnosis_json": "truepose.identification.report.results",
-    "drift": "truepose.identification.leaves.drift.analysis",
-    "estimate": "truepose.identification.fit.estimate",
+    "drift": "truepose.identification.leaves.drift.public",
+    "estimate": "truepose.api",
     "export": "truepose.models.leaves.export.write",
     "fit_json": "truepose.identification.report.results",
     "generate": "truepose.codegen.c",
-    "identifiability": "truepose.identification.identifiability.analysis",
+    "identifiability": "truepose.api",
     "inverse": "truepose.identification.compensation.inverse",
     "load_machine": "truepose.models.load",
     "load_recording": "truepose.identification.load",
     "parse_effect": "truepose.models.effect_text",
     "plan": "truepose.identification.leaves.planning.plan",
-    "predict": "truepose.identification.prediction.predict",
-    "simulate": "truepose.identification.prediction.simulate",
+    "predict": "truepose.api",
+    "simulate": "truepose.api",
     "write_calibrated": "truepose.identification.fit.write_machine",
 }
 

@@ -13,8 +13,8 @@ from support.skips import NOTHING_BESIDE, SHARED
 from support.workbook import write_workbook
 from truepose.cli import app
 from truepose.errors import InputError
-from truepose.identification.leaves.importing.importing import read_foreign
-from truepose.identification.leaves.importing.tpoint import read_tpoint
+from truepose.identification.leaves.readers.importing import read_foreign
+from truepose.identification.leaves.readers.tpoint import read_tpoint
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.table import read_table
 from truepose.models.load import load_machine

@@ -18,7 +18,7 @@ from typer.testing import CliRunner, Result
 from support.skips import NOTHING_BESIDE, SHARED
 from truepose.cli import app
 from truepose.errors import InputError
-from truepose.identification.leaves.importing.importing import read_foreign
+from truepose.identification.leaves.readers.importing import read_foreign
 from truepose.identification.recording.table import read_table
 
 SEPARATORS = st.sampled_from([",", ";", "\t", " "])

@@ -13,13 +13,14 @@ import jsonschema
 import pytest
 from typer.testing import CliRunner
 
+import recording_columns as columns
 import reference_tables
+from recording_columns import row_schema
 from support import MACHINES, ROOT
 from truepose.cli import app
 from truepose.errors import InputError
-from truepose.identification.recording import columns, file
+from truepose.identification.recording import file
 from truepose.identification.recording.load import load_recording
-from truepose.identification.recording.row_schema import row_schema
 from truepose.models.file.driver import Driver
 from truepose.models.file.fields import Section
 from truepose.models.file.machine_file import write_machine

@@ -5,46 +5,31 @@ from __future__ import annotations
 import pytest
 
 from support import ROOT
-from truepose.bounded import MIB
-from truepose.identification.leaves.bags import bag_limits, mcap_records
-from truepose.identification.leaves.importing import importing
+from truepose import bounded
 from truepose.identification.leaves.programs import program
-from truepose.identification.leaves.workbooks import workbook_limits
-from truepose.models.builders import urdf_file, urdf_xml
+from truepose.models.builders import urdf_file
 from truepose.models.file import limits, machine_name, setting_range
 from truepose.models.leaves.starting import compiled_mjcf
 
 PAGE = (ROOT / "docs" / "reference" / "refused.md").read_text(encoding="utf-8")
 SAID = {
-    "COLUMNS": f"columns of a recording | {limits.COLUMNS:,} |",
     "ENTRIES": f"{limits.ENTRIES:,} values",
-    "FILE_BYTES": f"{limits.FILE_BYTES >> 20} MB",
     "LARGEST": f"readings ... in mm, rad, kg | {limits.LARGEST:.0e}".replace("+", "") + " by size",
     "LATEST": f"such as `time` | {limits.LATEST:.0e}".replace("+", "") + " by size",
     "LEAST_GRAVITY": f"at least {limits.LEAST_GRAVITY:.0e}".replace("-06", "-6"),
-    "LINE": f"{limits.LINE:,} characters",
     "NAMED": f"of one machine file | {limits.NAMED:,} |",
     "PARTS": f"of one mechanism | {limits.PARTS} |",
     "POSES": f"(`-n`) | {limits.POSES:,} |",
-    "RECORDING_BYTES": f"one file of a recording | {limits.RECORDING_BYTES / 1e9:.1f} GB |",
     "ROWS": f"of one file of a recording | {limits.ROWS:,};",
     "SMALLEST": f"{limits.SMALLEST:.0e} to {limits.LARGEST:.0e}".replace("+", ""),
 }
 
 ELSEWHERE = {
-    "URDF": f"{urdf_xml.URDF_MOST // MIB} MiB, {urdf_xml.ELEMENTS_MOST:,} elements, {urdf_xml.DEPTH_MOST} of them",
-    "a tag": f"a tag of {urdf_xml.TAG_MOST // MIB} MiB; {urdf_file.CHAIN_MOST} joints",
+    "every file": f"every file that is read | {bounded.FILE_BYTES >> 30} GiB |",
+    "URDF": f"URDF | {urdf_file.CHAIN_MOST} joints",
     "a machine": f"a machine's name | {machine_name.LONGEST} characters that C can have in a name |",
     "names": f"names of {urdf_file.NAME_MOST} characters",
-    "MJCF": f"MJCF | {compiled_mjcf.MJCF_MOST // MIB} MiB",
     "MuJoCo": f"{compiled_mjcf.SECONDS_MOST} s of the processor and {compiled_mjcf.MIB_MOST:,} MiB",
-    "chunks": f"inflate to {mcap_records.CHUNK_MOST // MIB} MiB, {mcap_records.AT_ONCE_MOST // MIB} MiB of chunks",
-    "definitions": f"{mcap_records.DEFINITIONS_MOST // MIB} MiB of definitions, {bag_limits.FILES_MOST:,} files",
-    "metadata": f"`metadata.yaml` of {bag_limits.METADATA_MOST // MIB} MiB",
-    "workbook": f"{workbook_limits.INFLATED_MOST // MIB} MiB inflated, {workbook_limits.PARTS_MOST:,} parts",
-    "cells": f"{workbook_limits.CELLS_MOST:,} cells",
-    "points": f"or stars | {importing.TEXT_MOST // MIB} MiB",
-    "program": f"a robot program | {program.PROGRAM_MOST // MIB} MiB",
     "numbers of a URDF": f"numbers of a URDF, in m, rad, kg, and of a robot program | {urdf_file.FARTHEST:.0e}".replace(
         "+0", ""
     ),

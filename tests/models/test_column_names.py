@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import yaml
 
+from recording_columns import LOGGED, ORDER
 from truepose.errors import InputError
 from truepose.identification.compensation.path_table import load_path
 from truepose.identification.prediction.predict import predict
-from truepose.identification.recording.columns import LOGGED, ORDER
 from truepose.identification.recording.load import load_recording
 from truepose.models.leaves.starting.sensors import PRESETS
 from truepose.models.load import load_machine

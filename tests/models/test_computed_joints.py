@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 import truepose
 from support.generated_c import COMPILER, needs_compiler
+from truepose.api import calibrate
 from truepose.codegen.c import generate
 from truepose.errors import InputError
-from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording

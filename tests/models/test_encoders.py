@@ -14,16 +14,15 @@ from hypothesis import strategies as st
 from support.encoded_machines import COUPLED, as_recorded, document, encoded, in_counts, own_readings
 from support.generated_c import COMPILER, WARNINGS, needs_compiler
 from support.skips import NOTHING_BESIDE, SHARED
+from truepose.api import calibrate, predict
 from truepose.codegen.c import generate
 from truepose.errors import InputError
 from truepose.identification.compensation.compensate import compensate
 from truepose.identification.compensation.path_table import commands, load_path
-from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.leaves.planning.plan import plan
 from truepose.identification.leaves.planning.pose_tables import plan_table
 from truepose.identification.load import load_recording
-from truepose.identification.prediction.predict import predict
 from truepose.models.leaves.export.write import export
 from truepose.models.load import load_machine
 from truepose.models.machine.kinematics import symbolic_model

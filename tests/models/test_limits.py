@@ -6,7 +6,6 @@ import math
 from typing import Any
 
 import casadi as ca
-import numpy as np
 import pytest
 from pydantic import ValidationError
 
@@ -30,7 +29,6 @@ from truepose.models.file.fields import (
     with_texts,
 )
 from truepose.models.file.formula import Formula, Law
-from truepose.models.file.formula_checks import no_formula, no_readings, no_shifts
 from truepose.models.file.limits import LARGEST, LATEST, SMALLEST, positive, within
 from truepose.models.file.setting_range import (
     ANY,
@@ -255,30 +253,6 @@ def test_a_driver_is_what_its_name_says(name: str) -> None:
 )  # fmt: skip
 def test_a_column_drives_what_its_unit_is_of(unit: str, kind: str) -> None:
     assert driven_by_unit(unit) == kind
-
-
-def test_a_plug_ins_formulas_have_a_shape_and_are_numbers_somewhere() -> None:
-    x = ca.SX.sym("x")
-    three = type("Sensor", (), {"columns": {"x": "mm", "y": "mm", "z": "mm"}})()
-    assert no_formula(x, 1) == no_formula(ca.log(x), 1) == no_formula(ca.vertcat(x, 1, 2), 3) == ""
-    assert no_formula(ca.vertcat(x, 1), 1) == "an expression of shape (2, 1), expected an expression"
-    assert no_formula(x, 3) == "an expression of shape (1, 1), expected a column of 3 expressions"
-    assert no_formula("x" * 70, 1) == f"{repr('x' * 70)[:60]} ..., expected an expression"
-    assert no_formula(ca.vertcat(x, x * np.nan), 2).startswith(
-        "a formula that is no number wherever it was tried"
-    )
-    assert no_shifts({"q1": x}, None) == "" and no_shifts([x], None).endswith(
-        "expected a mapping from ports to expressions"
-    )
-    assert no_shifts({"q1": x, 3: x}, None) == "the port 3, expected a name"
-    assert no_shifts({"q1": "bad"}, None) == "at the port 'q1' 'bad', expected an expression"
-    assert no_readings(np.zeros((5, 3)), three) == ""
-    for wrong in (np.zeros((5, 2)), np.zeros(3), np.zeros((1, 5, 3))):
-        assert (
-            no_readings(wrong, three)
-            == f"an array of shape {wrong.shape}, expected an array of rows by 3 columns"
-        )
-    assert no_readings([1], three) == "[1], expected an array of rows by 3 columns"
 
 
 def number(text: str, *, bounded: bool = False, angle: float = 1.0, **at: float) -> float:

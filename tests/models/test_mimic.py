@@ -22,10 +22,10 @@ from support import two_arms
 from support.described_machines import urdf_machine
 from support.generated_c import COMPILER, needs_compiler
 from support.two_arms import pose
+from truepose.api import calibrate
 from truepose.cli import app
 from truepose.codegen.c import generate
 from truepose.errors import InputError
-from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.models.leaves.export.write import export
 from truepose.models.load import load_machine

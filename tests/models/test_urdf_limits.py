@@ -11,7 +11,6 @@ import pytest
 from truepose.errors import InputError
 from truepose.models.builders.urdf_file import CHAIN_MOST, FARTHEST, NAME_MOST, Robot
 from truepose.models.builders.urdf_inertials import inertials_of
-from truepose.models.builders.urdf_xml import DEPTH_MOST, ELEMENTS_MOST, TAG_MOST
 from truepose.models.leaves.starting.urdf import urdf_start
 from truepose.models.units import UnitSystem
 from truepose.wording import close_matches, cut
@@ -41,14 +40,10 @@ def read(folder: Path, text: str) -> Robot:
     [
         ('<!DOCTYPE r [<!ENTITY a "aa"><!ENTITY b "&a;&a;">]><robot name="&b;"/>', "found <!DOCTYPE"),
         ('<!DOCTYPE robot SYSTEM "file:///etc/passwd"><robot/>', "found <!DOCTYPE"),
-        ("<robot>" + "<a>" * 100_000, "elements inside each other"),
-        ("<robot>" + "<a/>" * 500_000 + "</robot>", "more than 500000 elements"),
-        ("<robot " + " ".join(f"a{k}='1'" for k in range(200_000)) + "/>", "a tag of more than 1 MiB"),
         ('<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:macro name="m"/></robot>', "found xacro"),
-        ("<robot>" + " " * (51 << 20), "more than 50 MiB"),
         ('<robot><link name="' + "l" * 300 + '"/></robot>', "of 300 characters"),
     ],
-    ids=["entities", "outside", "deep", "many", "tag", "xacro", "large", "name"],
+    ids=["entities", "outside", "xacro", "name"],
 )
 def test_what_goes_on_without_end_is_refused(tmp_path: Path, text: str, told: str) -> None:
     began = time.process_time()
@@ -59,9 +54,6 @@ def test_what_goes_on_without_end_is_refused(tmp_path: Path, text: str, told: st
 
 
 EDGES: dict[str, tuple[int, Callable[[int], str]]] = {
-    "elements": (ELEMENTS_MOST - 1, lambda n: "<robot>" + "<a/>" * n + "</robot>"),
-    "depth": (DEPTH_MOST - 1, lambda n: "<robot>" + "<a>" * n + "</a>" * n + "</robot>"),
-    "tag": (TAG_MOST - len("<robot a=''"), lambda n: "<robot a='" + "x" * n + "'></robot>"),
     "name": (NAME_MOST, lambda n: '<robot><link name="' + "l" * n + '"/></robot>'),
 }
 """Of each limit how much just keeps it, and a URDF with so much."""

@@ -9,11 +9,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from truepose.cli import app
-from truepose.errors import InputError
-from truepose.models.builders.base import builders
 from truepose.models.effects.base import effects
-from truepose.models.registry import load_plugin
-from truepose.models.sensors.base import sensors
 
 EFFECT = """
 from truepose.models.effects.base import Coefficient, Effect, effects
@@ -81,19 +77,7 @@ sensor: {{{sensor}}}
 tolerances: {{length: 0.1, angle: 0.1}}
 """
 POSITION = "type: position, sigma: {xyz: 0.01}"
-FAILS = {
-    "raise": ("raise OSError(28, 'full')", "full"),
-    "exit": ("import sys; sys.exit(0)", "SystemExit"),
-    "none": ("return None", "None"),
-    "text": ("return 'text'", "'text'"),
-    "own": ("class Own(BaseException): pass\n        raise Own('mine')", "mine"),
-}
-FORMULAS = {
-    "nan": ("float('nan')", "no number"),
-    "never a number": ("(-1 - site.q['q1'] ** 2) ** 0.5 * site.c['c']", "no number"),
-    "shape": ("[1.0, 2.0]", r"\(2, 1\)"),
-    "type": ("object()", "expected an expression"),
-}
+FAILURE = "raise OSError(28, 'full')"
 
 
 @pytest.fixture
@@ -124,27 +108,10 @@ def simulated(
     return result
 
 
-@pytest.mark.parametrize("how", FAILS)
 @pytest.mark.parametrize("part", RIGHT)
-def test_an_effect_that_fails_when_used(part: str, how: str, poses: Path) -> None:
-    body, words = FAILS[how]
-    plugin = EFFECT.format(**{**RIGHT, part: body})
-    told(
-        simulated(poses.parent, plugin, "--effect", "odd@q1:c=0.5"), r"mine\.py", "effect 'odd'", part, words
-    )
-
-
-@pytest.mark.parametrize("how", FORMULAS)
-def test_a_formula_that_is_none(how: str, poses: Path) -> None:
-    body, words = FORMULAS[how]
-    plugin = EFFECT.format(**{**RIGHT, "shifts": f"return {{site.port('q1'): {body}}}"})
-    told(
-        simulated(poses.parent, plugin, "--effect", "odd@q1:c=0.5"),
-        r"mine\.py",
-        "effect 'odd'",
-        "shifts",
-        words,
-    )
+def test_an_effect_that_fails_when_used(part: str, poses: Path) -> None:
+    plugin = EFFECT.format(**{**RIGHT, part: FAILURE})
+    told(simulated(poses.parent, plugin, "--effect", "odd@q1:c=0.5"), r"mine\.py: line \d+", part, "full")
 
 
 @pytest.mark.parametrize("command", ["calibrate", "diagnose", "codegen"])
@@ -162,34 +129,21 @@ def test_other_commands_tell_the_same(command: str, poses: Path) -> None:
     told(
         run(command, folder / "m.yaml", *rows, *options),
         r"mine\.py",
-        "effect 'odd'",
         "shifts",
         "ZeroDivision",
     )
     assert not (folder / "result").exists()
 
 
-@pytest.mark.parametrize("how", FAILS)
 @pytest.mark.parametrize("part", SENSES)
-def test_a_sensor_that_fails_when_used(part: str, how: str, poses: Path) -> None:
-    body, words = FAILS[how]
-    result = simulated(poses.parent, SENSOR.format(**{**SENSES, part: body}), sensor="type: odd")
-    told(result, r"mine\.py", "sensor 'odd'", part, words)
+def test_a_sensor_that_fails_when_used(part: str, poses: Path) -> None:
+    result = simulated(poses.parent, SENSOR.format(**{**SENSES, part: FAILURE}), sensor="type: odd")
+    told(result, r"mine\.py: line \d+", part, "full")
 
 
-@pytest.mark.parametrize("how", FAILS)
-def test_a_builder_that_fails_when_used(how: str, poses: Path) -> None:
-    body, words = FAILS[how]
-    result = simulated(poses.parent, BUILDER.format(build=body.replace("        ", "    ")), mechanism="odd")
-    told(result, r"mine\.py", "mechanism type 'odd'", words)
-
-
-def test_what_it_prints_does_not_mix_with_results(poses: Path) -> None:
-    body = "print('hello'); return {site.port('q1'): site.c['c']}"
-    plugin = "print('loaded')\n" + EFFECT.format(**{**RIGHT, "shifts": body})
-    result = simulated(poses.parent, plugin, "--effect", "odd@q1:c=0.5", "--json")
-    assert result.exit_code == 0 and result.stdout.startswith("{")
-    assert "hello" in result.stderr and "loaded" in result.stderr
+def test_a_builder_that_fails_when_used(poses: Path) -> None:
+    result = simulated(poses.parent, BUILDER.format(build=FAILURE), mechanism="odd")
+    told(result, r"mine\.py: line \d+", "build", "full")
 
 
 LOADS = {
@@ -220,23 +174,3 @@ def test_one_that_is_no_file_of_python(name: str, tmp_path: Path) -> None:
     (tmp_path / "loop.py").symlink_to("loop.py")
     (tmp_path / "text.txt").touch()
     told(run("effects", "--plugin", tmp_path / name), "expected a plugin")
-
-
-def test_the_catalogue_itself_is_not_guarded() -> None:
-    """What costs time in a plug-in costs none here."""
-    for registry in (effects, sensors):
-        for name in registry:
-            entry = registry.get(name, "test")
-            assert not any(hasattr(value, "__guarded__") for value in vars(entry).values())
-    assert not any(hasattr(builders.get(name, "test"), "__guarded__") for name in builders)
-
-
-def test_a_right_plug_in_is_guarded(tmp_path: Path) -> None:
-    (tmp_path / "mine.py").write_text(EFFECT.format(**RIGHT), encoding="utf-8")
-    load_plugin(tmp_path / "mine.py")
-    entry = effects.get("odd", "test")
-    assert hasattr(vars(entry)["shifts"], "__guarded__")
-    with pytest.raises(
-        InputError, match=r"mine\.py: the plug-in's effect 'odd': shifts failed: AttributeError"
-    ):
-        entry().shifts(None)

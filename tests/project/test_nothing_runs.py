@@ -25,10 +25,6 @@ OF_MODULES = {
 }  # fmt: skip
 KNOWN = {
     ("identification/signatures/chunks.py", "pickle.loads"),  # what this program sent to its own workers
-    (
-        "identification/leaves/bags/inflated.py",
-        "importlib.import_module",
-    ),  # a compression, by a name of this package
     ("models/builders/urdf_xml.py", "ElementTree.fromstring"),  # what this program wrote a moment ago
     ("models/registry.py", "importlib.import_module"),  # modules of this package
     ("models/leaves/starting/descriptions.py", "importlib.import_module"),  # a name of the command line

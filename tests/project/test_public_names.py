@@ -83,7 +83,18 @@ def test_importing_the_package_imports_nothing_heavy() -> None:
 @pytest.mark.parametrize(
     ("module", "left"),
     [
-        ("cli", ("truepose.identification", "truepose.codegen", "truepose.pool", "pandas", "rich", "joblib")),
+        (
+            "cli",
+            (
+                "truepose.identification.recording",
+                "truepose.models.load",
+                "truepose.codegen.c",
+                "truepose.pool",
+                "pandas",
+                "rich",
+                "joblib",
+            ),
+        ),
         ("pool", ("distributed", "dask")),
         ("files", ("pandas", "numpy")),
         ("commands.results", ("truepose.identification", "truepose.models", "typer")),

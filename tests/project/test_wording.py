@@ -6,8 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from truepose.bounded import MIB, read_at_most
+from truepose import bounded
 from truepose.errors import LONGEST, InputError
+from truepose.identification.leaves.programs.dialects import text_of
+from truepose.identification.leaves.readers.importing import read_foreign
+from truepose.identification.recording.table import read_table
+from truepose.models.builders.urdf_xml import read_urdf
+from truepose.models.file.yaml_document import read_document
 from truepose.wording import close_matches, cut, joined, meant, shortened
 
 
@@ -59,26 +64,24 @@ def test_what_no_line_holds_is_left_out_before_a_text_is_cut() -> None:
     assert cut("ab" + " " * 19, 5) == "ab..."
 
 
-@pytest.mark.parametrize("size", [0, 1, 2])
-def test_a_file_up_to_its_limit_is_read_whole(size: int, tmp_path: Path) -> None:
-    """And not a byte more."""
+def test_every_file_that_is_read_has_one_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "file.bin"
-    path.write_bytes(b"x" * size * MIB)
-    assert len(read_at_most(path, 2 * MIB)) == size * MIB
-    path.write_bytes(b"x" * (2 * MIB + 1))
-    with pytest.raises(InputError, match=r"file\.bin: .*found more than 2 MiB, expected at most that"):
-        read_at_most(path, 2 * MIB)
+    path.write_bytes(b"x" * 20)
+    monkeypatch.setattr(bounded, "FILE_BYTES", 20)
+    assert bounded.read_input(path) == b"x" * 20
+    monkeypatch.setattr(bounded, "FILE_BYTES", 19)
+    for read in (read_table, read_foreign, read_document, text_of, read_urdf):
+        with pytest.raises(
+            InputError, match=r"file\.bin: cannot read the file: found 0\.00 GB, expected at most"
+        ):
+            read(path)
 
 
 def test_what_is_no_file_is_not_waited_for(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
-        read_at_most(tmp_path / "none", MIB)
-    with pytest.raises(IsADirectoryError):
-        read_at_most(tmp_path, MIB)
-    device = Path("/dev/null")
-    if device.is_char_device():
-        with pytest.raises(OSError, match="not a file"):
-            read_at_most(device, MIB)
+        bounded.read_input(tmp_path / "none")
+    with pytest.raises(InputError, match="expected a file, found a device or a pipe"):
+        bounded.read_input(Path("/dev/null"))
 
 
 @pytest.mark.parametrize("letters", [LONGEST, LONGEST + 1, 10 * LONGEST])

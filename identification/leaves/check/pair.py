@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from truepose.errors import InputError
 from truepose.files import atomic_directory
 from truepose.identification.recording.load import tables
-from truepose.identification.recording.table import Table, is_bag
+from truepose.identification.recording.table import Table
 from truepose.models.file.yaml_document import parse_document, read_text
 from truepose.models.file.yaml_edit import edited_text
 from truepose.models.load import load_machine
@@ -90,8 +90,7 @@ class Pair:
     @classmethod
     def read(cls, machine: Path, recordings: Sequence[Path]) -> Pair:
         """From the files."""
-        readings = _readings(machine) if any(path.exists() and is_bag(path) for path in recordings) else ()
-        sheets = tuple(Sheet.of(table) for table in tables(list(recordings), readings))
+        sheets = tuple(Sheet.of(table) for table in tables(list(recordings), _readings(machine)))
         text = read_text(machine)
         return cls(str(machine), text, parse_document(text, machine), sheets)
 

@@ -24,7 +24,7 @@ from truepose.identification.leaves.check.unread import unnamed_table
 from truepose.identification.leaves.check.weighing import NOWHERE_ELSE, Hypothesis, weigh
 from truepose.identification.load import load_recording
 from truepose.identification.recording.angle_range import leaves_range_open
-from truepose.identification.recording.load import Sources, as_recording
+from truepose.identification.recording.load import Sources, as_recording, tables
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.tried import try_columns
 from truepose.identification.signatures.untestable import missing_inputs
@@ -59,10 +59,11 @@ def check_files(
         return table, None, None
     if not loaded.sensors:
         return without_sensor(Pair.read(machine, recordings)), loaded, None
+    files = tables(list(recordings), loaded.mechanism.readings)
     if tried is not None:
-        loaded = try_columns(loaded, recordings, tried)
+        loaded = try_columns(loaded, files, tried)
     rows = _within_or_beyond(
-        loaded, lambda machine: load_recording(machine, recordings, irradiance=irradiance, shuffled=shuffled)
+        loaded, lambda machine: load_recording(machine, files, irradiance=irradiance, shuffled=shuffled)
     )
     return check(loaded, rows), loaded, rows
 

@@ -28,9 +28,7 @@ from truepose.identification.leaves.drift.movement_posterior import Likeliest, l
 from truepose.identification.leaves.drift.movement_problem import Kinds, Stack
 from truepose.identification.leaves.drift.sessions import Session, bounded, linearised, sessions_of
 from truepose.identification.leaves.drift.sizes import Movement, joint_parameters, movements
-from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
-from truepose.models.given import MachineLike, as_machine
 from truepose.models.machine.machine import Machine
 from truepose.shown.result import Written, frame
 
@@ -83,22 +81,19 @@ class Drift(Written):
 
 
 def drift(
-    machine: MachineLike,
-    recording: Recording | Sources,
+    machine: Machine,
+    recording: Recording,
     *,
     accuracy: Mapping[str, float] | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Drift:
     """Compare the sessions of ``recording``, with the effects of the machine's file.
 
-    Several paths, DataFrames or dicts of columns are a recording, too.
     ``accuracy``: rms residual by kind (``position``, ``distance``: mm; ``rotation``: rad) that is good enough for
     an older calibration to be kept; without it, what was carried over must not show in the residuals.
     Raises InputError for fewer than two sessions and without a free parameter, ConvergenceError naming the
     parameters responsible.
     """
-    machine = as_machine(machine)
-    recording = as_recording(machine, recording)
     machine = machine.with_effects(without_set_ups(machine.effects))
     prior = prior_of(machine, machine.effects)
     sessions, notes = sessions_of(machine, recording)

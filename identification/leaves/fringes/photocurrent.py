@@ -1,34 +1,24 @@
-"""The long table of a photocurrent, ``pose t I``, as one series for every move.
-
-Millions of rows are read at once; only what is wrong with them is looked for row by row.
-"""
+"""The long table of a photocurrent, ``pose t I``, as one series for every move."""
 
 from __future__ import annotations
 
-import csv
 import itertools
-import re
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 import numpy as np
-import pandas as pd
-import pyarrow as pa  # type: ignore[import-untyped]
-import pyarrow.parquet as pq  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
 from truepose.arrays import Array, Mask
 from truepose.errors import InputError
-from truepose.identification.recording.table import Column, Table, read_table
-from truepose.models.units import UnitSystem, convert, parse_unit
+from truepose.identification.recording.table import Table, read_table
+from truepose.models.units import UnitSystem, convert
 from truepose.wording import close_matches
 
 _NEEDED: Final = ("pose", "t", "I")
 _FEWEST: Final = 32
-_HEADER: Final = re.compile(r"^(?P<name>.*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?$")
 
 
 @dataclass(frozen=True)
@@ -60,12 +50,12 @@ def read_samples(path: Path | str, units: UnitSystem) -> SampleTable:
     ``wavelength`` without a unit of its own is in the file's unit of length. Raises InputError naming file, row
     and column: for a missing column, what is no number, and times that do not increase within a pose's series.
     """
-    table = read_fast(path)
+    table = read_table(path)
     for name in _NEEDED:
         if name not in table:
             raise InputError(f"{table.file}: missing column {name!r}; {close_matches(name, table.names)}")
-    pose = _whole(table, "pose")
-    values = {name: _numbers(table, name) for name in ("t", "I", "wavelength", "sign") if name in table}
+    pose = table.integers("pose")
+    values = {name: table.numbers(name) for name in ("t", "I", "wavelength", "sign") if name in table}
     values["t"] = convert(values["t"], table.unit("t", "s", "s"), "s")
     table.unit("I", "1", "any")
     if "wavelength" in values:
@@ -124,73 +114,3 @@ def _refuse(table: Table, name: str, bad: Mask, expected: str) -> None:
     if len(rows):
         cell = table.cells[name][int(rows[0])]
         raise InputError(f"{table.where(name, int(rows[0]))}: found {cell}, expected {expected}")
-
-
-def _numbers(table: Table, name: str) -> Array:
-    cells = table.cells[name]
-    return np.asarray(cells, dtype=np.float64) if isinstance(cells, np.ndarray) else table.numbers(name)
-
-
-def _whole(table: Table, name: str) -> NDArray[np.int64]:
-    values = _numbers(table, name)
-    _refuse(table, name, values != np.round(values), "a whole number")
-    return values.astype(np.int64)
-
-
-def read_fast(path: Path | str) -> Table:
-    """A table whose cells are arrays where all is well; else as `read_table` gives it, which says what is not."""
-    try:
-        with Path(path).open("rb") as stream:
-            parquet = stream.read(4) == b"PAR1"
-        frame = pq.ParquetFile(path).read().to_pandas() if parquet else _read_csv(Path(path))
-    except (OSError, ValueError, csv.Error, pa.ArrowException):
-        return read_table(path)
-    if frame is None or not len(frame):
-        return read_table(path)
-    columns = tuple(_column(str(header)) for header in frame.columns)
-    cells = {column.name: frame.iloc[:, k].to_numpy() for k, column in enumerate(columns)}
-    numeric = all(
-        values.dtype.kind in "iuf" and np.isfinite(values).all()
-        for name, values in cells.items()
-        if name in (*_NEEDED, "wavelength", "sign")
-    )
-    if not numeric or len(cells) < len(columns):
-        return read_table(path)
-    for column in columns:
-        if column.unit is not None and column.name in cells:
-            parse_unit(column.unit, "any", f"{path}: column {column.name!r}")
-    return Table(str(path), columns, cells, len(frame))  # type: ignore[arg-type]
-
-
-def _read_csv(path: Path) -> pd.DataFrame | None:
-    """The rows as numbers, None when they need a closer look."""
-    with path.open(encoding="utf-8-sig", newline="") as stream:
-        skipped, headers = 0, None
-        for line in stream:
-            skipped += 1
-            if line.strip() and not line.lstrip().startswith("#"):
-                headers = next(csv.reader([line], strict=True))
-                break
-    if headers is None or len(set(headers)) < len(headers):
-        return None
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", pd.errors.ParserWarning)
-        try:
-            return pd.read_csv(
-                path,
-                comment="#",
-                header=None,
-                names=headers,
-                skiprows=skipped,
-                encoding="utf-8-sig",
-                index_col=False,
-            )
-        except pd.errors.ParserWarning:  # rows longer than the header
-            return None
-
-
-def _column(header: str) -> Column:
-    match = _HEADER.match(header.strip())
-    assert match is not None  # the pattern takes any line
-    unit = match["unit"]
-    return Column(match["name"], None if unit is None else unit.strip())

@@ -6,11 +6,11 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
-from truepose.bounded import read_at_most
+from truepose.bounded import read_input
 from truepose.errors import InputError
 from truepose.identification.leaves.programs.kuka import Kuka
 from truepose.identification.leaves.programs.points import Points
-from truepose.identification.leaves.programs.program import PROGRAM_MOST, Dialect
+from truepose.identification.leaves.programs.program import Dialect
 from truepose.identification.leaves.programs.rapid import Rapid
 from truepose.identification.leaves.programs.urscript import UrScript
 from truepose.identification.recording.languages import other_language, own_language
@@ -74,6 +74,6 @@ def beside(path: Path) -> str | None:
 
 def _bytes(path: Path) -> bytes:
     try:
-        return read_at_most(path, PROGRAM_MOST)
+        return read_input(path)
     except OSError as exc:
         raise InputError(f"{path}: cannot read the file: {exc.strerror}") from exc

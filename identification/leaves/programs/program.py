@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, Protocol
 
-from truepose.bounded import MIB
 from truepose.identification.leaves.programs.configurations import Configuration
 from truepose.identification.leaves.programs.forms import Form
 from truepose.models.machine.machine import Machine
@@ -22,7 +21,7 @@ Span = tuple[int, int]
 NUMBER = r"[+-]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][+-]?\d++)?"
 WHOLE_NUMBER = re.compile(NUMBER)
 _BRACKET = re.compile(r"[][(){}]")
-PROGRAM_MOST = 20 * MIB
+
 """Bytes of a program: 20 MiB, some 200,000 motions."""
 LARGEST = 1e9
 """mm, deg: a coordinate beyond is none."""

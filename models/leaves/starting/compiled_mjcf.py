@@ -11,7 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from truepose.bounded import MIB, read_at_most
+from truepose.bounded import read_input
 from truepose.errors import InputError
 from truepose.models.leaves.starting import mujoco_child
 from truepose.wording import cut
@@ -19,8 +19,6 @@ from truepose.wording import cut
 if TYPE_CHECKING:
     import mujoco
 
-MJCF_MOST: Final = 50 * MIB
-"""Bytes of an MJCF: 50 MiB; shapes stand in files of their own."""
 SECONDS_MOST: Final = 6
 """Seconds of the processor that MuJoCo may take for a model; a humanoid with a hundred meshes takes one."""
 MIB_MOST: Final = 1536
@@ -47,7 +45,7 @@ def compiled(path: Path) -> Compiled:
         )
     if not path.is_file():
         raise InputError(f"{path}: cannot read the MJCF: error opening file: found none, expected one")
-    if b"<!DOCTYPE" in read_at_most(path, MJCF_MOST):  # MuJoCo would read its entities as they are written
+    if b"<!DOCTYPE" in read_input(path):  # MuJoCo would read its entities as they are written
         raise InputError(f"{path}: found <!DOCTYPE>, expected an MJCF without a document type and entities")
     told, binary = _told(path)
     import mujoco  # here, as what is refused need not wait for it

@@ -63,7 +63,7 @@ def _panda(folder: Path, sets: tuple[str, ...]) -> None:
 
 def _mount(folder: Path) -> None:
     """As ``truepose import --machine`` has it."""
-    from truepose.identification.leaves.importing.importing import frame_of, machine_of, read_foreign
+    from truepose.identification.leaves.readers.importing import frame_of, machine_of, read_foreign
 
     stars = DATA / "telescope-mount" / "gem-28.dat"
     folder.mkdir(parents=True)

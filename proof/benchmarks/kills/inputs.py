@@ -9,6 +9,7 @@ import pandas as pd
 
 from truepose.identification.prediction.simulate import simulate, with_inputs
 from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.table import read_table
 from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
 
@@ -94,7 +95,7 @@ def _simulate(folder: Path, seed: int, day: str) -> None:
     whole = machine.with_effects((parse_effect("backlash@q3:b=1e-3", machine),))
     poses = folder / f"poses{seed}.csv"
     rows = load_recording(machine, [poses], need_observations=False)
-    frame = with_inputs(poses, simulate(whole, rows, seed=10 * seed + ord(day)))
+    frame = with_inputs(read_table(poses), simulate(whole, rows, seed=10 * seed + ord(day)))
     frame.to_csv(folder / f"rows{seed}{day}.csv", index=False)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from real_recordings.panda import SENSORS, panda_files, with_gravity
 
-from truepose.identification.leaves.importing.importing import frame_of, machine_of, read_foreign
+from truepose.identification.leaves.readers.importing import frame_of, machine_of, read_foreign
 
 UR10 = ("configurations", "random", "grid")
 STEWART = ("session_108", "session_60")

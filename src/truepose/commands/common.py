@@ -68,7 +68,7 @@ PluginOption = Annotated[
 @contextlib.contextmanager
 def reported(plugins: Sequence[Path] | None = None) -> Iterator[None]:
     """Load plugins, run the block, and turn an error a user can mend into one line and an exit code."""
-    from truepose.models.registry import load_plugin
+    from truepose.models.registry import load_plugin, plugin_fault
 
     try:
         for path in plugins or ():
@@ -78,6 +78,11 @@ def reported(plugins: Sequence[Path] | None = None) -> Iterator[None]:
         fail(str(exc), NOT_CONVERGED)
     except TrueposeError as exc:
         fail(str(exc), BAD_INPUT)
+    except Exception as exc:
+        words = plugin_fault(exc) if plugins else None
+        if words is None:
+            raise
+        fail(words, BAD_INPUT)
 
 
 def fail(message: str, code: int) -> None:

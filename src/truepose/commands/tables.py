@@ -89,6 +89,7 @@ def simulate(
         from truepose.identification.prediction import simulate as simulation
         from truepose.identification.prediction.predict import unheard
         from truepose.identification.recording.load import load_recording
+        from truepose.identification.recording.table import read_table
         from truepose.models.effect_text import parse_effect
         from truepose.models.load import load_machine
 
@@ -97,8 +98,9 @@ def simulate(
             loaded = load_machine(machine)
             extra = [parse_effect(text, loaded, stated=True) for text in effect or ()]
             whole = loaded.with_effects((*loaded.effects, *extra))
-            rows = load_recording(loaded, [poses], need_observations=False)
-            frame = simulation.with_inputs(poses, simulation.simulate(whole, rows, seed=seed))
+            table = read_table(poses, loaded.mechanism.readings)
+            rows = load_recording(loaded, [table], need_observations=False)
+            frame = simulation.with_inputs(table, simulation.simulate(whole, rows, seed=seed))
             write_table(output, frame)
         notes = [*rows.notes, *unheard(whole, rows)]
         _finish("simulate", frame, output, notes, as_json)

@@ -23,10 +23,10 @@ from support.drifting_arm import (
     rotation_vector,
     tool_pose,
 )
-from truepose.identification.diagnosis.engine import diagnose
+from truepose.api import diagnose, predict
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.write_machine import write_calibrated
-from truepose.identification.prediction.predict import predict, unheard
+from truepose.identification.prediction.predict import unheard
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine

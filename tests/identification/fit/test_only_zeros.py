@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from truepose.identification.fit.calibrate import calibrate
+from truepose.api import calibrate
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 

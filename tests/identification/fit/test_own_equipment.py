@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 import truepose
 from support.pushed_arm import RANGES, SENSOR, TOOL, G, held, placed, sensor_turn, text
+from truepose.api import calibrate
 from truepose.errors import InputError
-from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.leaves.check.run import check_loaded
 from truepose.identification.prediction.predict import predict

@@ -23,7 +23,7 @@ from support.two_arms import (
     chain,
     pose,
 )
-from truepose.identification.fit.calibrate import calibrate
+from truepose.api import calibrate
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.predict import predict
 from truepose.identification.prediction.predictor import Predictor

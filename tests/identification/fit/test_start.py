@@ -13,6 +13,7 @@ from truepose.identification.fit.align import aligned_start
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.simulate import simulate, with_inputs
 from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.table import read_table
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
@@ -44,7 +45,7 @@ def started(folder: Path, true: Machine, drawn: Machine) -> Mapping[str, float]:
     text = "\n".join(",".join(f"{v:.9f}" for v in row) for row in poses)
     (folder / "poses.csv").write_text(",".join(columns) + "\n" + text + "\n")
     rows = load_recording(true, [folder / "poses.csv"], need_observations=False)
-    read = with_inputs(folder / "poses.csv", simulate(true, rows, seed=None))
+    read = with_inputs(read_table(folder / "poses.csv"), simulate(true, rows, seed=None))
     read.to_csv(folder / "read.csv", index=False)
     start = aligned_start(Predictor(drawn, load_recording(drawn, [folder / "read.csv"])))
     return dict(zip((p.name for p in drawn.parameters), start, strict=False))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from support import MACHINES, TESTS
 from support.short_arm import POSITION, arm, status
-from truepose.identification.fit.calibrate import calibrate
+from truepose.api import calibrate
 from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.identifiability.analysis import identifiability
 from truepose.identification.identifiability.observability import (

@@ -33,6 +33,7 @@ from truepose.identification.leaves.planning.information import PoseInformation
 from truepose.identification.leaves.planning.pose_tables import experiment_table
 from truepose.identification.prediction.simulate import simulate, with_inputs
 from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.table import read_table
 from truepose.identification.report.notes import worded
 from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effect_text import parse_effect
@@ -169,7 +170,7 @@ def test_the_promise_is_what_the_diagnosis_computes_from_a_recording(tmp_path: P
     rows = load_recording(machine, [tmp_path / "rows.csv"], need_observations=False)
     true, rival = (e.forms[0][0] for e in found.explanations)
     missing = parse_effect("joint-compliance@q2:c=2e-6", machine)
-    read = with_inputs(tmp_path / "rows.csv", simulate(machine, rows, [missing], seed=None))
+    read = with_inputs(read_table(tmp_path / "rows.csv"), simulate(machine, rows, [missing], seed=None))
     read.to_csv(tmp_path / "recording.csv", index=False)
     recording = load_recording(machine, [tmp_path / "recording.csv"])
     lin = Signatures(machine, recording, (true, rival)).linearise(estimate(machine, recording))

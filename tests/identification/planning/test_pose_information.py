@@ -22,6 +22,7 @@ from truepose.identification.leaves.planning.pose_tables import plan_table
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.simulate import simulate, with_inputs
 from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.table import read_table
 from truepose.models.effect_text import parse_effect
 from truepose.models.machine.machine import Machine, Mass
 from truepose.models.sensors.pose import Position
@@ -80,7 +81,7 @@ def test_the_planned_information_is_what_a_fit_would_use(name: str, tmp_path: Pa
     frame = simulate(
         machine, load_recording(machine, [tmp_path / "poses.csv"], need_observations=False), seed=None
     )
-    with_inputs(tmp_path / "poses.csv", frame).to_csv(tmp_path / "recording.csv", index=False)
+    with_inputs(read_table(tmp_path / "poses.csv"), frame).to_csv(tmp_path / "recording.csv", index=False)
     predictor = Predictor(machine, load_recording(machine, [tmp_path / "recording.csv"]), machine.effects)
     p = predictor.model.p_home
     prior = prior_of(machine, machine.effects)

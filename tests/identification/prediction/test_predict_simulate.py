@@ -18,6 +18,7 @@ from truepose.identification.prediction.predict import predict, unassembled
 from truepose.identification.prediction.simulate import simulate, with_inputs
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
+from truepose.identification.recording.table import read_table
 from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
@@ -42,7 +43,7 @@ def poses(machine: Machine, path: Path, n: int = 25, columns: Mapping[str, objec
 def recorded(machine: Machine, path: Path, frame: pd.DataFrame) -> Recording:
     """A file of poses with simulated readings, read again."""
     target = path.with_name("recording.csv")
-    with_inputs(path, frame).to_csv(target, index=False)
+    with_inputs(read_table(path), frame).to_csv(target, index=False)
     return load_recording(machine, [target])
 
 
@@ -266,7 +267,7 @@ def test_columns_of_the_poses_pass_through(tmp_path: Path) -> None:
         columns={"role": ["validation"] * 25, "note": ["a"] * 25, "x": np.zeros(25)},
     )
     rows = load_recording(machine, [path], need_observations=False)
-    frame = with_inputs(path, simulate(machine, rows))
+    frame = with_inputs(read_table(path), simulate(machine, rows))
     assert list(frame) == ["pose", "role", "note", "q1 [mm]", "q2 [rad]", "q3 [rad]", "x", "y", "z"]
     assert (frame["x"] != 0).all() and set(frame["role"]) == {"validation"}
 

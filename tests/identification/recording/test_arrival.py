@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from support.examples import examples
 from truepose.identification.recording.history import last_steps, side_of_arrival, stop_operator
 from truepose.identification.recording.joint_column import JointColumn
+from truepose.identification.recording.load import tables
 from truepose.identification.recording.memory import TREMBLING
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording
@@ -30,7 +31,7 @@ def rows(tmp_path: Path, text: str, head: str = "", *, shuffled: bool = False) -
     path = tmp_path / "rows.csv"
     path.write_text(head + text)
     return read_recording(
-        [path], JOINTS, {}, UnitSystem("mm", "rad"), need_observations=False, shuffled=shuffled
+        tables([path]), JOINTS, {}, UnitSystem("mm", "rad"), need_observations=False, shuffled=shuffled
     )
 
 
@@ -101,7 +102,7 @@ def test_units_do_not_matter(tmp_path: Path) -> None:
         table = pd.DataFrame({f"s [{unit}]": q[:, 0] * scale, "r": q[:, 1]})
         path = tmp_path / f"{unit}.csv"
         table.to_csv(path, index=False)
-        found = read_recording([path], JOINTS, {}, UnitSystem("mm", "rad"), need_observations=False)
+        found = read_recording(tables([path]), JOINTS, {}, UnitSystem("mm", "rad"), need_observations=False)
         told.append(values(found, "approach.s"))
     assert told[0] == told[1]
 
@@ -112,7 +113,9 @@ def test_every_session_and_every_file_begins_anew(tmp_path: Path) -> None:
     assert values(found, "step.s") == [0, 5, 0, -4]
     again = tmp_path / "again.csv"
     again.write_text("s,r\n3,0\n5,1\n")
-    both = read_recording([again, again], JOINTS, {}, UnitSystem("mm", "rad"), need_observations=False)
+    both = read_recording(
+        tables([again, again]), JOINTS, {}, UnitSystem("mm", "rad"), need_observations=False
+    )
     assert values(both, "step.s") == [0, 2, 0, 2]
 
 
@@ -161,7 +164,9 @@ def test_one_shuffled_file_takes_the_order_from_all(tmp_path: Path) -> None:
     first = tmp_path / "first.csv"
     first.write_text("# order: shuffled\ns,r\n3,0\n5,1\n")
     other = table_in_memory({"s": [1.0, 2.0], "r": [0.0, 1.0]}, "table")
-    both = read_recording([first, other], JOINTS, {}, UnitSystem("mm", "rad"), need_observations=False)
+    both = read_recording(
+        tables([first, other]), JOINTS, {}, UnitSystem("mm", "rad"), need_observations=False
+    )
     assert both.driver("approach.s") is None
     assert "the other files" in both.notes[-1]
     assert replace(both, shuffled=False).driver("approach.s") is not None

@@ -13,11 +13,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from truepose.errors import InputError
-from truepose.identification.leaves.bags.settled import Stream, average, stretches
+from truepose.identification.leaves.readers.reading import bag_table
+from truepose.identification.leaves.readers.settled import Stream, average, stretches
 from truepose.identification.recording.joint_column import JointColumn
+from truepose.identification.recording.load import tables
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording
-from truepose.identification.recording.table import bag_table, read_table
+from truepose.identification.recording.table import read_table
 from truepose.models.units import UnitSystem
 
 pytest.importorskip("rosbags")
@@ -115,7 +117,7 @@ def tracker(t: float, goal: int, rng: np.random.Generator) -> list[tuple[str, An
 
 
 def loaded(path: Path, columns: dict[str, str] = POSE) -> Recording:
-    return read_recording([path], JOINTS, columns, UnitSystem())
+    return read_recording(tables([path]), JOINTS, columns, UnitSystem())
 
 
 @pytest.mark.parametrize("storage", list(StoragePlugin))

@@ -2,33 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa  # type: ignore[import-untyped]
-import pyarrow.parquet as pq  # type: ignore[import-untyped]
 import pytest
 
 from truepose.errors import InputError
 from truepose.identification.compensation import path_file
 from truepose.identification.compensation.path_file import csv_text
-from truepose.identification.recording import text_rows
 from truepose.identification.recording.arrow_columns import ArrowCells
 from truepose.identification.recording.table import Column, Table, read_table
-
-
-@pytest.fixture
-def both(monkeypatch: pytest.MonkeyPatch) -> Any:
-    def read(path: Path) -> Iterator[Table]:
-        """A line at a time, then as one block."""
-        for block in (1, 1 << 30):
-            monkeypatch.setattr(text_rows, "BLOCK", block)
-            yield read_table(path)
-
-    return read
 
 
 def test_columns_of_parquet_are_what_was_written(tmp_path: Path) -> None:
@@ -63,23 +48,13 @@ def test_cells_are_a_sequence() -> None:
 
 @pytest.mark.parametrize("note", [["a", "b c", ""], ["a, b", 'say "c"', "d"]])
 def test_what_is_written_reads_back_exactly(
-    note: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, both: Any
+    note: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(path_file, "MANY", 0)
     values = np.array([1 / 3, -1e-17, 6.02e23])
     path = tmp_path / "commands.csv"
     path.write_text(csv_text(pd.DataFrame({"q1 [mm]": values, "note": note})))
-    for found in both(path):
-        np.testing.assert_array_equal(found.numbers("q1"), values)
-        assert list(found.cells["note"]) == note
-        assert found.columns[0].unit == "mm"
-
-
-def test_a_parquet_column_is_read_in_batches(tmp_path: Path) -> None:
-    path, rows = tmp_path / "rows.parquet", 5000
-    table = pa.table({"x": np.arange(rows) * 0.5, "label": [f"n{k}" for k in range(rows)]})
-    pq.write_table(table, path, row_group_size=700)
     found = read_table(path)
-    assert found.n_rows == rows
-    np.testing.assert_array_equal(found.numbers("x"), np.arange(rows) * 0.5)
-    assert found.texts("label")[-1] == f"n{rows - 1}"
+    np.testing.assert_array_equal(found.numbers("q1"), values)
+    assert list(found.cells["note"]) == note
+    assert found.columns[0].unit == "mm"

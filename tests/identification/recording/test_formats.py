@@ -18,7 +18,6 @@ from support.examples import examples
 from support.recordings import BASIC, JOINTS, SENSOR, read, refusal
 from support.workbook import write_workbook
 from truepose.errors import InputError
-from truepose.identification.recording import text_rows
 from truepose.identification.recording.load import as_recording, load_recording, tables
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording
@@ -118,20 +117,6 @@ def test_spaces_stand_between_columns(
 ) -> None:
     folder, frame = tmp_path_factory.mktemp("rows"), _frame(rows).fillna(1.0).round(6)
     _same(_load(_spaces(folder / "rows.txt", frame)), _load(_text(",")(folder / "plain.csv", frame)))
-
-
-@pytest.mark.parametrize(("separator", "decimal"), [(";", ","), ("\t", "."), (";", ".")])
-def test_texts_of_many_blocks_are_read_alike(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, separator: str, decimal: str
-) -> None:
-    frame = _frame([(1.25, -2.0, None, 0.5, "calibration"), (3.0, 4.5, 1.125, 0.25, "validation")])
-    path = _text(separator, decimal, start="# first\n\n")(tmp_path / "rows.csv", frame)
-    whole = _load(path)
-    monkeypatch.setattr(text_rows, "BLOCK", 1)
-    _same(_load(path), whole)
-    path.write_text(path.read_text().replace("validation", "later"))
-    with pytest.raises(InputError, match=r"rows\.csv: row 2 \(line 5\), column 'role': found 'later'"):
-        _load(path)
 
 
 AMBIGUOUS = {

@@ -15,6 +15,7 @@ from support.examples import examples
 from truepose.identification.recording import history
 from truepose.identification.recording.history import creep_sum, line_of_full_loop, stop_operator
 from truepose.identification.recording.joint_column import JointColumn
+from truepose.identification.recording.load import tables
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.file.driver import Driver
@@ -137,7 +138,7 @@ def recorded(folder: Path, *frames: pd.DataFrame) -> Recording:
     paths = [folder / f"{k}.csv" for k in range(len(frames))]
     for path, frame in zip(paths, frames, strict=True):
         frame.to_csv(path, index=False)
-    return read_recording(paths, JOINTS, {"x": "mm"}, UnitSystem())
+    return read_recording(tables(paths), JOINTS, {"x": "mm"}, UnitSystem())
 
 
 def rows(n: int = 40, *, time: bool = True, seed: int = 0) -> pd.DataFrame:

@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.identification.leaves.importing.clock_offset import Clock, Motion, clock_of, trend
-from truepose.identification.leaves.importing.probe import Pairing, clock_words
+from truepose.identification.leaves.readers.clock_offset import Clock, Motion, clock_of, trend
+from truepose.identification.leaves.readers.probe import Pairing, clock_words
 from truepose.identification.recording.table import Table, table_in_memory
 
 Array = NDArray[np.float64]

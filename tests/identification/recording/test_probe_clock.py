@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 from support.probe_logs import OFF, OFFSET, START, joints_at, pose_of, written
 from truepose.cli import app
 from truepose.identification.fit.calibrate import calibrate
-from truepose.identification.leaves.importing.turns import with_rotation_vector
+from truepose.identification.leaves.readers.turns import with_rotation_vector
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.table import table_in_memory
 from truepose.models.load import load_machine

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from support.examples import examples
 from support.recordings import BASIC, JOINTS, SENSOR, read, refusal
 from truepose.identification.recording.joint_column import JointColumn
+from truepose.identification.recording.load import tables
 from truepose.identification.recording.read import read_recording
 from truepose.models.units import UnitSystem
 
@@ -201,7 +202,8 @@ def test_csv_and_parquet_hold_the_same(tmp_path_factory: pytest.TempPathFactory,
     frame.to_csv(folder / "a.csv", index=False)
     frame.to_parquet(folder / "a.parquet")
     one, two = (
-        read_recording([folder / f"a.{kind}"], JOINTS, SENSOR, UnitSystem()) for kind in ("csv", "parquet")
+        read_recording(tables([folder / f"a.{kind}"]), JOINTS, SENSOR, UnitSystem())
+        for kind in ("csv", "parquet")
     )
     np.testing.assert_array_equal(one.q, two.q)
     np.testing.assert_array_equal(one.validation, two.validation)
@@ -229,6 +231,6 @@ AT_HAND = {
 def test_recordings_at_hand_are_accepted(shared: Path, name: str) -> None:
     kinds, sensor, units, n_rows = AT_HAND[name]
     joints = [JointColumn(f"{stem}{k}", unit) for k, (stem, unit) in enumerate(kinds, start=1)]
-    recording = read_recording([shared / name], joints, sensor, units)
+    recording = read_recording(tables([shared / name]), joints, sensor, units)
     assert len(recording) == n_rows
     assert set(recording.observations) == set(sensor)

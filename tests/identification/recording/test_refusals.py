@@ -11,6 +11,7 @@ import pytest
 
 from support.recordings import BASIC, JOINTS, SENSOR, read, refusal
 from truepose.errors import InputError
+from truepose.identification.recording.load import tables
 from truepose.identification.recording.read import read_recording
 from truepose.models.units import UnitSystem
 
@@ -97,11 +98,11 @@ def test_unreadable_files_are_refused(tmp_path: Path, content: bytes | None) -> 
     if content is not None:
         path.write_bytes(content)
     with pytest.raises(InputError, match=r"a\.csv: "):
-        read_recording([path], JOINTS, SENSOR, UnitSystem())
+        read_recording(tables([path]), JOINTS, SENSOR, UnitSystem())
     with pytest.raises(InputError, match="cannot read the file"):
-        read_recording([tmp_path], JOINTS, SENSOR, UnitSystem())
+        read_recording(tables([tmp_path]), JOINTS, SENSOR, UnitSystem())
     with pytest.raises(InputError, match="no recording"):
-        read_recording([], JOINTS, SENSOR, UnitSystem())
+        read_recording(tables([]), JOINTS, SENSOR, UnitSystem())
 
 
 @pytest.mark.parametrize(
@@ -118,5 +119,5 @@ def test_parquet_is_refused_like_csv(tmp_path: Path, column: str, values: list[A
     frame = pd.DataFrame({"s": [1.0, 2.0], "r": [1, 2], "x": [0.0, 0.0], "rx": [0.0, 0.0], column: values})
     frame.to_parquet(tmp_path / "a.parquet")
     with pytest.raises(InputError) as caught:
-        read_recording([tmp_path / "a.parquet"], JOINTS, SENSOR, UnitSystem())
+        read_recording(tables([tmp_path / "a.parquet"]), JOINTS, SENSOR, UnitSystem())
     assert str(caught.value).startswith(f"{tmp_path / 'a.parquet'}: {expected}")

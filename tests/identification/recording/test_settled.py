@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from truepose.identification.leaves.bags.settled import BAND, SECONDS, Stream, average, stretches
+from truepose.identification.leaves.readers.settled import BAND, SECONDS, Stream, average, stretches
 
 Array = NDArray[np.float64]
 STEP = 0.01
@@ -108,3 +108,13 @@ def test_the_mean_of_turns_lies_between_them_in_any_frame() -> None:
         off = Rotation.from_rotvec(found.mean[3:]).inv() * base
         assert off.magnitude() < 1e-12
         np.testing.assert_allclose(found.sigma, [0, 0, 0, 0, 0, 0.01 / np.sqrt(3)], atol=1e-9)
+
+
+def test_stretches_of_many_samples_at_once_are_those_of_their_spread() -> None:
+    rng = np.random.default_rng(1)
+    time, values = np.sort(rng.uniform(0.0, 30.0, 3000)), np.cumsum(rng.normal(0.0, 1.0, 3000))
+    found = stretches({"a": Stream.in_order(time, values[:, None])}, band=20.0, seconds=0.5)
+    assert found
+    still = [np.ptp(values[np.abs(time - t) <= 0.25]) <= 20.0 for t in time]
+    inside = np.array([any(a <= t <= b for a, b in found) for t in time])
+    assert not (inside & ~np.array(still)).any()

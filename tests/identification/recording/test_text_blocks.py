@@ -1,11 +1,9 @@
-"""Texts read a block at a time: what was written in any form is read back, wherever blocks are cut, and never held whole."""
+"""Texts of tables: what was written in any form is read back, and what is wrong is said with its place."""
 
 from __future__ import annotations
 
 import math
 import re
-import subprocess
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,13 +16,10 @@ from hypothesis import strategies as st
 
 from support.examples import examples
 from truepose.errors import InputError
-from truepose.identification.recording import text_rows
-from truepose.identification.recording.plain_text import plain_columns
-from truepose.identification.recording.table import Table, read_table
+from truepose.identification.recording.table import read_table
 
 HEADERS = ("q1", "note", "pose", "x")
 Row = tuple[str, str, str, str]
-BLOCKS = st.sampled_from([1, 7, 64, 1000, 1 << 22])
 
 
 @dataclass(frozen=True)
@@ -120,23 +115,17 @@ def _ends(text: str) -> int:
     return len(re.findall("\r\n|\r|\n", text))
 
 
-def read(path: Path, block: int) -> Table:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(text_rows, "BLOCK", block)
-        return read_table(path)
-
-
 @pytest.mark.parametrize("name", FORMS)
 @settings(max_examples=examples(25), deadline=None)
-@given(data=st.data(), block=BLOCKS)
+@given(data=st.data())
 def test_what_was_written_in_any_form_is_read_back(
-    tmp_path_factory: pytest.TempPathFactory, name: str, data: st.DataObject, block: int
+    tmp_path_factory: pytest.TempPathFactory, name: str, data: st.DataObject
 ) -> None:
     form = FORMS[name]
     written = data.draw(rows(form))
     path = tmp_path_factory.mktemp("rows") / "rows.csv"
     lines = write(path, form, written)
-    found = read(path, block)
+    found = read_table(path)
     assert found.names == HEADERS
     assert [list(found.cells[header]) for header in HEADERS] == [
         list(cells) for cells in zip(*written, strict=True)
@@ -168,13 +157,12 @@ EXAMPLES: dict[str, tuple[str, list[list[str]]]] = {
 }
 
 
-@pytest.mark.parametrize("block", [1, 1 << 22])
 @pytest.mark.parametrize("case", EXAMPLES)
-def test_examples_are_read_as_they_stand(case: str, block: int, tmp_path: Path) -> None:
+def test_examples_are_read_as_they_stand(case: str, tmp_path: Path) -> None:
     text, expected = EXAMPLES[case]
     path = tmp_path / "rows.csv"
     path.write_bytes(text.encode())
-    assert [list(cells) for cells in read(path, block).cells.values()] == expected
+    assert [list(cells) for cells in read_table(path).cells.values()] == expected
 
 
 GOOD = "".join(f"{k},{k}.5\n" for k in range(1, 40))
@@ -202,7 +190,7 @@ WRONG: dict[str, tuple[str, str]] = {
     "text behind quotes": (f'q1,q2\n{GOOD}1,"2"3\n', "cannot read the file: ',' expected after '\"'"),
     "an open quote": (f'q1,q2\n{GOOD}1,"2\n{GOOD}', "cannot read the file: unexpected end of data"),
     "an endless quote": (f'q1,q2\n{GOOD}1,"2\n{GOOD * 600}', "field larger than field limit"),
-    "an endless cell": (f"q1,q2\n{GOOD}1,{'2' * 140_000}\n", "field larger than field limit"),
+    "an endless cell": (f"q1,q2\n{GOOD}1,{'2' * 140_000}\n", "row 40 (line 41), column 'q2': found '222"),
     "both decimal marks": (
         f"q1;q2\n{GOOD.replace(',', ';')}1,5;2\n",
         "found '1,5' in row 40 (line 41), column 'q1' and '1.5' in row 1 (line 2), column 'q2', expected one",
@@ -214,14 +202,13 @@ WRONG: dict[str, tuple[str, str]] = {
 }
 
 
-@pytest.mark.parametrize("block", [1, 100, 1 << 22])
 @pytest.mark.parametrize("case", WRONG)
-def test_what_is_wrong_is_said_wherever_blocks_are_cut(case: str, block: int, tmp_path: Path) -> None:
+def test_what_is_wrong_is_said_with_its_place(case: str, tmp_path: Path) -> None:
     text, expected = WRONG[case]
     path = tmp_path / "rows.csv"
     path.write_bytes(text.encode("utf-8", "surrogateescape"))
     with pytest.raises(InputError) as caught:
-        read(path, block).numbers("q2")
+        read_table(path).numbers("q2")
     assert str(caught.value).startswith(f"{path}: ")
     assert expected in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -230,57 +217,4 @@ def test_what_is_wrong_is_said_wherever_blocks_are_cut(case: str, block: int, tm
 def test_commas_of_one_late_row_are_decimal(tmp_path: Path) -> None:
     path = tmp_path / "rows.csv"
     path.write_text("q1\tq2\n" + "1\t2,500\n" * 9 + "1\t2,50\n")
-    np.testing.assert_array_equal(read(path, 1).numbers("q2"), [2.5] * 10)
-
-
-_PEAK = """
-import re, sys
-from pathlib import Path
-from truepose.identification.recording import text_rows
-from truepose.identification.recording.table import read_table
-
-def peak():
-    return int(re.search("VmHWM:\\s*([0-9]+)", Path("/proc/self/status").read_text())[1]) * 1024
-
-text_rows.BLOCK = 1 << 16
-for path in sys.argv[1:]:
-    read_table(path).numbers("x")
-    print(peak())
-"""
-"""Reads files in a process of its own; says after each how much memory it has held at most."""
-
-
-@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="no /proc: memory is told by Linux")
-@pytest.mark.parametrize(
-    "name",
-    ["plain", "quotes and comments", "decimal commas in quotes", "spaces", "no ASCII between", "UTF-16"],
-)
-def test_no_text_is_whole_in_memory(name: str, tmp_path: Path) -> None:
-    """Numbers stay, 8 bytes each, and what is in hand of a block: not labels that are all different."""
-    numbers = np.random.default_rng(3).normal(size=(4000, 2)).tolist()
-    written = [(repr(q), f"{'a' * 200}{k}", "1", repr(x)) for k, (q, x) in enumerate(numbers)]
-    short, long = tmp_path / "short.csv", tmp_path / "long.csv"
-    write(short, FORMS[name], written)
-    write(long, FORMS[name], written * 30)
-    command = [sys.executable, "-c", _PEAK, str(short), str(long)]
-    said = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
-    before, after = map(int, said.split())
-    assert long.stat().st_size > 25_000_000
-    assert after - before < 10_000_000
-
-
-@pytest.mark.parametrize(
-    ("block", "plain"),
-    [
-        ('"a",1\n"b",2\n', True),
-        ('"a""b",1\n', True),
-        ('"a\nb",1\n', False),
-        ('"a\rb",1\n', False),
-        ('"a\r\nb",1\r\n', False),
-        ('a"b,1\n', False),
-        ('"a" ,1\n', False),
-    ],
-)
-def test_a_block_whose_quotes_hold_line_ends_is_not_plain(block: str, plain: bool) -> None:
-    """Arrow would end the row there."""
-    assert (plain_columns(block, 2, ",") is not None) is plain
+    np.testing.assert_array_equal(read_table(path).numbers("q2"), [2.5] * 10)

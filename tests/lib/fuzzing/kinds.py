@@ -1,4 +1,4 @@
-"""What is fuzzed: a kind of file, how mutants of it are made, and the commands that read it."""
+"""Good files of every kind that is read, which mutants are made from, and the commands that read them."""
 
 from __future__ import annotations
 
@@ -6,14 +6,11 @@ import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from random import Random
 
 import yaml
 
-from fuzzing import code, marked_up, programs, records, seeds, tables, texts, trees, workbooks
-from truepose.models.file.yaml_document import parse_document
-
-Mutate = Callable[[Random, bytes, bytes], bytes]
+from fuzzing import seeds
+from truepose.models.file.yaml_document import document_text
 
 
 @dataclass(frozen=True)
@@ -39,23 +36,6 @@ class Kind:
 
     name: str
     make: Callable[[Path], list[Seed]]
-    mutate: Mutate
-
-
-def _bytes_too(structured: Callable[[Random, str], str | bytes], share: float = 0.3) -> Mutate:
-    """Mutation by structure, and of plain bytes in a share of the cases."""
-
-    def mutate(rng: Random, data: bytes, other: bytes) -> bytes:
-        if rng.random() < share:
-            return texts.mutated(rng, data, other)
-        out = structured(rng, data.decode("utf-8"))
-        return out if isinstance(out, bytes) else out.encode("utf-8", errors="surrogatepass")
-
-    return mutate
-
-
-def _yaml(rng: Random, text: str) -> str:
-    return trees.mutated(rng, parse_document(text, "seed"))
 
 
 M, R = "machine.yaml", "recording.csv"
@@ -210,7 +190,7 @@ def _plugins(folder: Path) -> list[Seed]:
         "place": ["q1"],
         "parameters": {"k": {"value": 0.01, "unit": "1/rad^2"}},
     }
-    own = trees.text(trees.tree({**document, "effects": [entry]}))
+    own = document_text({**document, "effects": [entry]})
     beside = {M: case.machine.encode(), R: case.recording.encode(), "belt.yaml": own.encode()}
     return [Seed("belt.py", seeds.PLUGIN.encode(), commands, beside)]
 
@@ -234,18 +214,18 @@ def _programs(folder: Path) -> list[Seed]:
 
 
 KINDS = (
-    Kind("machine files", _machines, _bytes_too(_yaml, 0.15)),
-    Kind("recordings", _recordings, _bytes_too(tables.mutated, 0.15)),
-    Kind("URDF", _urdf, _bytes_too(marked_up.mutated)),
-    Kind("MJCF", _mjcf, _bytes_too(marked_up.mutated)),
-    Kind("MCAP", _bags, records.MCAP.mutated),
-    Kind("sqlite bags", _sqlite_bags, texts.mutated),
-    Kind("ROS 1 bags", _ros1_bags, records.ROS1.mutated),
-    Kind("workbooks", _workbooks, workbooks.mutated),
-    Kind("probe logs", _probe_logs, _bytes_too(tables.mutated, 0.15)),
-    Kind("points and stars", _points, _bytes_too(programs.mutated)),
-    Kind("plug-ins", _plugins, _bytes_too(code.mutated, 0.0)),
-    Kind("robot programs", _programs, _bytes_too(programs.mutated)),
+    Kind("machine files", _machines),
+    Kind("recordings", _recordings),
+    Kind("URDF", _urdf),
+    Kind("MJCF", _mjcf),
+    Kind("MCAP", _bags),
+    Kind("sqlite bags", _sqlite_bags),
+    Kind("ROS 1 bags", _ros1_bags),
+    Kind("workbooks", _workbooks),
+    Kind("probe logs", _probe_logs),
+    Kind("points and stars", _points),
+    Kind("plug-ins", _plugins),
+    Kind("robot programs", _programs),
 )
 
 __all__ = ["KINDS", "Kind", "Seed"]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from truepose.errors import InputError
 from truepose.identification.recording.joint_column import JointColumn
+from truepose.identification.recording.load import tables
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.units import UnitSystem
@@ -33,7 +34,7 @@ def read(
     paths = [tmp_path / f"{chr(97 + k)}.csv" for k in range(len(texts))]
     for path, text in zip(paths, texts, strict=True):
         path.write_text(text, encoding="utf-8")
-    return read_recording(paths, joints, sensor, units or UnitSystem(), **options)
+    return read_recording(tables(paths), joints, sensor, units or UnitSystem(), **options)
 
 
 def refusal(tmp_path: Path, *texts: str, **options: Any) -> str:

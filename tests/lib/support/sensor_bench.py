@@ -12,6 +12,7 @@ from support.telescope_legs import FLEXURED
 from truepose.identification.prediction.simulate import simulate, with_inputs
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
+from truepose.identification.recording.table import read_table
 from truepose.models.effect_text import parse_effect
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.load import load_machine
@@ -109,5 +110,5 @@ class Bench:
         if change is not None:
             change(frame)
         target = self.folder / "recording.csv"
-        with_inputs(self.folder / "poses.csv", frame).to_csv(target, index=False)
+        with_inputs(read_table(self.folder / "poses.csv"), frame).to_csv(target, index=False)
         return load_recording(self.machine, [target])

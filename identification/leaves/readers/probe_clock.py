@@ -14,9 +14,9 @@ from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.estimated import Estimate
-from truepose.identification.leaves.importing.clock_offset import Clock, trend
-from truepose.identification.leaves.importing.importing import frame_of
-from truepose.identification.leaves.importing.probe import Pairing
+from truepose.identification.leaves.readers.clock_offset import Clock, trend
+from truepose.identification.leaves.readers.importing import frame_of
+from truepose.identification.leaves.readers.probe import Pairing
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.models.effects.latency import Latency

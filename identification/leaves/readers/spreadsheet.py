@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from truepose.errors import InputError
-from truepose.identification.leaves.workbooks.workbook_limits import check_workbook
 from truepose.identification.recording.text import TextTable
 from truepose.wording import cut, shortened
 
@@ -25,7 +24,6 @@ def read_spreadsheet(path: Path) -> TextTable:
         raise InputError(
             f"{path}: an Excel workbook needs python-calamine: pip install 'truepose[excel]'"
         ) from None
-    check_workbook(path)
     try:
         with calamine.CalamineWorkbook.from_path(path) as book:
             sheets = {

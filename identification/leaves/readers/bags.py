@@ -17,9 +17,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truepose.arrays import Array
+from truepose.bounded import check_input
 from truepose.errors import InputError
-from truepose.identification.leaves.bags.bag_limits import check_bag
-from truepose.identification.leaves.bags.settled import BAND, SECONDS, Average, Stream, average, stretches
+from truepose.identification.leaves.readers.settled import BAND, SECONDS, Average, Stream, average, stretches
 from truepose.identification.recording.arrow_columns import ArrowCells
 from truepose.identification.recording.text import SI, TextTable
 from truepose.wording import cut, joined, shortened
@@ -35,6 +35,7 @@ _TYPES: Final = {
 }
 FARTHEST: Final = 1e9
 """m or rad: a joint or a place beyond is none."""
+_BAG_MAGIC: Final = (b"\x89MCAP0\r\n", b"SQLite format 3\0", b"#ROSBAG V")
 _GIVEN: Final = 'choose one with --topic of "truepose import"'
 
 
@@ -151,7 +152,8 @@ def _read(path: Path) -> _Log:
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
         raise InputError(f"{path}: a ROS bag needs rosbags: pip install 'truepose[ros]'") from None
-    check_bag(path)
+    for part in path.iterdir() if path.is_dir() else [path]:
+        check_input(part)
     log = _Log()
     store = get_typestore(Stores.ROS1_NOETIC if path.suffix == ".bag" else Stores.ROS2_HUMBLE)
     read = store.deserialize_ros1 if path.suffix == ".bag" else store.deserialize_cdr
@@ -288,3 +290,11 @@ def _of_transform(stamped: Any) -> list[float]:
 
 
 __all__ = ["read_bag"]
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path is a ROS bag: its folder, or a file of one."""
+    if path.is_dir():
+        return (path / "metadata.yaml").is_file()
+    with path.open("rb") as stream:
+        return stream.read(16).startswith(_BAG_MAGIC)

@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from truepose.identification.leaves.importing.headings import XYZ, length_or_angle, read_column
+from truepose.identification.leaves.readers.headings import XYZ, length_or_angle, read_column
 from truepose.identification.recording.table import Column
 
 _TURNS: Final = frozenset({"rx", "ry", "rz", "roll", "pitch", "yaw", "q0", "q1", "q2", "q3", "i", "j", "k"})

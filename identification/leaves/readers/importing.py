@@ -10,29 +10,28 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
-from truepose.bounded import MIB, read_at_most
+from truepose.bounded import read_input
 from truepose.errors import InputError
-from truepose.identification.leaves.importing.headings import (
+from truepose.identification.leaves.readers.bags import is_bag
+from truepose.identification.leaves.readers.headings import (
     XYZ,
     asked_columns,
     chosen_columns,
     is_asked,
     read_column,
 )
-from truepose.identification.leaves.importing.tpoint import is_tpoint, machine_text, read_tpoint
-from truepose.identification.leaves.importing.tracker_text import ANY, DIALECTS, dialect_of, read_points
-from truepose.identification.leaves.workbooks.spreadsheet import MAGIC
-from truepose.identification.recording.encoding import decoded
+from truepose.identification.leaves.readers.reading import bag_table
+from truepose.identification.leaves.readers.spreadsheet import MAGIC
+from truepose.identification.leaves.readers.tpoint import is_tpoint, machine_text, read_tpoint
+from truepose.identification.leaves.readers.tracker_text import ANY, DIALECTS, dialect_of, read_points
 from truepose.identification.recording.languages import refuse_languages
 from truepose.identification.recording.names import in_known_case
-from truepose.identification.recording.table import Column, Table, bag_table, is_bag, read_table
-from truepose.identification.recording.text import SI
+from truepose.identification.recording.table import Column, Table, read_table
+from truepose.identification.recording.text import SI, decoded
 from truepose.models.units import parse_unit
 from truepose.wording import joined, shortened
 
 FORMATS: Final = ("auto", *DIALECTS, "tpoint", "excel", "bag", "table")
-TEXT_MOST: Final = 100 * MIB
-"""Bytes of a point list or of stars: 100 MiB, some two million points."""
 _KEYS: Final = ("name", "point", "target", "pose")
 """Columns of a joints table that name each row's point."""
 _READ_ALONE: Final = (
@@ -74,7 +73,7 @@ def read_foreign(
             return table
         if form == "bag":
             return _with_choice(bag_table(path, topic, joints), chosen)
-        text, notes = decoded(read_at_most(path, TEXT_MOST), str(path))
+        text, notes = decoded(read_input(path), str(path))
     except OSError as exc:
         raise InputError(f"{path}: cannot read the file: {exc.strerror or exc}") from None
     if form == "tpoint":
@@ -89,7 +88,7 @@ def read_foreign(
 
 def machine_of(path: Path) -> str:
     """Text of a machine file to start from, where a format tells the machine. Raises InputError where it does not."""
-    text = "" if _form(path) != "tpoint" else decoded(read_at_most(path, TEXT_MOST), str(path))[0]
+    text = "" if _form(path) != "tpoint" else decoded(read_input(path), str(path))[0]
     if not text:
         raise InputError(
             f"--machine: found {path}, expected TPOINT's stars: other formats say nothing of the machine"
@@ -107,7 +106,7 @@ def _form(path: Path, chosen: Mapping[str, str] | None = None) -> str:
         return "excel"
     if data.startswith(b"PAR1"):
         return "table"
-    text, _ = decoded(read_at_most(path, TEXT_MOST), str(path))
+    text, _ = decoded(read_input(path), str(path))
     if is_tpoint(text):
         return "tpoint"
     refuse_languages(text[:_BEGINNING], str(path))

@@ -12,14 +12,15 @@ from scipy.interpolate import CubicHermiteSpline
 
 from truepose.arrays import Array, Index, Mask
 from truepose.errors import InputError
-from truepose.identification.leaves.importing.clock_offset import MOVING, Clock, Motion
+from truepose.identification.leaves.readers.clock_offset import MOVING, Clock, Motion
 from truepose.identification.recording.arrow_columns import ArrowCells
-from truepose.identification.recording.columns import LOGGED, ORDER
+from truepose.identification.recording.file import LOGGED, OF_JOINTS
 from truepose.identification.recording.joint_column import sized
 from truepose.identification.recording.names import in_known_case
 from truepose.identification.recording.table import Column, Table
 from truepose.identification.recording.times import read_times
-from truepose.models.file.driver import VELOCITY
+from truepose.models.file.driver import TEMPERATURE, VELOCITY
+from truepose.models.machine.column_names import OF_ROWS
 from truepose.models.units import compatible, convert
 from truepose.wording import joined, shortened
 
@@ -166,9 +167,7 @@ def _logged(log: Table, joints: Sequence[str]) -> Log:
 
 
 def _may_be_joint(log: Table, name: str) -> bool:
-    known = {c.name for c in (*ORDER, *LOGGED)} | set(_TIMES)
-    kinds = {c.name.partition(".")[0] for c in LOGGED if "." in c.name}
-    if name.casefold() in known or name.partition(".")[0] in kinds:
+    if name.casefold() in (*OF_ROWS, *LOGGED, *_TIMES) or name.partition(".")[0] in (TEMPERATURE, *OF_JOINTS):
         return False
     try:
         log.numbers(name)
@@ -250,14 +249,13 @@ def _beside(log: Log, at: Array) -> Mapping[str, Sequence[object]]:
     """What else was logged that a recording may hold: numbers between samples, and what holds on from the sample before."""
     out: dict[str, Sequence[object]] = {}
     before = log.order[np.clip(np.searchsorted(log.time, at, side="right") - 1, 0, len(log.time) - 1)]
-    kinds = {c.name.partition(".")[0] for c in LOGGED}
     for name in log.table.names:
         kind = name.partition(".")[0]
         if name in log.names or kind == VELOCITY or name in _TIMES:
             continue
         if kind in _HELD:
             out[name] = [log.table.cells[name][k] for k in before]
-        elif kind in kinds:
+        elif kind in (TEMPERATURE, *LOGGED, *OF_JOINTS):
             out[name] = ArrowCells(np.interp(at, log.time, log.table.numbers(name)[log.order]))
     return out
 

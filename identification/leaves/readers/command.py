@@ -165,8 +165,8 @@ class _Asked:
 
     def table(self, names: Mapping[str, str]) -> Table:
         """The measurements beside the joints, columns renamed by ``names`` (new ones by old ones)."""
-        from truepose.identification.leaves.importing import importing
-        from truepose.identification.leaves.importing.turns import has_quaternion, with_rotation_vector
+        from truepose.identification.leaves.readers import importing
+        from truepose.identification.leaves.readers.turns import has_quaternion, with_rotation_vector
         from truepose.identification.recording.table import read_table
 
         form = "table" if self.log is not None and self.form == "auto" else self.form
@@ -187,8 +187,8 @@ class _Asked:
 
     def _paired(self, table: Table, log: Table) -> Table:
         """The table's samples with the joints of a log at their times."""
-        from truepose.identification.leaves.importing.clock_offset import Clock, clock_of
-        from truepose.identification.leaves.importing.probe import Pairing, clock_words
+        from truepose.identification.leaves.readers.clock_offset import Clock, clock_of
+        from truepose.identification.leaves.readers.probe import Pairing, clock_words
 
         machine = None
         if self.model is not None:
@@ -202,7 +202,7 @@ class _Asked:
             clock = clock_of(pairing.motion, pairing.files)
             told = "by the motion; --model MACHINE tells it more exactly"
         else:
-            from truepose.identification.leaves.importing.probe_clock import clock_by_model
+            from truepose.identification.leaves.readers.probe_clock import clock_by_model
 
             clock = clock_by_model(machine, pairing, clock_of(pairing.motion, pairing.files))
             told = f"by {self.model}"
@@ -213,7 +213,7 @@ def _write(
     table: Table, prismatic: Sequence[str], output: Path, machine: Path | None, file: Path
 ) -> pd.DataFrame:
     """Write the recording, and the machine file that ``file`` tells where one is wanted; the recording's columns."""
-    from truepose.identification.leaves.importing import importing
+    from truepose.identification.leaves.readers import importing
 
     frame = importing.frame_of(table, prismatic)
     started = None if machine is None else importing.machine_of(file)

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 from typing import Final
 
 from truepose.errors import InputError
-from truepose.identification.leaves.importing.headings import (
+from truepose.identification.leaves.readers.headings import (
     XYZ,
     asked_columns,
     asked_numbers,
     names_columns,
 )
-from truepose.identification.leaves.importing.point_header import (
+from truepose.identification.leaves.readers.point_header import (
     Header,
     are_units,
     columns_of_line,

@@ -1,6 +1,7 @@
 """Every column that a recording may have: what it holds, in which unit, and who needs it.
 
-`docs/reference/recording.md` and the JSON Schema of a row are made from this list; `file` reads the columns.
+`docs/reference/recording.md` and the JSON Schema of a row are made from this list; `truepose.identification.recording.file`
+reads the columns.
 """
 
 from __future__ import annotations
@@ -10,6 +11,9 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 from truepose.models.file.driver import Driver
+from truepose.models.file.schema_line import RECORDING_SCHEMA
+from truepose.models.schemas.machine import DIALECT
+from truepose.models.schemas.plain import Schema
 
 Holds = Literal["number", "integer", "text", "time"]
 _PLACEHOLDER: Final = re.compile(r"<\w+>")
@@ -153,4 +157,43 @@ AVERAGED: Final = (
 )
 COLUMNS: Final = (*JOINTS, *READINGS, *ORDER, *LOGGED, *AVERAGED)
 
-__all__ = ["AVERAGED", "COLUMNS", "JOINTS", "LOGGED", "ORDER", "READINGS", "KnownColumn"]
+_TEXT = (
+    "One row of a recording, as cells by column. A header may end with a unit in brackets, `x [um]`. Columns that "
+    "no pattern names are those of the machine's joints, or mean nothing to truepose and are left out with a note."
+)
+
+
+_KINDS: Final = {
+    "number": ["number"],
+    "integer": ["integer"],
+    "text": ["string", "integer"],
+    "time": ["number", "string"],
+}
+
+
+def row_schema() -> Schema:
+    """The schema of a row: joints are named by the machine file, so that any column of numbers may be one."""
+    return {
+        "$schema": DIALECT,
+        "$id": RECORDING_SCHEMA,
+        "title": "truepose recording, one row",
+        "description": _TEXT,
+        "type": "object",
+        "minProperties": 1,
+        "patternProperties": {column.pattern: _cell(column) for column in COLUMNS if column not in JOINTS},
+        "additionalProperties": {
+            "type": ["number", "string", "boolean", "null"],
+            "description": JOINTS[0].text,
+            "unit": JOINTS[0].unit,
+        },
+    }
+
+
+def _cell(column: KnownColumn) -> Schema:
+    """A lost reading is an empty cell; labels may be numbers."""
+    kinds = _KINDS[column.holds]
+    lost = ["null"] if column.sensor and column.holds == "number" else []
+    missing = f" Left out: {column.default}." if column.default else ""
+    out: Schema = {"title": column.name, "description": f"{column.text}{missing}"}
+    out |= {"enum": list(column.values)} if column.values else {"type": [*kinds, *lost]}
+    return out | ({"unit": column.unit} if column.unit else {})

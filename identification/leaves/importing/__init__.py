@@ -1,1 +1,0 @@
-"""Tables of instruments and controllers, turned into recordings."""
