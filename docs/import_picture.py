@@ -37,8 +37,7 @@ FOLDERS = {
 # From the ground up. A room is a folder or a single file, named below `truepose`.
 FLOORS = (
     ("arrays",),
-    ("errors", "wording", "shown", "version", "stopping"),
-    ("publication", "faults"),
+    ("errors", "wording", "shown", "version"),
     ("files", "threads", "pool", "bounded"),
     ("models",),
     ("models.sensors", "models.builders"),

@@ -18,7 +18,6 @@ from functools import wraps
 from typing import Any
 
 from truepose.errors import InputError, TrueposeError
-from truepose.stopping import stopping
 
 PREFIX = "truepose_plugin_"
 """How the names of modules begin that are plug-ins."""
@@ -134,8 +133,6 @@ def _aside() -> contextlib.AbstractContextManager[object]:
 
 def _their_own(exc: BaseException) -> bool:
     """Not a signal to this process, nor what stops a block from outside."""
-    if isinstance(exc, KeyboardInterrupt):
-        return stopping.listens and not stopping.number
     kind = type(exc)
     own = kind is BaseException or kind.__module__.startswith(PREFIX)
     return isinstance(exc, Exception | SystemExit) or own

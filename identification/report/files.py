@@ -7,7 +7,7 @@ from functools import singledispatch
 from pathlib import Path
 from typing import Any
 
-from truepose.files import atomic_directory, atomic_write_text
+from truepose.files import FILES_SHA256, atomic_directory, atomic_write_text, sha256_of
 from truepose.identification.diagnosis.outliers import far_rows
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.calibrate import Calibration
@@ -24,6 +24,7 @@ from truepose.identification.report.json_text import json_text
 from truepose.identification.report.results import calibration_json, diagnosis_json
 from truepose.identification.report.row_words import far_row_words
 from truepose.models.file.machine_file import ExpectedPose
+from truepose.models.load import DIAGNOSIS
 
 REPORT = "report.html"
 
@@ -110,11 +111,9 @@ def write_diagnosis(
 
     What a ``check`` of the files found stands above all.
     """
-    with atomic_directory(output) as partial:
-        _diagnosis_files(result, partial, check)
-        atomic_write_text(
-            partial / REPORT, pages.report_html(result, truth, caution(check) if check else None)
-        )
+    with atomic_directory(output, last=DIAGNOSIS) as partial:
+        page = pages.report_html(result, truth, caution(check) if check else None)
+        _diagnosis_files(result, partial, check, page)
         return sorted(file.name for file in partial.iterdir())
 
 
@@ -128,9 +127,8 @@ def put_both(
     document = {**calibration_json(calibration, far_rows(calibration)), **checked(check)}
     pose = calibrated_pose(calibration.fit, calibration.recording, calibration.began)
     _calibration_files(calibration, document, partial, pose)
-    _diagnosis_files(diagnosis, partial, check)
-    if not brief:
-        atomic_write_text(partial / REPORT, pages.report_html(diagnosis, None, caution(check)))
+    page = None if brief else pages.report_html(diagnosis, None, caution(check))
+    _diagnosis_files(diagnosis, partial, check, page)
 
 
 def _calibration_files(
@@ -140,10 +138,14 @@ def _calibration_files(
     atomic_write_text(partial / "fit.json", json_text(document))
 
 
-def _diagnosis_files(result: Diagnosis, partial: Path, check: Check | None) -> None:
+def _diagnosis_files(result: Diagnosis, partial: Path, check: Check | None, page: str | None) -> None:
+    """Write the files of a diagnosis; ``diagnosis.json`` holds the digest of each that is there before it."""
     found = {} if check is None else checked(check)
-    atomic_write_text(partial / "diagnosis.json", json_text({**diagnosis_json(result), **found}))
     write_calibrated(partial / "improved.yaml", **file_of(result))
+    if page is not None:
+        atomic_write_text(partial / REPORT, page)
+    digests = {FILES_SHA256: sha256_of(partial)}
+    atomic_write_text(partial / DIAGNOSIS, json_text({**diagnosis_json(result), **found, **digests}))
 
 
 def write_drift(result: Drift, output: Path, check: Check | None = None) -> list[str]:

@@ -123,22 +123,6 @@ def test_only_commands_that_work_are_offered() -> None:
     assert run("launch").exit_code == 2
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        "",
-        "-h",
-        "--help",
-        "--quiet",
-        "-n 12 -o examination",
-        "--draw --seed 3 -o drawn --json --plugin mine.py",
-    ],
-)
-def test_the_examination_that_has_moved_says_where_to(words: str) -> None:
-    refused(run("challenge", *words.split()), 2, "in a clone of the project, run: python -m challenge")
-    assert "challenge" not in run("--help").stdout
-
-
 def test_calibrate_writes_three_files(recording: Path, tmp_path: Path) -> None:
     result = run("calibrate", SERIAL, recording, "-o", tmp_path / "out")
     assert result.exit_code == 0, result.output

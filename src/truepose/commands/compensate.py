@@ -12,11 +12,9 @@ from truepose.commands.common import (
     FileOption,
     JsonOption,
     MachineArg,
-    PluginOption,
     check_file,
     finish,
     progress,
-    reported,
 )
 from truepose.errors import InputError
 from truepose.files import atomic_file
@@ -68,7 +66,6 @@ def compensate(
     limit_angle: TurnOption = 1.0,
     anyway: AnywayOption = False,
     as_json: JsonOption = False,
-    plugin: PluginOption = None,
 ) -> None:
     """Commands that put the real tool where nominal joints and links, with the calibrated tool, would put it.
 
@@ -82,18 +79,17 @@ def compensate(
     Example: truepose compensate fit/calibrated.yaml job.src -o job_corrected.src --frame "BASE_DATA[1]=800,0,400,0,0,0"
     """
     options = Options(dialect, base, tool, frame or (), at or (), limit, limit_angle)
-    with reported(plugin):
-        from truepose.identification.report.applied_words import check_applicable
-        from truepose.models.load import load_machine
+    from truepose.identification.report.applied_words import check_applicable
+    from truepose.models.load import load_machine
 
-        check_file(output, machine)
-        with progress("compensating"):
-            loaded = load_machine(machine)
-            if not anyway:
-                check_applicable(loaded)
-            summary, lines, notes = _corrected(loaded, path, output, method, options)
-        summary = {"command": "compensate", **summary, "files": [str(output)]}
-        finish(summary, lines, notes, as_json=as_json)
+    check_file(output, machine)
+    with progress("compensating"):
+        loaded = load_machine(machine)
+        if not anyway:
+            check_applicable(loaded)
+        summary, lines, notes = _corrected(loaded, path, output, method, options)
+    summary = {"command": "compensate", **summary, "files": [str(output)]}
+    finish(summary, lines, notes, as_json=as_json)
 
 
 def _corrected(

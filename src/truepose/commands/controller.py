@@ -9,16 +9,7 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
-from truepose.commands.common import (
-    AnywayOption,
-    DirectoryOption,
-    JsonOption,
-    MachineArg,
-    PluginOption,
-    finish,
-    progress,
-    reported,
-)
+from truepose.commands.common import AnywayOption, DirectoryOption, JsonOption, MachineArg, finish, progress
 from truepose.commands.results import check_code, check_directory
 from truepose.errors import InputError
 
@@ -53,7 +44,6 @@ def codegen(
     measure: MeasureOption = False,
     anyway: AnywayOption = False,
     as_json: JsonOption = False,
-    plugin: PluginOption = None,
 ) -> None:
     """C99 for the controller: forward and inverse kinematics, Jacobian, compensation.
 
@@ -61,19 +51,18 @@ def codegen(
 
     Example: truepose codegen fit/calibrated.yaml -o small --features warm
     """
-    with reported(plugin):
-        from truepose.codegen.features import ALL, Features
+    from truepose.codegen.features import ALL, Features
 
-        check_directory(output)
-        number = _number(real)
-        chosen = ALL if features is None else Features.of(features)
-        with progress("writing C"):
-            loaded = _machine_for(output, machine, anyway=anyway)
-            paths, measured = _write(loaded, output, number, chosen, measure=measure)
-        files = sorted(str(path) for path in paths)
-        summary, lines = _told(loaded, chosen, measured)
-        head = {"command": "codegen", "machine": loaded.name, "real": number, "features": list(chosen.names)}
-        finish({**head, "files": files, **summary}, [*files, *lines], [], as_json=as_json)
+    check_directory(output)
+    number = _number(real)
+    chosen = ALL if features is None else Features.of(features)
+    with progress("writing C"):
+        loaded = _machine_for(output, machine, anyway=anyway)
+        paths, measured = _write(loaded, output, number, chosen, measure=measure)
+    files = sorted(str(path) for path in paths)
+    summary, lines = _told(loaded, chosen, measured)
+    head = {"command": "codegen", "machine": loaded.name, "real": number, "features": list(chosen.names)}
+    finish({**head, "files": files, **summary}, [*files, *lines], [], as_json=as_json)
 
 
 def _number(real: str) -> Real:

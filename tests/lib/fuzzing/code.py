@@ -12,7 +12,7 @@ INSTEAD = (
     "return None", "return float('nan')", "return {}", "return []", "return 'x'", "return object()", "return ((),)",
     "return {1: 2}",
     "raise ValueError('it broke')", "raise KeyError('x')", "raise RuntimeError('two\\nlines')", "raise SystemExit(0)", "1 / 0",
-    "import sys; sys.exit(7)", "raise KeyboardInterrupt", "raise BaseException('x')", "return (lambda: 0)",
+    "import sys; sys.exit(7)", "raise EOFError", "raise BaseException('x')", "return (lambda: 0)",
     "return [0.0] * 100000",
     "return {'nonsense': 1}", "assert False", "raise StopIteration", "raise MemoryError", "return return",
 )  # fmt: skip
