@@ -46,7 +46,7 @@ CODES: Final = """
 | 1 | a fault of truepose itself: the line names a report in the folder for temporary files |
 | 2 | bad input: one line says what was found and what was expected; or a fit that is no calibration, whose files say so first |
 | 3 | the fit did not converge: the parameters responsible are named, and nothing is written |
-| 130, 143 | stopped by Ctrl-C or SIGTERM: the line says what was written before |
+| 130 | stopped by Ctrl-C or SIGTERM |
 """
 _EXAMPLE: Final = re.compile(r": (truepose .+)$")
 _VALUES: Final = {int: "N", float: "X", str: "TEXT"}

@@ -35,8 +35,7 @@ FOLDERS = {
 # From the ground up. A room is a folder or a single file, named below `truepose`.
 FLOORS = (
     ("arrays", "leaves"),
-    ("errors", "wording", "version", "stopping"),
-    ("publication", "faults"),
+    ("errors", "wording", "version"),
     ("files", "threads", "pool", "bounded"),
     ("shown",),
     ("models",),

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from truepose.errors import InputError
+from truepose.files import mixture_notes
 from truepose.models.file.machine_file import EffectSpec, MachineFile, read_machine
 from truepose.models.file.plain_texts import check_texts
 from truepose.models.file.setting_range import check_settings
@@ -28,10 +29,15 @@ from truepose.models.machine.sensor import Sensor, sensors
 from truepose.models.machine.springs import springs
 from truepose.models.machine.weights import weights
 
+DIAGNOSIS = "diagnosis.json"
+"""Result beside an ``improved.yaml``, which it knows by its digest."""
+
 
 def load_machine(path: Path | str) -> Machine:
     """Read, check and build the machine of a YAML file. Raises InputError naming file and field."""
-    return build_machine(read_machine(Path(path)))
+    machine = build_machine(read_machine(Path(path)))
+    mixed = mixture_notes(Path(path).with_name(DIAGNOSIS), Path(path).name)
+    return replace(machine, notes=(*machine.notes, *mixed)) if mixed else machine
 
 
 def build_machine(file: MachineFile) -> Machine:

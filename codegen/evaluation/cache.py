@@ -11,13 +11,10 @@ import hashlib
 import os
 import stat
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-
-from truepose.publication import claimed, clear
 
 _OTHERS = stat.S_IWGRP | stat.S_IWOTH
 _NO_LINK = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
@@ -40,8 +37,8 @@ class LibraryCache:
         found = self._kept(key, functions)
         if found is not None:
             return found
-        with self._workplace() as work:
-            fresh = work / "new.so"
+        with tempfile.TemporaryDirectory(dir=self.folder, prefix=".truepose-") as work:
+            fresh = Path(work) / "new.so"
             build(fresh)
             library = _loaded(
                 fresh, functions
@@ -51,17 +48,6 @@ class LibraryCache:
                 fresh.replace(self.folder / f"{key}-{_digest(fresh.read_bytes())}.so")
                 self._prune()
         return library
-
-    @contextmanager
-    def _workplace(self) -> Iterator[Path]:
-        """A folder to build in; those of processes that were killed go."""
-        if self.folder is None:
-            with tempfile.TemporaryDirectory(prefix="truepose-") as name:
-                yield Path(name)
-            return
-        with claimed(self.folder, partial(Path.mkdir, mode=0o700)) as work:
-            clear(self.folder, work)
-            yield work
 
     def _kept(self, key: str, functions: Sequence[str]) -> ctypes.CDLL | None:
         for path in sorted(self.folder.glob(f"{key}-*.so")) if self.folder else []:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from truepose.files import atomic_directory, atomic_write_text
+from truepose.files import FILES_SHA256, atomic_directory, atomic_write_text, sha256_of
 from truepose.identification.diagnosis.outliers import far_rows
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.calibrate import Calibration
@@ -19,6 +19,7 @@ from truepose.identification.report.json_text import json_text
 from truepose.identification.report.results import calibration_json, diagnosis_json
 from truepose.identification.report.row_words import far_row_words
 from truepose.models.file.machine_file import ExpectedPose
+from truepose.models.load import DIAGNOSIS
 from truepose.shown.result import files, html
 
 REPORT = "report.html"
@@ -74,11 +75,9 @@ def write_diagnosis(
 
     A ``caution`` stands above all.
     """
-    with atomic_directory(output) as partial:
-        _diagnosis_files(result, partial, caution)
-        atomic_write_text(
-            partial / REPORT, pages.report_html(result, truth, caution.sentences if caution else None)
-        )
+    with atomic_directory(output, last=DIAGNOSIS) as partial:
+        page = pages.report_html(result, truth, caution.sentences if caution else None)
+        _diagnosis_files(result, partial, caution, page)
         return sorted(file.name for file in partial.iterdir())
 
 
@@ -92,9 +91,8 @@ def put_both(
     document = {**calibration_json(calibration, far_rows(calibration)), **caution.document}
     pose = calibrated_pose(calibration.fit, calibration.recording, calibration.began)
     _calibration_files(calibration, document, partial, pose)
-    _diagnosis_files(diagnosis, partial, caution)
-    if not brief:
-        atomic_write_text(partial / REPORT, pages.report_html(diagnosis, None, caution.sentences))
+    page = None if brief else pages.report_html(diagnosis, None, caution.sentences)
+    _diagnosis_files(diagnosis, partial, caution, page)
 
 
 def _calibration_files(
@@ -104,9 +102,11 @@ def _calibration_files(
     atomic_write_text(partial / "fit.json", json_text(document))
 
 
-def _diagnosis_files(result: Diagnosis, partial: Path, caution: Caution | None) -> None:
-    atomic_write_text(
-        partial / "diagnosis.json",
-        json_text({**diagnosis_json(result), **(caution.document if caution else {})}),
-    )
+def _diagnosis_files(result: Diagnosis, partial: Path, caution: Caution | None, page: str | None) -> None:
+    """Write the files of a diagnosis; ``diagnosis.json`` holds the digest of each that is there before it."""
+    found = caution.document if caution else {}
     write_calibrated(partial / "improved.yaml", **file_of(result))
+    if page is not None:
+        atomic_write_text(partial / REPORT, page)
+    digests = {FILES_SHA256: sha256_of(partial)}
+    atomic_write_text(partial / DIAGNOSIS, json_text({**diagnosis_json(result), **found, **digests}))

@@ -1,19 +1,19 @@
-"""The program ``truepose``. Ctrl-C is heard from here on, and libraries take a moment to load: so they come afterwards."""
+"""The program ``truepose``."""
 
 from __future__ import annotations
 
-from truepose import faults
-
-
-def _run() -> None:
-    from truepose.cli import run
-
-    run()
+import sys
 
 
 def main() -> None:
-    """Entry point of the console command."""
-    faults.main(_run)
+    """Run the command line. Ctrl-C is one line here, too, while libraries load."""
+    try:
+        from truepose.cli import main as run
+
+        run()
+    except KeyboardInterrupt:
+        sys.stderr.write("error: stopped\n")
+        sys.exit(130)
 
 
 if __name__ == "__main__":

@@ -5,14 +5,16 @@ from __future__ import annotations
 import functools
 import inspect
 import os
+import signal
+import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from truepose import faults
 from truepose.commands.catalogue import effects
-from truepose.commands.common import QuietOption
+from truepose.commands.common import PluginOption, QuietOption, reported
 from truepose.commands.compensate import compensate
 from truepose.commands.controller import codegen
 from truepose.commands.identifiability import identifiability
@@ -37,17 +39,20 @@ app = typer.Typer(
 )
 
 
-def _quietable(command: Callable[..., None]) -> Callable[..., None]:
-    """The same command with an option ``--quiet``."""
+def _with_common(command: Callable[..., None]) -> Callable[..., None]:
+    """Return the command with the options ``--plugin`` and ``--quiet``, its errors reported in one line."""
+    own = inspect.signature(command, eval_str=True)
 
     @functools.wraps(command)
-    def run(*arguments: Any, quiet: bool = False, **options: Any) -> None:
-        with quietly(quiet):
-            command(*arguments, **options)
+    def run(*, plugin: list[Path] | None = None, quiet: bool = False, **options: Any) -> None:
+        with quietly(quiet), reported(plugin):
+            command(**options, **({"plugin": plugin} if "plugin" in own.parameters else {}))
 
-    own = inspect.signature(command, eval_str=True)
-    added = inspect.Parameter("quiet", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=QuietOption)
-    parameters = [*own.parameters.values(), added]
+    added = (("plugin", PluginOption, None), ("quiet", QuietOption, False))
+    parameters = [parameter for name, parameter in own.parameters.items() if name != "plugin"] + [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind)
+        for name, kind, default in added
+    ]
     run.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     return run
@@ -71,7 +76,7 @@ def commands() -> dict[str, Callable[..., None]]:
 
 
 for _name, _command in commands().items():
-    app.command(_name, cls=WithTryColumns if _name == "diagnose" else OneLineCommand)(_quietable(_command))
+    app.command(_name, cls=WithTryColumns if _name == "diagnose" else OneLineCommand)(_with_common(_command))
 
 
 def _version(wanted: bool) -> None:
@@ -91,17 +96,16 @@ def _root(
     pass
 
 
-def run() -> None:
-    """What the words of the command line say."""
+def main() -> None:
+    """Run the command line as a program, which ends with it."""
     for library in ("OPENBLAS", "OMP", "MKL"):
         # matrices are small here: threads of the linear algebra wait for each other longer than they work
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):  # a name or a unit that the terminal has no letters for
+            stream.reconfigure(errors="backslashreplace")
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: temporary files go
     app()
-
-
-def main() -> None:
-    """The same as a program, which ends with it. The console command is ``truepose.__main__``: it hears Ctrl-C earlier."""
-    faults.main(run)
 
 
 if __name__ == "__main__":

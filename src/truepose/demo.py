@@ -9,15 +9,7 @@ from typing import Annotated
 
 import typer
 
-from truepose.commands.common import (
-    JsonOption,
-    PluginOption,
-    finish,
-    progress,
-    reported,
-    written,
-)
-from truepose.commands.identify import DIAGNOSING
+from truepose.commands.common import JsonOption, finish, progress, written
 from truepose.commands.results import DIAGNOSIS, check_directory, check_machine
 from truepose.errors import InputError
 
@@ -46,34 +38,32 @@ def demo(
     name: NameArg = FIRST,
     output: OutputOption = Path("truepose-demo"),
     as_json: JsonOption = False,
-    plugin: PluginOption = None,
 ) -> None:
     """The whole job on a bundled recording: diagnosis.json, improved.yaml and report.html.
 
     Example: truepose demo telescope -o truepose-demo
     """
-    with reported(plugin):
-        from truepose.identification.diagnosis.engine import diagnose
-        from truepose.identification.recording.load import load_recording
-        from truepose.identification.report.files import write_diagnosis
-        from truepose.identification.report.notes import diagnosis_notes
-        from truepose.identification.report.terminal import diagnosis_lines, diagnosis_summary
-        from truepose.models.load import load_machine
+    from truepose.identification.diagnosis.engine import diagnose
+    from truepose.identification.recording.load import load_recording
+    from truepose.identification.report.files import write_diagnosis
+    from truepose.identification.report.notes import diagnosis_notes
+    from truepose.identification.report.terminal import diagnosis_lines, diagnosis_summary
+    from truepose.models.load import load_machine
 
-        if name not in bundled():
-            raise InputError(f"demo: found {name!r}, expected one of {', '.join(bundled())}")
-        check_directory(output, DIAGNOSIS)
-        with (
-            resources.as_file(resources.files("truepose.models") / "machines" / name) as bundle,
-            progress("diagnosing", DIAGNOSING) as say,
-        ):
-            machine = load_machine(bundle / MACHINE)
-            check_machine(output, DIAGNOSIS, machine.name)
-            result = diagnose(machine, load_recording(machine, [bundle / RECORDING]), progress=say)
-            say("writing the report")
-            names = write_diagnosis(result, output, truth=_truth(bundle / TRUTH))
-        summary = diagnosis_summary(result, "demo", written(output, names))
-        finish(summary, diagnosis_lines(result, output), diagnosis_notes(result), as_json=as_json)
+    if name not in bundled():
+        raise InputError(f"demo: found {name!r}, expected one of {', '.join(bundled())}")
+    check_directory(output, DIAGNOSIS)
+    with (
+        resources.as_file(resources.files("truepose.models") / "machines" / name) as bundle,
+        progress("diagnosing") as say,
+    ):
+        machine = load_machine(bundle / MACHINE)
+        check_machine(output, DIAGNOSIS, machine.name)
+        result = diagnose(machine, load_recording(machine, [bundle / RECORDING]), progress=say)
+        say("writing the report")
+        names = write_diagnosis(result, output, truth=_truth(bundle / TRUTH))
+    summary = diagnosis_summary(result, "demo", written(output, names))
+    finish(summary, diagnosis_lines(result, output), diagnosis_notes(result), as_json=as_json)
 
 
 def _truth(path: Path) -> dict[str, object] | None:

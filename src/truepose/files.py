@@ -1,51 +1,57 @@
 """Result files that are either whole or not there at all.
 
 `atomic_file` for one file, `atomic_write_text` and `write_table` for what most files hold, `atomic_directory` for
-several that belong together.
+several that belong together. Each file is written under a temporary name and then renamed. A process that is killed
+while it renames several files leaves a folder with files of two runs; `sha256_of` lets a result name its files, so that
+`mixed_files` can report such a folder.
 """
 
 from __future__ import annotations
 
 import contextlib
 import errno
+import hashlib
+import json
 import os
+import tempfile
 import uuid
 from collections.abc import Iterable, Iterator
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from truepose.errors import InputError
-from truepose.faults import reason
-from truepose.publication import NEW, claimed, clear, publish
-from truepose.stopping import stopping
 
 if TYPE_CHECKING:
     import pandas as pd
 
+FILES_SHA256 = "files_sha256"
+"""Field of a result (JSON) that holds the SHA-256 of each file that belongs to it, by name."""
+NAME_MAX = 255
+"""Bytes of a name, on all usual systems."""
+
 
 @contextlib.contextmanager
 def atomic_file(path: Path | str) -> Iterator[Path]:
-    """A file to write; it is renamed over `path` when the block ends without an exception.
+    """Yield a temporary file to write; rename it over `path` when the block ends without an exception.
 
     A link is followed; what is no regular file (a pipe, a terminal) is written to directly. Raises
     InputError when it cannot be written; an older file then stays as it was.
     """
     with _naming(path, "file"):
-        _settle(Path(path))
         target = _resolved(path)
         if target.is_dir():
             raise InputError(f"{path}: cannot write the file: Is a directory")
         if target.exists() and not target.is_file():
             yield target
             return
-        with claimed(target, Path.touch) as unfinished:
+        unfinished = target.with_name(f".{uuid.uuid4().hex[:12]}.partial")
+        try:
+            unfinished.touch()
             yield unfinished
-            with stopping.undisturbed():
-                unfinished.replace(target)
-                if not _inside(target):
-                    stopping.written.append(str(target))
-            clear(target, unfinished)
+            unfinished.replace(target)
+        finally:
+            with contextlib.suppress(OSError):
+                unfinished.unlink()
 
 
 def atomic_write_text(path: Path | str, text: str) -> None:
@@ -55,7 +61,7 @@ def atomic_write_text(path: Path | str, text: str) -> None:
 
 
 def write_table(path: Path, frame: pd.DataFrame, comments: Iterable[str] = ()) -> None:
-    """CSV, or Parquet by the file's ending; whole or not at all, floats at full precision.
+    """Write CSV, or Parquet by the file's ending; floats have full precision.
 
     ``comments`` stand above the header of a CSV; Parquet has no place for them.
     """
@@ -68,40 +74,87 @@ def write_table(path: Path, frame: pd.DataFrame, comments: Iterable[str] = ()) -
 
 
 @contextlib.contextmanager
-def atomic_directory(path: Path | str) -> Iterator[Path]:
-    """A directory to fill; its files reach `path`, all in one step, when the block ends without an exception.
+def atomic_directory(path: Path | str, last: str = "") -> Iterator[Path]:
+    """Yield an empty temporary folder to fill; move its files to `path` when the block ends without an exception.
 
-    Yields an empty temporary directory. A directory that exists keeps its other files. On failure nothing is
-    left behind; what a killed run left goes with the next one. Raises InputError when `path` cannot be written.
+    A directory that exists keeps its other files. The file called ``last`` is moved after all others. Raises
+    InputError when `path` cannot be written; where the block fails, `path` is as it was.
     """
     with _naming(path, "directory"):
         target = _resolved(path)
         if target.exists() and not target.is_dir():
             raise InputError(f"{path}: expected a directory, found a file")
-        made = [parent for parent in target.parents if not parent.exists()]  # nearest first
+        made = [folder for folder in (target, *target.parents) if not folder.exists()]
         try:
-            with claimed(target, partial(Path.mkdir, parents=True)) as stage:
-                (stage / NEW).mkdir()
-                with _renamed(stage / NEW, path):
-                    yield stage / NEW
-                publish(stage, target)
-        finally:
-            with stopping.undisturbed():
-                for parent in made:
-                    with contextlib.suppress(OSError):  # it is not empty where the result is in it
-                        parent.rmdir()
+            target.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryDirectory(prefix=".", suffix=".partial", dir=target) as name:
+                with _renamed(Path(name), path):
+                    yield Path(name)
+                _move(Path(name), target, last)
+        except BaseException:
+            for folder in made:
+                with contextlib.suppress(OSError):  # others have filled it meanwhile
+                    folder.rmdir()
+            raise
+
+
+def _move(stage: Path, target: Path, last: str) -> None:
+    """Move all files of one folder into another."""
+    for place in (found := sorted(stage.rglob("*"), key=lambda file: (file.name == last, file))):
+        to = target / place.relative_to(stage)
+        if place.is_dir():
+            to.mkdir(exist_ok=True)
+        elif to.is_dir():
+            raise InputError(f"{to}: expected a file, found a directory")
+    for place in found:
+        if not place.is_dir():
+            place.replace(target / place.relative_to(stage))
+
+
+def sha256_of(folder: Path) -> dict[str, str]:
+    """Return the SHA-256 of each file of a folder, by name."""
+    return {file.name: _digest(file) for file in sorted(folder.iterdir()) if file.is_file()}
+
+
+def _digest(file: Path) -> str:
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def mixed_files(result: Path) -> tuple[str, ...]:
+    """Return the names of files beside a result (JSON) that are others than those that it was written with."""
+    try:
+        stated = json.loads(result.read_text(encoding="utf-8"))[FILES_SHA256].items()
+        places = [(result.parent / name, digest) for name, digest in stated]
+        return tuple(place.name for place, digest in places if place.is_file() and _digest(place) != digest)
+    except (
+        OSError,
+        ValueError,
+        LookupError,
+        TypeError,
+        AttributeError,
+    ):  # no result: who reads it reports that
+        return ()
+
+
+def mixture_notes(result: Path, name: str = "") -> tuple[str, ...]:
+    """Return a note where files beside a result (all, or the one of this name) are not its own."""
+    mixed = [found for found in mixed_files(result) if name in ("", found)]
+    text = (
+        f"{result.parent}: found {', '.join(mixed)} other than {result.name} was written with, expected files of one run; run"
+        " it again unless you changed them"
+    )
+    return (text,) if mixed else ()
 
 
 def check_place(path: Path | str, kind: Literal["file", "directory"]) -> None:
-    """Raise InputError where nothing can be written, as far as that can be known before: it leaves no trace."""
+    """Raise InputError where nothing can be written, as far as that can be known before; leave no trace."""
     with _naming(path, kind):
-        target = _resolved(path)
-        if target.exists() and not target.is_dir():
-            if not target.is_file():  # a pipe or a device
-                _check_access(target)
+        there, names = _resolved(path), list[str]()
+        if there.exists() and not there.is_dir():
+            if not there.is_file():  # a pipe or a device
                 return
-            target = target.parent
-        there, names = target, list[str]()
+            there = there.parent
         while not there.exists():
             names.append(there.name)
             there = there.parent
@@ -109,28 +162,7 @@ def check_place(path: Path | str, kind: Literal["file", "directory"]) -> None:
             raise NotADirectoryError(errno.ENOTDIR, f"{there} is no directory")
         if any(len(os.fsencode(name)) > NAME_MAX for name in names):
             raise OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG))
-        _check_access(there)
-        _try(there)
-
-
-NAME_MAX = 255
-"""Bytes of a name, on all usual systems."""
-
-
-def _check_access(place: Path) -> None:
-    if not os.access(place, os.W_OK):
-        raise PermissionError(errno.EACCES, f"no permission for {place}")
-
-
-def _try(folder: Path) -> None:
-    """Make a file without a name there; where a file system has none, a folder that goes at once."""
-    with contextlib.suppress(OSError, AttributeError):
-        os.close(os.open(folder, os.O_TMPFILE | os.O_WRONLY))
-        return
-    with stopping.undisturbed():
-        tried = folder / f".{uuid.uuid4().hex[:12]}.partial"
-        tried.mkdir()
-        tried.rmdir()
+        tempfile.TemporaryFile(dir=there).close()
 
 
 def _resolved(path: Path | str) -> Path:
@@ -142,32 +174,18 @@ def _resolved(path: Path | str) -> Path:
         raise InputError(f"{str(path)!r}: found no name of a file: {exc}") from None
 
 
-def _settle(path: Path) -> None:
-    """End what a killed run began to publish in the folder of this file: it may be one of several, and a link of them yet."""
-    with contextlib.suppress(ValueError):
-        folder = path.absolute().parent
-        clear(folder, folder)
-
-
-def _inside(path: Path) -> bool:
-    """Whether a file is part of a result that is not published yet."""
-    return any(part.endswith(".partial") for part in path.parts[:-1])
-
-
 @contextlib.contextmanager
 def _renamed(stage: Path, path: Path | str) -> Iterator[None]:
     """Let errors of the block name files where they are to be."""
     try:
         yield
     except InputError as exc:
-        if str(stage) not in str(exc):
-            raise
         raise InputError(str(exc).replace(str(stage), str(path))) from exc
     except OSError as exc:
-        if exc.errno is None or str(stage) not in str(exc.filename):
+        if str(stage) not in str(exc.filename):
             raise
         name = str(exc.filename).replace(str(stage), str(path))
-        raise InputError(f"{name}: cannot write the file: {exc.strerror}") from exc
+        raise InputError(f"{name}: cannot write the file: {reason(exc)}") from exc
 
 
 @contextlib.contextmanager
@@ -176,3 +194,8 @@ def _naming(path: Path | str, kind: str) -> Iterator[None]:
         yield
     except OSError as exc:
         raise InputError(f"{path}: cannot write the {kind}: {reason(exc)}") from exc
+
+
+def reason(exc: OSError) -> str:
+    """Return why the system refused."""
+    return exc.strerror or str(exc) or type(exc).__name__

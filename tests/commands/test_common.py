@@ -72,30 +72,17 @@ def test_a_command_ends_with_json_alone_or_with_lines_and_notes(
         assert tuple(said) == (("", "") if quiet else ("a\nb\n", "note: mind this\n"))
 
 
-@pytest.mark.parametrize(
-    ("error", "told"),
-    [
-        (BrokenPipeError(32, "Broken pipe"), ""),
-        (OSError(28, "No space left on device"), "standard output: No space left on device"),
-    ],
-)
-def test_who_reads_no_more_is_let_go_and_a_full_disk_is_told(
-    error: OSError, told: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_who_reads_no_more_is_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
     forgotten: list[object] = []
 
     def fails(*_: object, **__: object) -> None:
-        raise error
+        raise BrokenPipeError(32, "Broken pipe")
 
     monkeypatch.setattr(typer, "echo", fails)
     monkeypatch.setattr(common, "forget", forgotten.append)
     note("nobody hears this")
     assert forgotten == []
-    if told:
-        with pytest.raises(InputError, match=told):
-            tell("text")
-    else:
-        tell("text")
+    tell("text")
     assert forgotten == [sys.stdout]
 
 

@@ -1,10 +1,8 @@
-"""What commands say beside their files: a diagnosis in plain lines, displays on a terminal, files that cannot be written."""
+"""What commands say beside their files: a diagnosis in plain lines, files that cannot be written."""
 
 from __future__ import annotations
 
 import errno
-import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn
@@ -13,7 +11,6 @@ import pandas as pd
 import pytest
 
 from support.told_diagnoses import diagnosis, finding, fits
-from truepose.commands import progress
 from truepose.errors import InputError
 from truepose.files import write_table
 from truepose.identification.diagnosis.result import (
@@ -121,35 +118,6 @@ def test_a_misfit_far_from_noise_is_said_in_the_first_sentence(
 def test_a_usual_misfit_is_not_worth_a_word(chi2: float) -> None:
     found = diagnosis("adequate", fits=fits(chi2), noise=1.0)
     assert "degree of freedom" not in headline(found)[0]
-
-
-@pytest.mark.parametrize("on_terminal", [True, False])
-def test_progress_is_shown_as_a_bar_on_a_terminal_only_and_never_on_standard_output(
-    on_terminal: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for stream in (sys.stdout, sys.stderr):
-        monkeypatch.setattr(stream, "isatty", lambda: on_terminal)
-    monkeypatch.setattr(progress, "DELAY", 0.0)
-    monkeypatch.setenv("TERM", "xterm")
-    shown = ""
-    with progress.progress("calibrating") as say:
-        for turn in range(500):  # ten seconds at most
-            say(f"turn {turn}")
-            shown += capsys.readouterr().err
-            if "turn" in shown or "calibrating" in shown:
-                break
-            time.sleep(0.02)
-    assert "calibrating" in shown or "turn" in shown
-    assert ("\x1b" in shown) == on_terminal
-    with progress.counted("sitting") as hear:
-        for _ in range(500):
-            hear(1, 2, "case001")
-            out = capsys.readouterr()
-            assert out.out == ""
-            if "sitting: case001" in out.err:
-                return
-            time.sleep(0.02)
-    raise AssertionError("nothing was shown of steps that are counted")
 
 
 def test_a_table_that_cannot_be_written_is_told_and_leaves_nothing(

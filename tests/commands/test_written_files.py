@@ -1,9 +1,8 @@
-"""Single files and folders as they are written: what is in them, what is told of them, and who may write at a time."""
+"""Single files and folders as they are written: what is in them, and what is left where they cannot be."""
 
 from __future__ import annotations
 
 import os
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,17 +12,13 @@ import pytest
 from truepose import files
 from truepose.errors import InputError
 from truepose.files import atomic_directory, atomic_file, atomic_write_text, check_place, write_table
-from truepose.publication import begun, claimed, clear, held
-from truepose.stopping import stopping
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="no such locks and links")
-STAGE = f".{'0a' * 6}.partial"
 
 
 @pytest.fixture(autouse=True)
 def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(stopping, "written", [])
 
 
 def there(folder: Path) -> set[str]:
@@ -48,15 +43,13 @@ def test_a_table_is_read_back_as_it_was(ending: str) -> None:
     assert Path("plain.csv").read_text(encoding="utf-8").startswith("a [mm],b\n")
 
 
-def test_what_is_in_place_is_told_by_its_whole_name(tmp_path: Path) -> None:
-    """A folder once, not each of its files."""
+def test_a_folder_keeps_its_other_files(tmp_path: Path) -> None:
     atomic_write_text("a.txt", "a")
     with atomic_directory("new") as partial:
         atomic_write_text(partial / "b.txt", "b")
         atomic_write_text(partial / "c.txt", "c")
     with atomic_directory("new") as partial:
         atomic_write_text(partial / "c.txt", "d")
-    assert stopping.written == [str(tmp_path / "a.txt"), str(tmp_path / "new"), str(tmp_path / "new")]
     assert there(tmp_path) == {"a.txt", "new", "new/b.txt", "new/c.txt"}
     assert Path("new/c.txt").read_text(encoding="utf-8") == "d"
 
@@ -87,7 +80,7 @@ def test_a_pipe_is_written_to_as_it_is(tmp_path: Path) -> None:
     atomic_write_text("pipe", "through")
     assert os.read(reader, 100) == b"through"
     os.close(reader)
-    assert there(tmp_path) == {"pipe"} and not Path("pipe").is_file() and stopping.written == []
+    assert there(tmp_path) == {"pipe"} and not Path("pipe").is_file()
 
 
 @pytest.mark.parametrize("kind", ["file", "directory"])
@@ -144,15 +137,6 @@ def test_an_error_names_files_where_they_are_to_be() -> None:
         assert str(told.value) == said
 
 
-@pytest.mark.parametrize("kind", ["file", "directory"])
-def test_where_nobody_may_write_is_told_before(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(os, "access", lambda *_: False)
-    Path("old.txt").touch()
-    for name in ("new", "deep/new", "old.txt")[: 3 if kind == "file" else 2]:
-        with pytest.raises(InputError, match=f"{name}: cannot write the {kind}: no permission for"):
-            check_place(name, kind)  # type: ignore[arg-type]
-
-
 @pytest.mark.parametrize(("length", "fits"), [(255, True), (256, False)])
 def test_a_name_has_as_many_bytes_as_systems_give_it(length: int, fits: bool) -> None:
     assert files.NAME_MAX == 255
@@ -164,46 +148,33 @@ def test_a_name_has_as_many_bytes_as_systems_give_it(length: int, fits: bool) ->
                 check_place(name, "directory")
 
 
-def test_one_at_a_time_holds_a_lock(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Until its block ends; where there are no locks everyone has it, and no file stays open for one."""
-    Path("a").touch()
-    opened = len(os.listdir("/proc/self/fd"))  # noqa: PTH208
-    with held(Path("a")) as first, held(Path("a"), wait=False) as second:
-        assert (first, second) == (True, False)
-    with held(Path("a"), wait=False) as again, held(Path("none"), wait=False) as nothing:
-        assert again and nothing
-    assert len(os.listdir("/proc/self/fd")) == opened  # noqa: PTH208
-    monkeypatch.setitem(sys.modules, "fcntl", None)
-    with held(Path("a")) as first, held(Path("a"), wait=False) as second:
-        assert first and second
+def test_files_are_moved_one_by_one_and_the_one_that_names_them_last(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Folders in it are made first."""
+    moved, replace = list[str](), Path.replace
+
+    def noted(file: Path, to: Path) -> Path:
+        moved.append(file.name)
+        return replace(file, to)
+
+    monkeypatch.setattr(Path, "replace", noted)
+    with atomic_directory("out", last="b.json") as partial:
+        (partial / "deep").mkdir()
+        for name in ("b.json", "deep/a.csv", "c.yaml"):
+            (partial / name).write_text(name, encoding="utf-8")
+    assert moved == ["c.yaml", "a.csv", "b.json"]
+    assert there(tmp_path) == {"out", "out/deep", "out/deep/a.csv", "out/b.json", "out/c.yaml"}
 
 
-@pytest.mark.parametrize("folder", [False, True])
-def test_what_is_claimed_is_hidden_locked_and_gone_afterwards(folder: bool, tmp_path: Path) -> None:
-    """Inside a folder that is there, beside what is not."""
-    if folder:
-        Path("out").mkdir()
-    with claimed(tmp_path / "out", Path.mkdir) as stage:
-        assert stage.parent == (tmp_path / "out" if folder else tmp_path)
-        assert stage.name.startswith("." if folder else ".out.") and stage.name.endswith(".partial")
-        with held(stage, wait=False) as free:
-            assert not free
-        clear(tmp_path / "out", tmp_path)  # another run takes only what is dead
-        assert stage.is_dir() and not begun(stage)
-    assert there(tmp_path) == ({"out"} if folder else set())
-
-
-def test_what_killed_runs_left_goes_with_the_next_one(tmp_path: Path) -> None:
-    """Beside a result and in it, by names that none but such a run gives."""
-    Path("out").mkdir()
-    mine = ["out/.mine.partial", f"other{STAGE}", f"out/x{STAGE}", f".other{STAGE}"]
-    for name in (f".out{STAGE}", f"out/{STAGE}", *mine):
-        Path(name).mkdir()
-    clear(tmp_path / "out", tmp_path / "nothing")
-    assert there(tmp_path) == {"out", *mine}
-    clear(tmp_path / "none", tmp_path)  # no such folder
-    Path(f".out{STAGE}").touch()
-    clear(tmp_path / "out", tmp_path / f".out{STAGE}")
-    assert Path(f".out{STAGE}").exists()  # one's own
-    clear(tmp_path / "out", tmp_path)
-    assert there(tmp_path) == {"out", *mine}
+def test_a_folder_in_the_place_of_a_file_stops_all(tmp_path: Path) -> None:
+    Path("out/b.txt").mkdir(parents=True)
+    Path("out/a.txt").write_text("old", encoding="utf-8")
+    before = there(tmp_path)
+    with (
+        pytest.raises(InputError, match=r"b\.txt: expected a file, found a directory"),
+        atomic_directory("out") as partial,
+    ):
+        for name in ("a.txt", "b.txt"):
+            (partial / name).write_text("new", encoding="utf-8")
+    assert there(tmp_path) == before and Path("out/a.txt").read_text(encoding="utf-8") == "old"

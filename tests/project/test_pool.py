@@ -1,73 +1,100 @@
-"""Tasks on several processes, with a pool that does what it is told: what dies, what is tried again, and in which order."""
+"""Tasks on several processes: what dies, what is tried again, and in which order; and what a cluster must be."""
 
 from __future__ import annotations
 
 import os
-import queue
+import signal
 import sys
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import nullcontext
-from dataclasses import dataclass
+from concurrent.futures import Executor, Future
+from contextlib import contextmanager
 from types import SimpleNamespace
-from typing import Any, TypeVar
+from typing import Any
 
 import pytest
 
 from truepose.errors import InputError
-from truepose.pool import Cluster, Pool, cluster, each, end_with, numbered, present, rows_on, several_threads
+from truepose.pool import Cluster, Cores, cluster, numbered, present, rows_on, several_threads
 from truepose.version import VERSION
 
-T = TypeVar("T")
-R = TypeVar("R")
+
+class DeadError(Exception):
+    """What a pool raises for a task whose process died."""
 
 
-class Told(Pool):
-    """Three at once. A task ``dies`` beside another, or ``kills`` its process also alone; what comes after it is lost."""
+class Told(Executor):
+    """A pool of three. A task ``dies`` behind another, or ``kills`` its process also alone; nothing is begun afterwards."""
+
+    at_once, dead = 3, DeadError
 
     def __init__(self, dies: set[int], kills: set[int]) -> None:
         self.dies, self.kills = dies, kills
-        self.asked = list[tuple[list[int], int]]()
+        self.asked = list[list[int]]()
+        self.broken = False
 
-    @property
-    def workers(self) -> int:
-        return 3
+    @contextmanager
+    def executor(self) -> Iterator[Executor]:
+        self.asked.append([])
+        self.broken = False
+        yield self
 
-    def results(
-        self, work: Callable[[T], R], tasks: Mapping[int, T], at_once: int
-    ) -> Iterator[tuple[int, R | None]]:
-        assert len(tasks) == len(list(tasks))
-        self.asked.append((list(tasks), at_once))
-        for k in tasks:
-            if k in self.kills or (at_once > 1 and k in self.dies):
-                yield k, None
-                return
-            yield k, work(tasks[k])
+    def submit(self, work: Callable[..., Any], /, *arguments: Any, **_: Any) -> Future[Any]:
+        if self.broken:
+            raise DeadError
+        (task,) = arguments
+        self.broken = task in self.kills or (task in self.dies and bool(self.asked[-1]))
+        self.asked[-1].append(task)
+        future = Future[Any]()
+        if self.broken:
+            future.set_exception(DeadError())
+        else:
+            future.set_result(work(task))
+        return future
 
 
 def test_every_task_has_its_result() -> None:
     pool = Told(set(), set())
-    assert list(numbered(lambda k: 10 * k, [5, 6, 7], pool)) == [(0, 50), (1, 60), (2, 70)]
-    assert list(each(lambda k: 10 * k, [5, 6, 7], pool)) == [(5, 50), (6, 60), (7, 70)]
-    assert pool.asked == [([0, 1, 2], 3)] * 2
+    found = dict(numbered(lambda k: 10 * k, [5, 6, 7, 4, 9, 8], pool))
+    assert found == {0: 50, 1: 60, 2: 70, 3: 40, 4: 90, 5: 80}
+    assert pool.asked == [[5, 6, 7, 4, 9, 8]]
     assert list(numbered(lambda k: k, list[int](), pool)) == []
 
 
+def test_a_task_is_asked_for_only_when_it_is_begun() -> None:
+    asked = list[int]()
+
+    class Tasks(list[int]):
+        def __getitem__(self, k: Any) -> Any:
+            asked.append(k)
+            return super().__getitem__(k)
+
+    results = numbered(lambda k: k, Tasks(range(9)), Told(set(), set()))
+    assert next(results)[0] in (0, 1, 2) and asked == [0, 1, 2]
+    assert len(list(results)) == 8 and asked == list(range(9))
+
+
 def test_what_may_have_killed_a_process_is_tried_again_last_and_alone() -> None:
-    """What a dead process took with it is begun again at once; who dies alone, too, is given up."""
-    pool = Told({1}, {2})
-    assert list(each(lambda k: 10 * k, [5, 6, 7, 8], pool)) == [(5, 50), (8, 80), (6, 60), (7, None)]
-    assert pool.asked == [([0, 1, 2, 3], 3), ([2, 3], 3), ([3], 3), ([1], 1), ([2], 1)]
+    """What was not begun is begun at once; who dies alone, too, is given up."""
+    pool = Told({6}, {7})
+    found = list(numbered(lambda k: 10 * k, [4, 6, 5, 7, 3, 2], pool))
+    assert dict(found) == {0: 40, 1: 60, 2: 50, 3: None, 4: 30, 5: 20}
+    assert [k for k, _ in found][-2:] == [1, 3]
+    assert pool.asked == [[4, 6], [5, 7], [3, 2], [6], [7]]
 
 
-def test_a_worker_ends_when_another_is_its_parent(monkeypatch: pytest.MonkeyPatch) -> None:
-    ended, parents = queue.Queue[int](), iter([7, 7, 1])
-    monkeypatch.setattr("truepose.pool.WATCHED", 0.01)
-    monkeypatch.setattr(os, "getppid", lambda: next(parents))
-    monkeypatch.setattr(os, "_exit", ended.put)
-    end_with(7)
-    assert ended.get(timeout=5.0) == 1
-    assert next(parents, None) is None
+def die(task: int) -> int:
+    """Kill the process of one task."""
+    if task == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return os.getpid()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no SIGKILL")
+@pytest.mark.parametrize("processes", [1, 2])
+def test_a_process_that_dies_takes_nothing_with_it_but_its_task(processes: int) -> None:
+    found = dict(numbered(die, range(4), Cores(processes)))
+    assert found[1] is None and len(found) == 4
+    assert all(found[k] not in (None, os.getpid()) for k in (0, 2, 3))
 
 
 class Client:
@@ -85,9 +112,9 @@ class Client:
         return self.states
 
 
-@pytest.mark.parametrize(("threads", "workers"), [({}, 1), ({"a": 1}, 1), ({"a": 2, "b": 3}, 5)])
-def test_a_cluster_works_with_all_threads_there_are(threads: dict[str, int], workers: int) -> None:
-    assert Cluster(Client(threads)).workers == workers
+@pytest.mark.parametrize(("threads", "at_once"), [({}, 1), ({"a": 1}, 1), ({"a": 2, "b": 3}, 5)])
+def test_a_cluster_has_a_task_for_each_thread(threads: dict[str, int], at_once: int) -> None:
+    assert Cluster(Client(threads)).at_once == at_once
 
 
 STATES: dict[str, tuple[Mapping[str, Any] | None, str]] = {
@@ -142,25 +169,13 @@ def test_linear_algebra_has_one_thread_where_its_first_variable_says_so(
     assert several_threads(environment) == wrong
 
 
-class LostError(Exception):
-    """What Dask raises for a task whose worker died."""
-
-
-@dataclass(frozen=True, eq=False)
-class Future:
-    """A task that was sent."""
-
-    result: Callable[[], object]
-
-
 class Scheduler:
-    """As much of Dask as a pool asks for: tasks wait until somebody looks for what is done, the latest first."""
+    """As much of Dask's client as is asked for before it is used."""
 
-    def __init__(self, address: str, timeout: float = 0.0, kills: frozenset[int] = frozenset()) -> None:
+    def __init__(self, address: str, timeout: float = 0.0) -> None:
         if address == "tcp://nobody":
             raise OSError("timed out")
-        self.address, self.timeout, self.kills = address, timeout, kills
-        self.open, self.waiting, self.most, self.keys = 0, deque[Any](), 0, list[str]()
+        self.address, self.timeout, self.open = address, timeout, 0
 
     def __enter__(self) -> None:
         self.open += 1
@@ -174,76 +189,13 @@ class Scheduler:
     def run(self, state: Callable[[], object]) -> dict[str, object]:
         return {"tcp://a": state()}
 
-    def submit(self, numbered: Any, work: Any, task: Any, number: int, *, pure: bool, key: str) -> Any:
-        assert not pure  # the same task may be asked for twice
 
-        def result() -> object:
-            if number in self.kills:
-                raise LostError
-            return numbered(work, task, number)
-
-        self.keys.append(key)
-        return Future(result)
-
-
-class Coming:
-    """Futures as they are done."""
-
-    def __init__(self, futures: Mapping[Any, int]) -> None:
-        self.waiting = deque(futures)
-        self.most = len(self.waiting)
-
-    def add(self, future: Any) -> None:
-        self.waiting.append(future)
-        self.most = max(self.most, len(self.waiting))
-
-    def __iter__(self) -> Iterator[Any]:
-        while self.waiting:
-            yield self.waiting.pop()
-
-
-@pytest.fixture
-def dask(monkeypatch: pytest.MonkeyPatch) -> list[Coming]:
-    """Dask's modules in its place; what has been waited for."""
-    waited: list[Coming] = []
-
-    def as_completed(futures: Mapping[Any, int]) -> Coming:
-        waited.append(Coming(futures))
-        return waited[-1]
-
-    config = SimpleNamespace(set=lambda _: nullcontext())
-    for name, module in {
-        "dask": SimpleNamespace(config=config),
-        "distributed": SimpleNamespace(Client=Scheduler, as_completed=as_completed),
-        "distributed.scheduler": SimpleNamespace(KilledWorker=LostError),
-    }.items():
-        monkeypatch.setitem(sys.modules, name, module)
+def test_a_cluster_is_looked_at_before_it_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", SimpleNamespace(Client=Scheduler))
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
-    return waited
-
-
-@pytest.mark.parametrize(("at_once", "most"), [(1, 1), (3, 3), (9, 4)])
-def test_a_cluster_has_two_tasks_for_each_thread_on_their_way(
-    at_once: int, most: int, dask: list[Coming]
-) -> None:
-    """Or as many as may be at once; each task is sent once, and one that killed its worker has no result."""
-    client = Scheduler("tcp://a", kills=frozenset({2}))
-    tasks = {k: 10 * k for k in range(6)}
-    found = list(Cluster(client).results(lambda task: task + 1, tasks, at_once))
-    assert sorted(found) == [(k, None if k == 2 else 10 * k + 1) for k in range(6)]
-    assert len(set(client.keys)) == 6
-    (coming,) = dask
-    assert coming.most == most
-    assert list(Cluster(client).results(lambda task: task, {}, at_once)) == []
-
-
-def test_a_cluster_is_looked_at_before_it_is_used(
-    dask: list[Coming], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert not dask
     with cluster("tcp://a") as found:
         assert (found.client.address, found.client.open, found.client.timeout) == ("tcp://a", 1, 30.0)
-        assert found.workers == 2
+        assert found.at_once == 2
     assert found.client.open == 0
     with pytest.raises(InputError, match=r"^--dask tcp://nobody: found no scheduler there: timed out$"):
         cluster("tcp://nobody").__enter__()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from truepose.commands.common import AnywayOption, DirectoryOption, JsonOption, MachineArg, PluginOption
+from truepose.commands.common import AnywayOption, DirectoryOption, JsonOption, MachineArg
 from truepose.commands.controller import FeaturesOption, RealOption, write_and_tell
 
 if TYPE_CHECKING:
@@ -34,7 +34,6 @@ def codegen(
     measure: MeasureOption = False,
     anyway: AnywayOption = False,
     as_json: JsonOption = False,
-    plugin: PluginOption = None,
 ) -> None:
     """C99 for the controller: forward and inverse kinematics, Jacobian, compensation.
 
@@ -43,9 +42,7 @@ def codegen(
     Example: truepose codegen fit/calibrated.yaml -o small --features warm
     """
     write = _write_measured if measure else None
-    write_and_tell(
-        machine, output, real, features, anyway=anyway, as_json=as_json, plugin=plugin, write=write
-    )
+    write_and_tell(machine, output, real, features, anyway=anyway, as_json=as_json, write=write)
 
 
 def _write_measured(

@@ -11,11 +11,9 @@ from truepose.commands.common import (
     BAD_INPUT,
     JsonOption,
     MachineArg,
-    PluginOption,
     RecordingsArg,
     check_directory,
     progress,
-    reported,
     tell,
 )
 from truepose.commands.identify import IrradianceOption
@@ -32,32 +30,30 @@ def check(
     fix: FixOption = None,
     irradiance: IrradianceOption = None,
     as_json: JsonOption = False,
-    plugin: PluginOption = None,
 ) -> None:
     """Find slips of units, signs, order and frames, and say how to mend them; exit code 2 where something is wrong.
 
     Example: truepose check machine.yaml recording.csv --fix mended
     """
-    with reported(plugin):
-        from truepose.identification.leaves.check.pair import Pair
-        from truepose.identification.leaves.check.run import check_files
-        from truepose.identification.leaves.check.words import check_lines
-        from truepose.identification.report.json_text import json_text
+    from truepose.identification.leaves.check.pair import Pair
+    from truepose.identification.leaves.check.run import check_files
+    from truepose.identification.leaves.check.words import check_lines
+    from truepose.identification.report.json_text import json_text
 
-        if fix is not None:
-            check_directory(fix)
-        with progress("checking"):
-            result, _, rows = check_files(machine, recordings, irradiance=irradiance or ())
-            written: list[str] = []
-            if fix is not None and any(f.mend for f in result.found):
-                written = result.mended(Pair.read(machine, recordings)).write(fix)
-        if as_json:
-            notes = list(rows.notes) if rows is not None else []
-            tell(json_text({**result.document(), "files": written, "notes": notes}), nl=False)
-        else:
-            tell("".join(f"{line}\n" for line in check_lines(result, written)), nl=False)
-        if result.verdict == "wrong":
-            raise typer.Exit(BAD_INPUT)
+    if fix is not None:
+        check_directory(fix)
+    with progress("checking"):
+        result, _, rows = check_files(machine, recordings, irradiance=irradiance or ())
+        written: list[str] = []
+        if fix is not None and any(f.mend for f in result.found):
+            written = result.mended(Pair.read(machine, recordings)).write(fix)
+    if as_json:
+        notes = list(rows.notes) if rows is not None else []
+        tell(json_text({**result.document(), "files": written, "notes": notes}), nl=False)
+    else:
+        tell("".join(f"{line}\n" for line in check_lines(result, written)), nl=False)
+    if result.verdict == "wrong":
+        raise typer.Exit(BAD_INPUT)
 
 
 COMMANDS = (check,)

@@ -12,12 +12,10 @@ import typer
 from truepose.commands.common import (
     JsonOption,
     MachineArg,
-    PluginOption,
     RecordingsArg,
     ShuffledOption,
     finish,
     progress,
-    reported,
     written,
 )
 from truepose.commands.gate import GateOption, gated
@@ -46,7 +44,6 @@ def drift(
     shuffled: ShuffledOption = False,
     anyway: GateOption = False,
     as_json: JsonOption = False,
-    plugin: PluginOption = None,
 ) -> None:
     """Which parameters move between recordings, how fast, and when to recalibrate.
 
@@ -55,26 +52,25 @@ def drift(
 
     Example: truepose drift machine.yaml day0.csv day1.csv day8.csv
     """
-    with reported(plugin):
-        from truepose.identification.leaves.drift.analysis import drift as run
-        from truepose.identification.leaves.drift.showing import write_drift
-        from truepose.identification.leaves.drift.words import drift_json, drift_lines, drift_notes
-        from truepose.identification.report.lines import caution_lines
+    from truepose.identification.leaves.drift.analysis import drift as run
+    from truepose.identification.leaves.drift.showing import write_drift
+    from truepose.identification.leaves.drift.words import drift_json, drift_lines, drift_notes
+    from truepose.identification.report.lines import caution_lines
 
+    if output is not None:
+        check_directory(output, DRIFT)
+    wanted = _wanted(accuracy or ())
+    with progress("comparing recordings") as say:
+        say("checking")
+        loaded, recording, caution = gated(machine, recordings, anyway=anyway, shuffled=shuffled)
         if output is not None:
-            check_directory(output, DRIFT)
-        wanted = _wanted(accuracy or ())
-        with progress("comparing recordings") as say:
-            say("checking")
-            loaded, recording, caution = gated(machine, recordings, anyway=anyway, shuffled=shuffled)
-            if output is not None:
-                check_machine(output, DRIFT, loaded.name)
-            accepted = {k: wanted[unit] for k, unit in loaded.residual_units.items() if unit in wanted}
-            found = run(loaded, recording, accuracy=accepted, progress=say)
-            files = [] if output is None else written(output, write_drift(found, output, caution))
-        summary = {"command": "drift", **drift_json(found), **caution.document, "files": files}
-        lines = [*caution_lines(caution.sentences), *drift_lines(found), *files]
-        finish(summary, lines, drift_notes(found), as_json=as_json)
+            check_machine(output, DRIFT, loaded.name)
+        accepted = {k: wanted[unit] for k, unit in loaded.residual_units.items() if unit in wanted}
+        found = run(loaded, recording, accuracy=accepted, progress=say)
+        files = [] if output is None else written(output, write_drift(found, output, caution))
+    summary = {"command": "drift", **drift_json(found), **caution.document, "files": files}
+    lines = [*caution_lines(caution.sentences), *drift_lines(found), *files]
+    finish(summary, lines, drift_notes(found), as_json=as_json)
 
 
 def _wanted(texts: Sequence[str]) -> dict[str, float]:

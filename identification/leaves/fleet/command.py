@@ -17,7 +17,6 @@ from truepose.commands.common import (
     ShuffledOption,
     fail,
     finish,
-    reported,
     written,
 )
 from truepose.commands.gate import GateOption
@@ -25,7 +24,6 @@ from truepose.commands.identify import PriorOption
 from truepose.commands.progress import counted
 from truepose.commands.results import FLEET, check_directory
 from truepose.errors import InputError
-from truepose.stopping import stopping
 
 if TYPE_CHECKING:
     from truepose.pool import Pool
@@ -88,30 +86,25 @@ def fleet(
 
     Example: truepose fleet line1 -o line1-results --workers 2 --brief --limit 30
     """
-    with reported(plugin):
-        from truepose.identification.leaves.fleet.ending import FILES, Folders
-        from truepose.identification.leaves.fleet.files import PAGE
-        from truepose.identification.leaves.fleet.run import run_fleet
-        from truepose.identification.leaves.fleet.words import fleet_json, fleet_lines, headline
-        from truepose.identification.leaves.fleet.work import Options
+    from truepose.identification.leaves.fleet.ending import FILES, Folders
+    from truepose.identification.leaves.fleet.files import PAGE
+    from truepose.identification.leaves.fleet.run import run_fleet
+    from truepose.identification.leaves.fleet.words import fleet_json, fleet_lines, headline
+    from truepose.identification.leaves.fleet.work import Options
 
-        check_directory(output, FLEET)
-        if limit is not None and not limit > 0:
-            raise InputError(f"--limit: found {limit:g}, expected minutes above 0")
-        plugins = tuple(path.resolve() for path in plugin or ())
-        known = None if prior is None else prior.resolve()
-        options = Options(anyway, shuffled, brief, plugins, limit, known)
-        folders = Folders.of(folder, output)
-        try:
-            with counted("fleet") as hear, _pool(workers, dask) as pool:
-                found = run_fleet(folders, pool, options, progress=hear)
-        except KeyboardInterrupt:
-            stopping.left = f"what is done stands in {output}; the same command goes on from there"
-            raise
-        summary = {"command": "fleet", **fleet_json(found), "files": written(output, FILES)}
-        finish(summary, fleet_lines(found, str(output / PAGE)), (), as_json=as_json)
-        if not found.diagnosed:
-            fail(f"{folder}: {headline(found)} {output / FILES[0]} says why", BAD_INPUT)
+    check_directory(output, FLEET)
+    if limit is not None and not limit > 0:
+        raise InputError(f"--limit: found {limit:g}, expected minutes above 0")
+    plugins = tuple(path.resolve() for path in plugin or ())
+    known = None if prior is None else prior.resolve()
+    options = Options(anyway, shuffled, brief, plugins, limit, known)
+    folders = Folders.of(folder, output)
+    with counted("fleet") as hear, _pool(workers, dask) as pool:
+        found = run_fleet(folders, pool, options, progress=hear)
+    summary = {"command": "fleet", **fleet_json(found), "files": written(output, FILES)}
+    finish(summary, fleet_lines(found, str(output / PAGE)), (), as_json=as_json)
+    if not found.diagnosed:
+        fail(f"{folder}: {headline(found)} {output / FILES[0]} says why", BAD_INPUT)
 
 
 @contextlib.contextmanager

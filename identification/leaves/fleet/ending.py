@@ -58,7 +58,7 @@ class Folders:
 
 
 def ended(keys: Mapping[str, str], folders: Folders, *, brief: bool) -> Fleet:
-    """What the fleet of these machines (keys by name) says now, and all files that say it, published in one step.
+    """What the fleet of these machines (keys by name) says now, and all files that say it.
 
     ``brief``: machines have no reports that the page could lead to.
     """
@@ -89,7 +89,7 @@ class _Now:
         The sums of the last run are brought up to date; where there are none, its records are added up.
         """
         sums = self._before.summary() or _summed(self._before.records())
-        added, taken = _Sum(), _Sum()
+        added, taken, count = _Sum(), _Sum(), 0
         for old, new in paired(self._before.lines(), self._journal.lines(self._keys)):
             now = new or (old if old is not None and old.name in self._keys else None)
             if now is not old:
@@ -99,7 +99,13 @@ class _Now:
                 taken.take(before)
                 added.take(after)
             if now is not None:
+                count += 1
                 yield now
+        if count != len(self._keys):
+            raise InputError(
+                f"{self._before.folder}: found records of {count} machines, expected {len(self._keys)}: if another run of"
+                " truepose fleet was at work there, start this one again"
+            )
         self.summary = sums + added.total() - taken.total()
 
 

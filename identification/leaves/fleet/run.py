@@ -2,7 +2,7 @@
 
 Where things are, in the folder of results:
 
-    machines/NAME/    what calibrate and diagnose write of a machine, and record.json; published whole
+    machines/NAME/    what calibrate and diagnose write of a machine, and record.json, which is written last
     journal.jsonl     records of a run that has not ended
     fleet.parquet     records of the last run that has, and their sums
     fleet.csv, fleet.json, fleet.html, prior.yaml
@@ -12,25 +12,22 @@ A machine is done again when its key changes: the contents of its files, the opt
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
 from truepose.errors import InputError
-from truepose.faults import reason
+from truepose.files import reason
 from truepose.identification.learned_prior import read_prior
 from truepose.identification.leaves.fleet.columns import KEPT
 from truepose.identification.leaves.fleet.ending import Folders, ended
 from truepose.identification.leaves.fleet.folder import Member, members
 from truepose.identification.leaves.fleet.record import SCHEMA
 from truepose.identification.leaves.fleet.result import Fleet
-from truepose.identification.leaves.fleet.store import Journal
 from truepose.identification.leaves.fleet.work import Options, Task, done
-from truepose.pool import Pool, each
-from truepose.publication import held
+from truepose.pool import Pool, numbered
 from truepose.version import VERSION
 
 MACHINES = "machines"
@@ -43,35 +40,20 @@ def run_fleet(
 ) -> Fleet:
     """Do what is left to do, and write down what the fleet says.
 
-    ``progress`` hears how many machines are done, of how many, and the latest. Raises InputError where there is no machine,
-    where results cannot be written, and where another run is at work in the same folder.
+    ``progress`` hears how many machines are done, of how many, and the latest. Raises InputError where there is no machine
+    and where results cannot be written.
     """
     found = members(folders.machines, folders.results)
     if options.prior is not None:
         read_prior(options.prior)  # what is wrong with it is no machine's fault
     try:
-        with _alone(folders) as journal:
-            keys = _work(found, folders, pool, options, progress)
-            progress(1, 1, "what they say together")
-            fleet = ended(keys, folders, brief=options.brief)
-            journal.path.unlink()
+        keys = _work(found, folders, pool, options, progress)
+        progress(1, 1, "what they say together")
+        fleet = ended(keys, folders, brief=options.brief)
+        folders.journal.path.unlink(missing_ok=True)
     except OSError as exc:
         raise InputError(f"{folders.results}: cannot write the results: {reason(exc)}") from exc
     return fleet
-
-
-@contextlib.contextmanager
-def _alone(folders: Folders) -> Iterator[Journal]:
-    """The journal of the folder of results, in which no other run may be at work meanwhile."""
-    folders.results.mkdir(parents=True, exist_ok=True)
-    journal = folders.journal
-    journal.open().close()
-    with held(journal.path, wait=False) as free:
-        if not free:
-            raise InputError(
-                f"{folders.results}: found another run of truepose fleet at work there, expected none"
-            )
-        yield journal
 
 
 def settings_of(options: Options) -> str:
@@ -97,9 +79,9 @@ def _work(
             todo.append(task)
     progress(0, max(len(todo), 1), f"{len(todo)} of {len(found)} to work with")
     with journal.open() as stream:
-        for finished, (task, record) in enumerate(each(done, todo, pool), start=1):
-            journal.note(stream, record or task.record("broken", DEAD))
-            progress(finished, len(todo), task.member.name)
+        for finished, (k, record) in enumerate(numbered(done, todo, pool), start=1):
+            journal.note(stream, record or todo[k].record("broken", DEAD))
+            progress(finished, len(todo), todo[k].member.name)
     return keys
 
 

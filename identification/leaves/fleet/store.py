@@ -7,6 +7,7 @@ The journal is a line a machine, added when the machine is done. A run that was 
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -22,6 +23,8 @@ from truepose.identification.leaves.fleet.record import Record
 from truepose.identification.leaves.fleet.summary import Summary
 
 STORE, SUMS, JOURNAL = "fleet.parquet", "sums.json", "journal.jsonl"
+RECORDS = "records_sha256"
+"""Field of ``sums.json``: of which records it holds the sums."""
 GROUP = 1000
 """Records that are read at once: a few MB."""
 Item = TypeVar("Item")
@@ -89,11 +92,16 @@ class Store:
         return (line.record for line in self.lines())
 
     def summary(self) -> Summary | None:
-        """The sums of all records; None where they are of another version."""
+        """Return the sums of all records; None where they are of another version, or of other records."""
         try:
-            return Summary.from_json(json.loads((self.folder / SUMS).read_text(encoding="utf-8")))
-        except (OSError, ValueError, InputError):
+            stated = json.loads((self.folder / SUMS).read_text(encoding="utf-8"))
+            return Summary.from_json(stated) if stated.pop(RECORDS) == self._digest() else None
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, InputError):
             return None
+
+    def _digest(self) -> str:
+        with self.path.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
 
     def _file(self) -> Any:
         try:
@@ -111,8 +119,9 @@ class Store:
                 writer.write_table(pa.table([list(column) for column in columns], schema=_COLUMNS))
 
     def write_summary(self, summary: Summary) -> None:
-        """Their sums."""
-        text = json.dumps(summary.to_json(), sort_keys=True, separators=(",", ":"))
+        """Write the sums of the records that were written before, with the digest of their file."""
+        document = {**summary.to_json(), RECORDS: self._digest()}
+        text = json.dumps(document, sort_keys=True, separators=(",", ":"))
         (self.folder / SUMS).write_text(text + "\n", encoding="utf-8")
 
 

@@ -16,10 +16,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from truepose.errors import TrueposeError
-from truepose.files import atomic_directory, atomic_write_text
+from truepose.files import atomic_directory, atomic_write_text, mixed_files
 from truepose.identification.leaves.fleet.folder import Member
 from truepose.identification.leaves.fleet.limit import OverdueError, within
 from truepose.identification.leaves.fleet.record import RECORD, Record, Status, figures_of, parameters_of
+from truepose.models.load import DIAGNOSIS
 from truepose.models.registry import load_plugin
 from truepose.threads import one_thread
 
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from truepose.identification.recording.recording import Recording
     from truepose.models.machine.machine import Machine
 
-RESULTS = ("calibrated.yaml", "fit.json", "diagnosis.json", "improved.yaml", "report.html")
+RESULTS = ("calibrated.yaml", "fit.json", DIAGNOSIS, "improved.yaml", "report.html")
 """What is written for a machine beside its record."""
 _one_at_a_time = threading.Lock()
 """Workers of Dask may have several threads: a process takes one machine at a time all the same."""
@@ -85,9 +86,9 @@ def done(task: Task) -> Record:
     Raises InputError where they cannot be written, and nothing else.
     """
     held = Record.read(task.output)
-    if held is not None and held.key == task.key and held.final:
+    if held is not None and held.key == task.key and held.final and not mixed_files(task.output / DIAGNOSIS):
         return (
-            held  # by a run that was killed before it could note it, or by a worker that was lost afterwards
+            held  # of a run that was killed before it could note it, or of a worker that was lost afterwards
         )
     found = task.record("failed", task.member.why) if task.member.why else _tried(task)
     record = found if isinstance(found, Record) else _record(task, found)
@@ -180,13 +181,13 @@ def _record(task: Task, result: _Result) -> Record:
 
 
 def _write(task: Task, record: Record, result: _Result | None) -> None:
-    """Results and record in one step; results of other files that were there are gone before."""
+    """Write results, and the record last: where it is, they are whole. Remove older ones before."""
     from truepose.identification.report.files import put_both
 
     for name in (RECORD, *RESULTS):
         with contextlib.suppress(OSError):
             (task.output / name).unlink()
-    with atomic_directory(task.output) as partial:
+    with atomic_directory(task.output, last=RECORD) as partial:
         if result is not None:
             put_both(result.calibration, result.diagnosis, result.caution, partial, brief=task.options.brief)
         atomic_write_text(partial / RECORD, record.text() + "\n")

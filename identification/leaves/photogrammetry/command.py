@@ -7,15 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from truepose.commands.common import (
-    FileOption,
-    JsonOption,
-    PluginOption,
-    check_file,
-    finish,
-    progress,
-    reported,
-)
+from truepose.commands.common import FileOption, JsonOption, check_file, finish, progress
 from truepose.errors import InputError
 from truepose.files import write_table
 
@@ -46,7 +38,6 @@ def poses(
     body: BodyOption = None,
     covariance: CovarianceOption = False,
     as_json: JsonOption = False,
-    plugin: PluginOption = None,
 ) -> None:
     """Poses of a body from points measured on it by photogrammetry or a tracker.
 
@@ -55,22 +46,21 @@ def poses(
 
     Example: truepose poses points.csv --sigma 0.005 --body body.csv -o recording.csv
     """
-    with reported(plugin):
-        from truepose.identification.leaves.photogrammetry.points_file import read_body, read_points
-        from truepose.identification.leaves.photogrammetry.pose_table import pose_table
+    from truepose.identification.leaves.photogrammetry.points_file import read_body, read_points
+    from truepose.identification.leaves.photogrammetry.pose_table import pose_table
 
-        check_file(output, points, body)
-        if not 0.0 < sigma < float("inf"):
-            raise InputError(f"--sigma: found {sigma:g}, expected a number > 0, mm")
-        with progress("finding poses"):
-            table = read_points(points)
-            own = read_body(body) if body else None
-            try:
-                frame = pose_table(table, sigma, own, covariance=covariance)
-            except InputError as exc:
-                raise InputError(f"{points}: {exc}") from None
-            write_table(output, frame)
-        _finish(frame, output, as_json)
+    check_file(output, points, body)
+    if not 0.0 < sigma < float("inf"):
+        raise InputError(f"--sigma: found {sigma:g}, expected a number > 0, mm")
+    with progress("finding poses"):
+        table = read_points(points)
+        own = read_body(body) if body else None
+        try:
+            frame = pose_table(table, sigma, own, covariance=covariance)
+        except InputError as exc:
+            raise InputError(f"{points}: {exc}") from None
+        write_table(output, frame)
+    _finish(frame, output, as_json)
 
 
 def _finish(frame: pd.DataFrame, output: Path, as_json: bool) -> None:

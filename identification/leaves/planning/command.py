@@ -8,18 +8,9 @@ from typing import Annotated
 
 import typer
 
-from truepose.commands.common import (
-    FileOption,
-    JsonOption,
-    MachineArg,
-    PluginOption,
-    check_file,
-    finish,
-    progress,
-    reported,
-)
+from truepose.commands.common import FileOption, JsonOption, MachineArg, check_file, finish, progress
 from truepose.errors import InputError
-from truepose.files import write_table
+from truepose.files import mixture_notes, write_table
 from truepose.identification.leaves.planning.discriminate.command import (
     DiagnosisOption,
     DiscriminateOption,
@@ -82,7 +73,6 @@ def plan(
     recorded: WithOption = None,
     target: TargetOption = None,
     as_json: JsonOption = False,
-    plugin: PluginOption = None,
 ) -> None:
     """Measurement poses that calibrate best: joint values inside their ranges, before anything is measured.
 
@@ -95,14 +85,13 @@ def plan(
 
     Example: truepose plan machine.yaml -n 40 -o poses.csv --diagnosis result/diagnosis.json --payload 0,2.5,5
     """
-    with reported(plugin):
-        asked = Request.of(discriminate, rival, diagnosis, payload, temperature, vary, recorded, target)
-        wanted = _Wanted(machine, n, output, candidates, seed, as_json)
-        if asked.wanted:
-            _check_calibration_options(method, criterion)
-            _discriminate(wanted, asked)
-        else:
-            _calibrate(wanted, method, criterion)
+    asked = Request.of(discriminate, rival, diagnosis, payload, temperature, vary, recorded, target)
+    wanted = _Wanted(machine, n, output, candidates, seed, as_json)
+    if asked.wanted:
+        _check_calibration_options(method, criterion)
+        _discriminate(wanted, asked)
+    else:
+        _calibrate(wanted, method, criterion)
 
 
 @dataclass(frozen=True)
@@ -175,7 +164,8 @@ def _discriminate(wanted: _Wanted, asked: Request) -> None:
     summary = {"command": "plan", "machine": machine.name, "seed": wanted.seed, "rows": len(frame)}
     summary |= {"columns": [str(c) for c in frame.columns], **told, "files": [str(wanted.output)]}
     heading = f"{wanted.output}: {len(frame)} rows"
-    finish(summary, [heading, *lines], worded(found.notes), as_json=wanted.as_json)
+    notes = [*(mixture_notes(asked.diagnosis) if asked.diagnosis else ()), *worded(found.notes)]
+    finish(summary, [heading, *lines], notes, as_json=wanted.as_json)
 
 
 COMMANDS = (plan,)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from truepose.commands.common import AnywayOption, FileOption, JsonOption, MachineArg, PluginOption, pairs
+from truepose.commands.common import AnywayOption, FileOption, JsonOption, MachineArg, pairs
 from truepose.commands.compensate import Corrected, MethodOption, compensate_table, correct_and_tell
 from truepose.errors import InputError, ReadBackError
 from truepose.files import atomic_file
@@ -91,7 +91,6 @@ def compensate(
     limit_angle: TurnOption = 1.0,
     anyway: AnywayOption = False,
     as_json: JsonOption = False,
-    plugin: PluginOption = None,
 ) -> None:
     """Commands that put the real tool where nominal joints and links, with the calibrated tool, would put it.
 
@@ -107,8 +106,11 @@ def compensate(
     options = Options(dialect, base, tool, frame or (), at or (), limit, limit_angle)
     correct_and_tell(
         lambda loaded: _corrected(loaded, path, output, method, options),
-        machine, output, anyway=anyway, as_json=as_json, plugin=plugin,
-    )  # fmt: skip
+        machine,
+        output,
+        anyway=anyway,
+        as_json=as_json,
+    )
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from truepose.commands.common import FileOption, JsonOption, check_file, finish, pairs, progress, reported
+from truepose.commands.common import FileOption, JsonOption, check_file, finish, pairs, progress
 from truepose.errors import InputError
 from truepose.files import atomic_directory, atomic_write_text, write_table
 
@@ -128,14 +128,13 @@ def import_(
     A probe and a robot with a clock each: truepose import probe.csv --log robot.csv --model cell.yaml -o recording.csv
     """
     asked = _Asked(file, form, unit, topic, joints, joint or (), log, offset, every, model, rotation, columns)
-    with reported():
-        check_file(output, file, joints, log, model)
-        asked.check()
-        _check_new(machine)
-        with progress("importing"):
-            table = asked.table(pairs("--rename", rename or (), "OLD=NEW"))
-            frame = _write(table, prismatic or (), output, machine, file)
-        _finish(frame, table.notes, output, machine, as_json=as_json)
+    check_file(output, file, joints, log, model)
+    asked.check()
+    _check_new(machine)
+    with progress("importing"):
+        table = asked.table(pairs("--rename", rename or (), "OLD=NEW"))
+        frame = _write(table, prismatic or (), output, machine, file)
+    _finish(frame, table.notes, output, machine, as_json=as_json)
 
 
 @dataclass(frozen=True)

@@ -7,15 +7,7 @@ from typing import Annotated
 
 import typer
 
-from truepose.commands.common import (
-    JsonOption,
-    MachineArg,
-    PluginOption,
-    check_file,
-    finish,
-    progress,
-    reported,
-)
+from truepose.commands.common import JsonOption, MachineArg, check_file, finish, progress
 
 OutputOption = Annotated[
     Path,
@@ -38,7 +30,6 @@ def export(
     output: OutputOption,
     format: FormatOption = None,
     as_json: JsonOption = False,
-    plugin: PluginOption = None,
 ) -> None:
     """The calibrated machine as URDF, xacro, MuJoCo's MJCF, a UR kinematics file, or a volumetric table after ISO 230-1.
 
@@ -49,26 +40,25 @@ def export(
 
     Example: truepose export fit/calibrated.yaml -o arm.xml
     """
-    with reported(plugin):
-        from truepose.models.leaves.export.write import export as write
-        from truepose.models.leaves.export.write import format_of
-        from truepose.models.load import load_machine
+    from truepose.models.leaves.export.write import export as write
+    from truepose.models.leaves.export.write import format_of
+    from truepose.models.load import load_machine
 
-        check_file(output, machine)
-        chosen = format_of(output, format)
-        with progress("exporting"):
-            loaded = load_machine(machine)
-            done = write(loaded, output, chosen)
-        summary = {
-            "command": "export",
-            "machine": loaded.name,
-            "format": done.format,
-            "left_out": {label: {"value": size, "unit": "mm"} for label, size in done.left_out.items()},
-            "lost": {"value": done.lost, "unit": "mm"},
-            "frozen": done.frozen,
-            "files": [str(output)],
-        }
-        finish(summary, [str(output)], done.notes, as_json=as_json)
+    check_file(output, machine)
+    chosen = format_of(output, format)
+    with progress("exporting"):
+        loaded = load_machine(machine)
+        done = write(loaded, output, chosen)
+    summary = {
+        "command": "export",
+        "machine": loaded.name,
+        "format": done.format,
+        "left_out": {label: {"value": size, "unit": "mm"} for label, size in done.left_out.items()},
+        "lost": {"value": done.lost, "unit": "mm"},
+        "frozen": done.frozen,
+        "files": [str(output)],
+    }
+    finish(summary, [str(output)], done.notes, as_json=as_json)
 
 
 COMMANDS = (export,)

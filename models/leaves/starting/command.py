@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from truepose.commands.common import JsonOption, PluginOption, check_file, finish, reported
+from truepose.commands.common import JsonOption, check_file, finish
 from truepose.errors import InputError
 from truepose.models.file.limits import within
 
@@ -80,7 +80,6 @@ def init(
     tool: ToolOption = "",
     force: ForceOption = False,
     as_json: JsonOption = False,
-    plugin: PluginOption = None,
 ) -> None:
     """A commented machine file to start from, and an empty recording beside it with the columns it needs.
 
@@ -91,18 +90,17 @@ def init(
 
     Example: truepose init --table kr10.csv --convention standard -o kr10.yaml
     """
-    with reported(plugin):
-        from truepose.models.leaves.starting.sources import Source, start_from
-        from truepose.models.leaves.starting.written import Asked
+    from truepose.models.leaves.starting.sources import Source, start_from
+    from truepose.models.leaves.starting.written import Asked
 
-        if list_:
-            _list(as_json)
-            return
-        path = _machine_path(output, force)
-        asked = Asked(_frame(base, "--base"), _frame(tool, "--tool"), sensor)
-        source = Source(table, convention, urdf, mjcf, arm, base_link, tip_link or tip, expand)
-        start = start_from(source, path) if source.kind or not sys.stdin.isatty() else _from_questions()
-        _write(start, asked, path, as_json)
+    if list_:
+        _list(as_json)
+        return
+    path = _machine_path(output, force)
+    asked = Asked(_frame(base, "--base"), _frame(tool, "--tool"), sensor)
+    source = Source(table, convention, urdf, mjcf, arm, base_link, tip_link or tip, expand)
+    start = start_from(source, path) if source.kind or not sys.stdin.isatty() else _from_questions()
+    _write(start, asked, path, as_json)
 
 
 def _write(start: Start, asked: Asked, path: Path, as_json: bool) -> None:

@@ -6,25 +6,24 @@ from typing import Annotated, Any
 
 import typer
 
-from truepose.commands.common import JsonOption, PluginOption, finish, reported
+from truepose.commands.common import JsonOption, finish
 
 SlugArg = Annotated[str | None, typer.Argument(metavar="[SLUG]", help="One effect, in full.")]
 _FIELDS = ("formula", "size", "look_alikes", "experiment", "source")
 _WORDS = {"look_alikes": "looks like", "experiment": "told apart by"}
 
 
-def effects(slug: SlugArg = None, as_json: JsonOption = False, plugin: PluginOption = None) -> None:
+def effects(slug: SlugArg = None, as_json: JsonOption = False) -> None:
     """The catalogue of physics: formula, size, look-alikes, separating experiment, source.
 
     Example: truepose effects joint-compliance
     """
-    with reported(plugin):
-        from truepose.models.effects.base import effects as registry
+    from truepose.models.effects.base import effects as registry
 
-        wanted = list(registry) if slug is None else [slug]
-        entries = [_entry(name, registry.get(name, "effects")) for name in wanted]
-        lines = _one(entries[0]) if slug is not None else _table(entries)
-        finish({"command": "effects", "effects": entries}, lines, [], as_json=as_json)
+    wanted = list(registry) if slug is None else [slug]
+    entries = [_entry(name, registry.get(name, "effects")) for name in wanted]
+    lines = _one(entries[0]) if slug is not None else _table(entries)
+    finish({"command": "effects", "effects": entries}, lines, [], as_json=as_json)
 
 
 def _entry(slug: str, kind: Any) -> dict[str, Any]:

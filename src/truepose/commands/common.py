@@ -10,13 +10,11 @@ from typing import Annotated, Any
 
 import typer
 
+from truepose.commands.one_line import BAD_INPUT, NOT_CONVERGED, forget, say
 from truepose.commands.progress import progress, quiet
 from truepose.commands.results import check_directory
 from truepose.errors import ConvergenceError, InputError, TrueposeError
-from truepose.faults import forget, of_system, say
 from truepose.files import check_place
-
-BAD_INPUT, NOT_CONVERGED = 2, 3
 
 MachineArg = Annotated[Path, typer.Argument(metavar="MACHINE", help="Machine file (YAML).")]
 RecordingArg = Annotated[
@@ -92,17 +90,11 @@ def fail(message: str, code: int) -> None:
 
 
 def tell(text: str, *, nl: bool = True) -> None:
-    """Text on standard output. Where nobody reads on the command goes on: its files and its exit code say enough.
-
-    Raises InputError where the output cannot be written.
-    """
+    """Write text on standard output. Where nobody reads on the command goes on: its files and exit code say enough."""
     try:
         typer.echo(text, nl=nl)
     except BrokenPipeError:
         forget(sys.stdout)
-    except OSError as exc:
-        forget(sys.stdout)
-        raise InputError(of_system(exc, "standard output")) from exc
 
 
 def note(text: str) -> None:

@@ -13,11 +13,9 @@ from truepose.commands.common import (
     FileOption,
     JsonOption,
     MachineArg,
-    PluginOption,
     check_file,
     finish,
     progress,
-    reported,
 )
 from truepose.files import atomic_file
 
@@ -49,7 +47,6 @@ def compensate(
     method: MethodOption = "exact",
     anyway: AnywayOption = False,
     as_json: JsonOption = False,
-    plugin: PluginOption = None,
 ) -> None:
     """Commands that put the real tool where nominal joints and links, with the calibrated tool, would put it.
 
@@ -61,8 +58,11 @@ def compensate(
     """
     correct_and_tell(
         lambda loaded: compensate_table(loaded, path, output, method),
-        machine, output, anyway=anyway, as_json=as_json, plugin=plugin,
-    )  # fmt: skip
+        machine,
+        output,
+        anyway=anyway,
+        as_json=as_json,
+    )
 
 
 Corrected = tuple[dict[str, object], list[str], list[str]]
@@ -70,27 +70,20 @@ Corrected = tuple[dict[str, object], list[str], list[str]]
 
 
 def correct_and_tell(
-    correct: Callable[[Machine], Corrected],
-    machine: Path,
-    output: Path,
-    *,
-    anyway: bool,
-    as_json: bool,
-    plugin: list[Path] | None,
+    correct: Callable[[Machine], Corrected], machine: Path, output: Path, *, anyway: bool, as_json: bool
 ) -> None:
     """Load a machine that may be applied, run a correction with it, and tell of it."""
-    with reported(plugin):
-        from truepose.identification.report.applied_words import check_applicable
-        from truepose.models.load import load_machine
+    from truepose.identification.report.applied_words import check_applicable
+    from truepose.models.load import load_machine
 
-        check_file(output, machine)
-        with progress("compensating"):
-            loaded = load_machine(machine)
-            if not anyway:
-                check_applicable(loaded)
-            summary, lines, notes = correct(loaded)
-        summary = {"command": "compensate", **summary, "files": [str(output)]}
-        finish(summary, lines, notes, as_json=as_json)
+    check_file(output, machine)
+    with progress("compensating"):
+        loaded = load_machine(machine)
+        if not anyway:
+            check_applicable(loaded)
+        summary, lines, notes = correct(loaded)
+    summary = {"command": "compensate", **summary, "files": [str(output)]}
+    finish(summary, lines, notes, as_json=as_json)
 
 
 def compensate_table(machine: Machine, path: Path, output: Path, method: str) -> Corrected:

@@ -8,16 +8,7 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
-from truepose.commands.common import (
-    AnywayOption,
-    DirectoryOption,
-    JsonOption,
-    MachineArg,
-    PluginOption,
-    finish,
-    progress,
-    reported,
-)
+from truepose.commands.common import AnywayOption, DirectoryOption, JsonOption, MachineArg, finish, progress
 from truepose.commands.results import check_code, check_directory
 from truepose.errors import InputError
 
@@ -43,7 +34,6 @@ def codegen(
     features: FeaturesOption = None,
     anyway: AnywayOption = False,
     as_json: JsonOption = False,
-    plugin: PluginOption = None,
 ) -> None:
     """C99 for the controller: forward and inverse kinematics, Jacobian, compensation.
 
@@ -51,7 +41,7 @@ def codegen(
 
     Example: truepose codegen fit/calibrated.yaml -o small --features warm
     """
-    write_and_tell(machine, output, real, features, anyway=anyway, as_json=as_json, plugin=plugin)
+    write_and_tell(machine, output, real, features, anyway=anyway, as_json=as_json)
 
 
 Write = Callable[..., "tuple[list[Path], dict[str, object], list[str]]"]
@@ -66,24 +56,22 @@ def write_and_tell(
     *,
     anyway: bool,
     as_json: bool,
-    plugin: list[Path] | None,
     write: Write | None = None,
 ) -> None:
     """Write the C of a machine's file into ``output``, and tell what it holds."""
-    with reported(plugin):
-        from truepose.codegen.features import ALL, Features
+    from truepose.codegen.features import ALL, Features
 
-        check_directory(output)
-        number = _number(real)
-        chosen = ALL if features is None else Features.of(features)
-        with progress("writing C"):
-            loaded = _machine_for(output, machine, anyway=anyway)
-            drawing = (loaded.file.nominal if loaded.file else {}) or None
-            paths, more, added = (write or write_c)(loaded, output, number, drawing, chosen)
-        files = sorted(str(path) for path in paths)
-        summary, lines = _told(loaded, chosen)
-        head = {"command": "codegen", "machine": loaded.name, "real": number, "features": list(chosen.names)}
-        finish({**head, "files": files, **summary, **more}, [*files, *lines, *added], [], as_json=as_json)
+    check_directory(output)
+    number = _number(real)
+    chosen = ALL if features is None else Features.of(features)
+    with progress("writing C"):
+        loaded = _machine_for(output, machine, anyway=anyway)
+        drawing = (loaded.file.nominal if loaded.file else {}) or None
+        paths, more, added = (write or write_c)(loaded, output, number, drawing, chosen)
+    files = sorted(str(path) for path in paths)
+    summary, lines = _told(loaded, chosen)
+    head = {"command": "codegen", "machine": loaded.name, "real": number, "features": list(chosen.names)}
+    finish({**head, "files": files, **summary, **more}, [*files, *lines, *added], [], as_json=as_json)
 
 
 def write_c(

@@ -10,12 +10,10 @@ import typer
 from truepose.commands.common import (
     JsonOption,
     MachineArg,
-    PluginOption,
     check_directory,
     check_file,
     finish,
     progress,
-    reported,
     written,
 )
 from truepose.models.file.limits import POSES
@@ -44,7 +42,6 @@ def identifiability(
     number: NumberOption = 100,
     every: EveryOption = False,
     as_json: JsonOption = False,
-    plugin: PluginOption = None,
 ) -> None:
     """What these poses can and cannot tell, in words; readings are not needed.
 
@@ -53,28 +50,25 @@ def identifiability(
 
     Example: truepose identifiability machine.yaml poses.csv
     """
-    with reported(plugin):
-        from truepose.identification.identifiability.analysis import identifiability as run
-        from truepose.identification.recording.load import load_recording
-        from truepose.identification.report.identifiability_words import (
-            identifiability_json,
-            identifiability_lines,
-        )
-        from truepose.models.load import load_machine
+    from truepose.identification.identifiability.analysis import identifiability as run
+    from truepose.identification.recording.load import load_recording
+    from truepose.identification.report.identifiability_words import (
+        identifiability_json,
+        identifiability_lines,
+    )
+    from truepose.models.load import load_machine
 
-        single = output is not None and output.suffix.lower() == ".json"
-        if output is not None:
-            (check_file if single else check_directory)(output)
-        with progress("looking at the poses"):
-            loaded = load_machine(machine)
-            rows = load_recording(loaded, recordings, need_observations=False) if recordings else None
-            found = run(loaded, rows, poses=number)
-            document = identifiability_json(found)
-            files = [] if output is None else _write(document, output, single)
-        summary = {"command": "identifiability", **document, "files": files}
-        finish(
-            summary, [*identifiability_lines(found, every=every), *files], document["notes"], as_json=as_json
-        )
+    single = output is not None and output.suffix.lower() == ".json"
+    if output is not None:
+        (check_file if single else check_directory)(output)
+    with progress("looking at the poses"):
+        loaded = load_machine(machine)
+        rows = load_recording(loaded, recordings, need_observations=False) if recordings else None
+        found = run(loaded, rows, poses=number)
+        document = identifiability_json(found)
+        files = [] if output is None else _write(document, output, single)
+    summary = {"command": "identifiability", **document, "files": files}
+    finish(summary, [*identifiability_lines(found, every=every), *files], document["notes"], as_json=as_json)
 
 
 def _write(document: dict[str, Any], output: Path, single: bool) -> list[str]:

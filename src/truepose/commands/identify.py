@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import contextlib
+import signal
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,45 +14,25 @@ from truepose.commands.common import (
     DirectoryOption,
     JsonOption,
     MachineArg,
-    PluginOption,
     RecordingsArg,
     ShuffledOption,
     finish,
+    note,
     progress,
     quiet,
-    reported,
     written,
 )
 from truepose.commands.gate import GateOption, gated
 from truepose.commands.judgement import refuse
 from truepose.commands.results import DIAGNOSIS, FIT, check_directory, check_machine
 from truepose.commands.try_columns import TryColumnsOption, tried_names
-from truepose.stopping import stopping
 
 if TYPE_CHECKING:
     from truepose.identification.diagnosis.result import Diagnosis
     from truepose.identification.fit.calibrate import Calibration
     from truepose.identification.gate import Caution
 
-FITTING = (
-    ("checking", 1.0),
-    ("fitting", 3.0),
-    ("fitting without tolerances", 4.0),
-    ("looking for rows", 2.0),
-    ("writing the report", 1.0),
-)
-DIAGNOSING = (
-    ("fitting without effects", 1.0),
-    ("weighing", 5.0),
-    ("naming and proving", 3.0),
-    ("writing the report", 1.0),
-)
-"""What ``calibrate`` does, and ``diagnose`` after the check, and about how long each takes beside the others."""
-AGAIN = (("fitting", 1.0), ("weighing", 4.0))
-"""What ``diagnose`` does again with more rows of a long recording."""
-STOPPING = "the search ends, and what was found is named and written; Ctrl-C again stops at once\n"
-MANY = 50_000
-"""Rows of which a fit takes about as long as all of the first stage's, which has some thousand."""
+STOPPING = "the search ends, and what was found is named and written; Ctrl-C again stops at once"
 EstimatorOption = Annotated[
     str,
     typer.Option(
@@ -114,7 +96,6 @@ def calibrate(
     shuffled: ShuffledOption = False,
     anyway: GateOption = False,
     as_json: JsonOption = False,
-    plugin: PluginOption = None,
 ) -> None:
     """Identify the machine's constants; writes calibrated.yaml, fit.json and report.html.
 
@@ -122,21 +103,20 @@ def calibrate(
 
     Example: truepose calibrate result/improved.yaml other.csv --only base,tool -o moved
     """
-    with reported(plugin):
-        from truepose.identification.fit.calibrate import calibrate as run
+    from truepose.identification.fit.calibrate import calibrate as run
 
-        check_directory(output, FIT)
-        with progress("calibrating", FITTING) as say:
-            say("checking")
-            loaded, rows, caution = gated(
-                machine, recordings, irradiance=irradiance or (), anyway=anyway, shuffled=shuffled
-            )
-            check_machine(output, FIT, loaded.name)
-            names = [name.strip() for name in only.split(",") if name.strip()]
-            result = run(loaded, rows, estimator=estimator, solver=solver, only=names, progress=say)
-            summary, lines = _calibration_written(result, caution, output, say)
-        finish({"command": "calibrate", **summary}, lines, result.notes, as_json=as_json)
-        refuse(result.judgement, output, as_json=as_json)
+    check_directory(output, FIT)
+    with progress("calibrating") as say:
+        say("checking")
+        loaded, rows, caution = gated(
+            machine, recordings, irradiance=irradiance or (), anyway=anyway, shuffled=shuffled
+        )
+        check_machine(output, FIT, loaded.name)
+        names = [name.strip() for name in only.split(",") if name.strip()]
+        result = run(loaded, rows, estimator=estimator, solver=solver, only=names, progress=say)
+        summary, lines = _calibration_written(result, caution, output, say)
+    finish({"command": "calibrate", **summary}, lines, result.notes, as_json=as_json)
+    refuse(result.judgement, output, as_json=as_json)
 
 
 def _calibration_written(
@@ -176,7 +156,6 @@ def diagnose(
     anyway: GateOption = False,
     dask: DaskOption = "",
     as_json: JsonOption = False,
-    plugin: PluginOption = None,
 ) -> None:
     """Locate, name, model and prove what the model leaves out.
 
@@ -185,29 +164,45 @@ def diagnose(
 
     Example: truepose diagnose machine.yaml recording.csv -o result
     """
-    with reported(plugin):
-        from truepose.identification.diagnosis.engine import diagnose as run
-        from truepose.identification.diagnosis.stages import sizes
-        from truepose.identification.learned_prior import read_prior
-        from truepose.identification.report.judgement_words import diagnosis_judgement
-        from truepose.identification.report.notes import diagnosis_notes
-        from truepose.pool import rows_on
+    from truepose.identification.diagnosis.engine import diagnose as run
+    from truepose.identification.learned_prior import read_prior
+    from truepose.identification.report.judgement_words import diagnosis_judgement
+    from truepose.identification.report.notes import diagnosis_notes
+    from truepose.pool import rows_on
 
-        learned = None if prior is None else read_prior(prior)
-        check_directory(output, DIAGNOSIS)
-        with progress("checking"):
-            tried, light = tried_names(try_columns), irradiance or ()
-            loaded, rows, caution = gated(
-                machine, recordings, irradiance=light, anyway=anyway, shuffled=shuffled, tried=tried
-            )
-            check_machine(output, DIAGNOSIS, loaded.name)
-        with progress("diagnosing", diagnosing(sizes(loaded, rows))) as say, rows_on(dask):
-            with stopping.asked("" if quiet() else STOPPING) as stop:
-                result = run(loaded, rows, prior=learned, progress=say, stop=stop)
-            say("writing the report")
-            summary, lines = _diagnosis_written(result, caution, output)
-        finish(summary, lines, diagnosis_notes(result), as_json=as_json)
-        refuse(diagnosis_judgement(result), output, as_json=as_json)
+    learned = None if prior is None else read_prior(prior)
+    check_directory(output, DIAGNOSIS)
+    with progress("checking"):
+        tried, light = tried_names(try_columns), irradiance or ()
+        loaded, rows, caution = gated(
+            machine, recordings, irradiance=light, anyway=anyway, shuffled=shuffled, tried=tried
+        )
+        check_machine(output, DIAGNOSIS, loaded.name)
+    with progress("diagnosing") as say, rows_on(dask):
+        with first_interrupt("" if quiet() else STOPPING) as stop:
+            result = run(loaded, rows, prior=learned, progress=say, stop=stop)
+        say("writing the report")
+        summary, lines = _diagnosis_written(result, caution, output)
+    finish(summary, lines, diagnosis_notes(result), as_json=as_json)
+    refuse(diagnosis_judgement(result), output, as_json=as_json)
+
+
+@contextlib.contextmanager
+def first_interrupt(text: str) -> Iterator[Callable[[], bool]]:
+    """Let a first Ctrl-C during the block ask for an end only; yield whether it came. A second one ends the command."""
+    came = list[int]()
+
+    def hear(number: int, _: object) -> None:
+        came.append(number)
+        signal.signal(signal.SIGINT, before)
+        if text:
+            note(text)
+
+    before = signal.signal(signal.SIGINT, hear)
+    try:
+        yield lambda: bool(came)
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _diagnosis_written(result: Diagnosis, caution: Caution, output: Path) -> tuple[dict[str, Any], list[str]]:
@@ -220,11 +215,3 @@ def _diagnosis_written(result: Diagnosis, caution: Caution, output: Path) -> tup
     warned = caution_lines(caution.sentences)
     lines = [*warned, *diagnosis_lines(result, output, LINES - len(warned), checked=True)]
     return {**diagnosis_summary(result, "diagnose", files), **caution.document}, lines
-
-
-def diagnosing(sizes: Sequence[int]) -> list[tuple[str, float]]:
-    """``DIAGNOSING`` with what is done again with more rows: the numbers of rows of each further stage."""
-    fitting, weighing, naming, writing = DIAGNOSING
-    again = [(f"{text} {n:,} rows", cost * n / MANY) for n in sizes for text, cost in AGAIN]
-    last = sizes[-1] / MANY if sizes else 0.0
-    return [fitting, weighing, *again, (naming[0], naming[1] + AGAIN[1][1] * last), writing]

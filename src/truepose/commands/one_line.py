@@ -1,150 +1,153 @@
-"""The command line's own errors in the words of all others: one line that says what was found and what was expected."""
+"""The end of a command: an exit code, and one line on standard error where something went wrong."""
 
 from __future__ import annotations
 
+import contextlib
 import inspect
+import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from truepose import faults
-from truepose.stopping import stopping
+from truepose.errors import ConvergenceError, TrueposeError
+from truepose.files import reason
+from truepose.version import VERSION
 
+FAULT, BAD_INPUT, NOT_CONVERGED, STOPPED = 1, 2, 3, 130
 CLICK_ERROR: type[Exception] = next(  # typer has a click of its own, or another package's
     kind for kind in inspect.getmro(typer.BadParameter) if kind.__name__ == "ClickException"
 )
-STOPPED = 130
-"""What typer makes of an interruption."""
-
-
-class OneLineGroup(TyperGroup):
-    """All commands: whatever they raise is told in one line, in tests as in a terminal."""
-
-    def main(
-        self,
-        args: Sequence[str] | None = None,
-        prog_name: str | None = None,
-        complete_var: str | None = None,
-        standalone_mode: bool = True,
-        windows_expand_args: bool = True,
-        **extra: Any,
-    ) -> Any:
-        """Run the command that the arguments name, and leave with its exit code."""
-        stopping.written.clear()  # of a command before, in the same process
-        run = partial(
-            super().main,
-            args=args,
-            prog_name=prog_name or "truepose",
-            complete_var=complete_var,
-            standalone_mode=False,
-            windows_expand_args=windows_expand_args,
-            **extra,
-        )
-        if not standalone_mode:
-            return run()
-        sys.exit(faults.ended(partial(_told, run)))
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Refuse what is no name of anything before it is taken for one."""
-        _check_texts(ctx, args)
-        return super().parse_args(ctx, args)
-
-    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """The command that was meant, or what there is."""
-        try:
-            return super().resolve_command(ctx, args)
-        except CLICK_ERROR as exc:
-            near = getattr(exc, "message", "").partition("Did you mean")[2]
-            hint = f"; did you mean{near.rstrip('?')}?" if near else ""
-            names = ", ".join(name for name in self.commands if not self.commands[name].hidden)
-            raise typer.BadParameter(f"found the command {args[0]!r}, expected one of {names}{hint}") from exc
-
-
-class OneLineCommand(TyperCommand):
-    """A command that knows an empty name of a file: as a path it would be the working directory."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Refuse names of files that are none."""
-        _check_texts(ctx, args)
-        named = {
-            text
-            for parameter in self.params
-            if parameter.param_type_name == "option" and parameter.metavar in FILES
-            for text in parameter.opts
-        }
-        for k, text in enumerate(args):
-            before = args[k - 1] if k else ""
-            option, sign, value = text.partition("=")
-            of_file = before in named if not text else option in named and bool(sign) and not value
-            if of_file or not (text or before.startswith("-")):
-                where = (option or before) if of_file else "arguments"
-                raise typer.BadParameter(f"{where}: found an empty text, expected a name", ctx=ctx)
-        return super().parse_args(ctx, args)
-
-
 FILES = ("FILE", "DIR", "FILE|DIR")
 """What options of files and folders take, as the help has it."""
 
 
-def _check_texts(ctx: Any, args: Sequence[str]) -> None:
-    for text in args:
-        if "\0" in text:
-            raise typer.BadParameter(f"found {text!r}, expected no character NUL", ctx=ctx)
+class OneLineGroup(TyperGroup):
+    """All commands: each error is reported in one line, in tests as in a terminal."""
+
+    def main(self, *arguments: Any, standalone_mode: bool = True, **options: Any) -> Any:
+        """Run the command that the arguments name, and leave with its exit code."""
+        options |= {"prog_name": options.get("prog_name") or "truepose", "standalone_mode": False}
+        run = partial(super().main, *arguments, **options)
+        if not standalone_mode:
+            return run()
+        sys.exit(exit_code(run))
 
 
-def _told(run: Callable[[], Any]) -> int:
-    """The exit code; what typer itself has to say is said in a line, its help as it is."""
+class OneLineCommand(TyperCommand):
+    """A command that refuses an empty file name: as a path it would be the working directory."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Refuse empty names of files, then parse."""
+        named = {text for parameter in self.params if parameter.metavar in FILES for text in parameter.opts}
+        for before, text in pairwise(["", *args]):
+            option, sign, value = text.partition("=")
+            of_file = option in named and sign and not value
+            if of_file or (not text and (before in named or not before.startswith("-"))):
+                where = option if of_file else before if before in named else "arguments"
+                raise typer.BadParameter(f"{where}: found an empty text, expected a name", ctx=ctx)
+        return super().parse_args(ctx, args)
+
+
+def exit_code(run: Callable[[], object]) -> int:
+    """Run a command and return its exit code; write one line on standard error where it failed."""
     try:
         code = run()
-    except typer.Abort:
-        return faults.stopped()
+    except SystemExit as exc:
+        code = 0 if isinstance(exc.__context__, BrokenPipeError) else exc.code  # nobody reads on: no fault
+    except BrokenPipeError:
+        forget(sys.stdout)
+        return 0
     except CLICK_ERROR as exc:
-        if type(exc).__name__ == "NoArgsIsHelpError":
-            exc.show()  # type: ignore[attr-defined]
-        else:
-            faults.say(_words(exc))
-        return faults.BAD_INPUT
-    return faults.stopped() if code == STOPPED or stopping.number else code if isinstance(code, int) else 0
+        _say_usage(exc)
+        return BAD_INPUT
+    except (KeyboardInterrupt, typer.Abort):
+        code = STOPPED
+    except Exception as exc:
+        if isinstance(exc, OSError):
+            forget(sys.stdout)  # it may be what is full
+        words = describe(exc)
+        say(words or _report(exc))
+        return NOT_CONVERGED if isinstance(exc, ConvergenceError) else BAD_INPUT if words else FAULT
+    if code == STOPPED:  # what typer makes of Ctrl-C
+        say("stopped")
+    return code if isinstance(code, int) else 0
 
 
-def _words(exc: Exception) -> str:
-    """``plan: '-n' / '--poses': found 'abc', expected a valid integer; truepose plan --help tells more``."""
-    ctx = getattr(exc, "ctx", None)
-    path = ctx.command_path if ctx is not None else "truepose"
-    command = path.partition(" ")[2]
-    message = _message(exc).rstrip(".")
-    said = f"{command}: {message}" if command else message
-    return f"{said}; truepose {command} --help tells what it takes".replace("truepose  ", "truepose ")
+def describe(exc: Exception) -> str:
+    """Return what a user can mend, in words; an empty text for a fault of the program."""
+    if isinstance(exc, TrueposeError):
+        return str(exc)
+    if isinstance(exc, MemoryError) or "bad_alloc" in str(exc):
+        return "found too little memory, expected fewer rows, poses or parameters at once"
+    if isinstance(exc, RecursionError):
+        return "found levels nested deeper than can be followed, expected fewer"
+    if isinstance(exc, OSError) and exc.errno is not None:
+        return f"{exc.filename or 'the system says'}: {reason(exc)}"
+    return ""
 
 
-def _message(exc: Exception) -> str:
-    text = str(getattr(exc, "message", "")) or str(exc)
-    found = _found(exc.__cause__)
-    parameter = getattr(exc, "param", None)
-    if found is not None and parameter is not None:
-        hint = " / ".join(parameter.opts) if parameter.param_type_name == "option" else parameter.name
-        return f"{hint}: found {found!r}, expected {_expected(text)}"
-    if isinstance(exc, typer.BadParameter) and text and parameter is None:
-        return text  # our own
-    text = str(exc.format_message())  # type: ignore[attr-defined]
-    return text[:1].lower() + text[1:]
+def say(message: str) -> None:
+    """Write one line on standard error, if anybody can read it."""
+    with contextlib.suppress(OSError):
+        typer.echo("error: " + " ".join(message.split("\n")), err=True)
 
 
-def _found(cause: BaseException | None) -> object:
-    """The value that pydantic would not take, with which newer versions of typer read types."""
-    errors = getattr(cause, "errors", None)
-    return errors()[0]["input"] if callable(errors) else None
+def forget(stream: Any) -> None:
+    """Let a stream that nobody takes lead nowhere: Python would report it once more at its end."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
-def _expected(text: str) -> str:
-    for beginning in ("Input should be ", "is not "):
-        if beginning in text:
-            return text.partition(beginning)[2].partition(", unable")[0].rstrip(".")
-    return f"another value: {text}"
+def _say_usage(exc: Any) -> None:
+    """Write what typer has to say of the command line; its help as it is."""
+    if type(exc).__name__ == "NoArgsIsHelpError":
+        exc.show()
+        return
+    command = exc.ctx.command_path.partition(" ")[2] if getattr(exc, "ctx", None) else ""
+    own = isinstance(exc, typer.BadParameter) and exc.param is None
+    message = str(exc.message if own and exc.message else exc.format_message()).rstrip(".")
+    errors = getattr(
+        exc.__cause__, "errors", None
+    )  # of pydantic, with which newer versions of typer read types
+    message += f", found {errors()[0]['input']!r}" if callable(errors) else ""
+    say(
+        f"{command}: {message}; see truepose {command} --help"
+        if command
+        else f"{message}; see truepose --help"
+    )
 
 
-__all__ = ["OneLineCommand", "OneLineGroup"]
+def _report(exc: Exception) -> str:
+    """Write a report of a fault of the program into the folder for temporary files, and say how to send it."""
+    import platform
+    import shlex
+    import tempfile
+    import traceback
+
+    place = "no report of it could be written"
+    with contextlib.suppress(OSError):
+        options = {"prefix": "truepose-fault-", "suffix": ".txt", "encoding": "utf-8"}
+        with tempfile.NamedTemporaryFile("w", delete=False, errors="backslashreplace", **options) as report:  # type: ignore[call-overload]
+            report.write(f"truepose {VERSION}, Python {platform.python_version()}, {platform.platform()}\n")
+            report.write(f"{shlex.join(sys.argv)}\n\n")
+            traceback.print_exception(exc, file=report)
+            place = f"please send the report {report.name}"
+    what = " ".join(f"{type(exc).__name__}: {exc}".split())[:200]
+    return f"a fault of truepose {VERSION}, not of your files ({what}); {place}"
+
+
+__all__ = [
+    "BAD_INPUT",
+    "FAULT",
+    "NOT_CONVERGED",
+    "OneLineCommand",
+    "OneLineGroup",
+    "exit_code",
+    "forget",
+    "say",
+]

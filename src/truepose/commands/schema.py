@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from truepose.commands.common import PluginOption, check_file, reported, tell
+from truepose.commands.common import PluginOption, check_file, tell
 
 
 class Kind(StrEnum):
@@ -37,16 +37,15 @@ def schema(kind: KindArg = Kind.machine, output: OutputOption = None, plugin: Pl
 
     Example: truepose schema machine -o machine-1.json
     """
-    with reported(plugin):
-        from truepose.files import atomic_write_text
+    from truepose.files import atomic_write_text
 
-        text = _text(kind, made=bool(plugin))
-        if output is None:
-            tell(text, nl=False)
-            return
-        check_file(output)
-        atomic_write_text(output, text)
-        tell(f"wrote {output}")
+    text = _text(kind, made=bool(plugin))
+    if output is None:
+        tell(text, nl=False)
+        return
+    check_file(output)
+    atomic_write_text(output, text)
+    tell(f"wrote {output}")
 
 
 def _text(kind: Kind, *, made: bool) -> str:

@@ -11,13 +11,11 @@ from truepose.commands.common import (
     FileOption,
     JsonOption,
     MachineArg,
-    PluginOption,
     RecordingArg,
     ShuffledOption,
     check_file,
     finish,
     progress,
-    reported,
 )
 from truepose.files import write_table
 
@@ -45,7 +43,6 @@ def predict(
     output: FileOption,
     shuffled: ShuffledOption = False,
     as_json: JsonOption = False,
-    plugin: PluginOption = None,
 ) -> None:
     """What the sensor should have read, one row for each row: its columns, <column>.std, and the tool's pose.
 
@@ -54,20 +51,19 @@ def predict(
 
     Example: truepose predict result/improved.yaml recording.csv -o predicted.csv
     """
-    with reported(plugin):
-        from truepose.identification.prediction import predict as prediction
-        from truepose.identification.recording.load import load_recording
-        from truepose.models.load import load_machine
+    from truepose.identification.prediction import predict as prediction
+    from truepose.identification.recording.load import load_recording
+    from truepose.models.load import load_machine
 
-        check_file(output, machine, recording)
-        with progress("predicting"):
-            loaded = load_machine(machine)
-            rows = load_recording(loaded, [recording], need_observations=False, shuffled=shuffled)
-            frame = prediction.predict(loaded, rows)
-            write_table(output, frame)
-        unknown = [*prediction.unknown_frames(loaded, rows), *prediction.unheard(loaded, rows)]
-        notes = [*rows.notes, *unknown, *prediction.unassembled(rows, frame)]
-        _finish("predict", frame, output, notes, as_json)
+    check_file(output, machine, recording)
+    with progress("predicting"):
+        loaded = load_machine(machine)
+        rows = load_recording(loaded, [recording], need_observations=False, shuffled=shuffled)
+        frame = prediction.predict(loaded, rows)
+        write_table(output, frame)
+    unknown = [*prediction.unknown_frames(loaded, rows), *prediction.unheard(loaded, rows)]
+    notes = [*rows.notes, *unknown, *prediction.unassembled(rows, frame)]
+    _finish("predict", frame, output, notes, as_json)
 
 
 def simulate(
@@ -77,7 +73,6 @@ def simulate(
     effect: EffectOption = None,
     seed: SeedOption = 0,
     as_json: JsonOption = False,
-    plugin: PluginOption = None,
 ) -> None:
     """A recording with the machine file's effects, the ones named, and the sensor's noise.
 
@@ -85,25 +80,24 @@ def simulate(
 
     Example: truepose simulate machine.yaml poses.csv -o out.csv --effect "axis-coupling@q3+q2:k=1e-4"
     """
-    with reported(plugin):
-        from truepose.identification.prediction import simulate as simulation
-        from truepose.identification.prediction.predict import unheard
-        from truepose.identification.recording.load import load_recording
-        from truepose.identification.recording.table import read_table
-        from truepose.models.effect_text import parse_effect
-        from truepose.models.load import load_machine
+    from truepose.identification.prediction import simulate as simulation
+    from truepose.identification.prediction.predict import unheard
+    from truepose.identification.recording.load import load_recording
+    from truepose.identification.recording.table import read_table
+    from truepose.models.effect_text import parse_effect
+    from truepose.models.load import load_machine
 
-        check_file(output, machine, poses)
-        with progress("simulating"):
-            loaded = load_machine(machine)
-            extra = [parse_effect(text, loaded, stated=True) for text in effect or ()]
-            whole = loaded.with_effects((*loaded.effects, *extra))
-            table = read_table(poses, loaded.mechanism.readings)
-            rows = load_recording(loaded, [table], need_observations=False)
-            frame = simulation.with_inputs(table, simulation.simulate(whole, rows, seed=seed))
-            write_table(output, frame)
-        notes = [*rows.notes, *unheard(whole, rows)]
-        _finish("simulate", frame, output, notes, as_json)
+    check_file(output, machine, poses)
+    with progress("simulating"):
+        loaded = load_machine(machine)
+        extra = [parse_effect(text, loaded, stated=True) for text in effect or ()]
+        whole = loaded.with_effects((*loaded.effects, *extra))
+        table = read_table(poses, loaded.mechanism.readings)
+        rows = load_recording(loaded, [table], need_observations=False)
+        frame = simulation.with_inputs(table, simulation.simulate(whole, rows, seed=seed))
+        write_table(output, frame)
+    notes = [*rows.notes, *unheard(whole, rows)]
+    _finish("simulate", frame, output, notes, as_json)
 
 
 def _finish(command: str, frame: pd.DataFrame, output: Path, notes: list[str], as_json: bool) -> None:

@@ -84,6 +84,8 @@ def test_a_store_gives_back_what_was_written(tmp_path: Path) -> None:
     assert store.summary() is None
     store.write_summary(Summary.empty())
     assert store.summary() == Summary.empty()
+    store.write(line(record, tmp_path) for record in records[1:])
+    assert store.summary() is None  # these are the sums of other records
 
 
 def test_files_of_others_are_told_apart(tmp_path: Path) -> None:

@@ -94,7 +94,7 @@ def dask() -> Iterator[Cluster]:
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": 0}),
         distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50
+            n_workers=2, threads_per_worker=1, dashboard_address=":0", silence_logs=50
         ) as local,
         cluster(local.scheduler_address) as found,
     ):
@@ -233,19 +233,29 @@ def test_a_machine_that_takes_too_long_is_a_row_and_is_tried_again(machines: Pat
     assert statuses(results) == {"gain": "done"}
 
 
-def test_two_runs_do_not_work_in_one_folder(machines: Path, tmp_path: Path) -> None:
-    refused = list[str]()
+def test_what_another_run_took_away_is_not_left_out_silently(machines: Path, tmp_path: Path) -> None:
+    """The journal of one run is gone with the end of another."""
 
-    def hear(*_: object) -> None:
-        if refused:
-            return
-        try:
-            run(machines, tmp_path, Cores(1))
-        except InputError as exc:
-            refused.append(str(exc))
+    def hear(done: int, total: int, _: str) -> None:
+        if done == total:
+            Folders.of(machines, tmp_path).journal.path.unlink(missing_ok=True)
 
-    run_fleet(Folders.of(machines, tmp_path), Cores(1), Options(brief=True), progress=hear)
-    assert refused == [f"{tmp_path}: found another run of truepose fleet at work there, expected none"]
+    with pytest.raises(InputError, match="found records of 0 machines, expected 4: if another run"):
+        run_fleet(Folders.of(machines, tmp_path), Cores(1), Options(brief=True), progress=hear)
+    assert not (tmp_path / "fleet.csv").exists()
+    assert len(run(machines, tmp_path, Cores(1))) == 4
+
+
+def test_a_folder_with_files_of_two_runs_is_worked_with_again(machines: Path, tmp_path: Path) -> None:
+    shutil.copytree(machines / "gain", tmp_path / "line" / "gain")
+    line, results = tmp_path / "line", tmp_path / "results"
+    run(line, results, Cores(1))
+    own = tree(results / "machines" / "gain")
+    for name in ("fleet.parquet", "sums.json"):
+        (results / name).unlink()
+    (results / "machines" / "gain" / "improved.yaml").write_text("another run's", encoding="utf-8")
+    assert run(line, results, Cores(1)) == ["gain"]
+    assert tree(results / "machines" / "gain") == own
 
 
 def test_results_do_not_lie_among_the_machines(machines: Path) -> None:

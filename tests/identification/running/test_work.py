@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import pandas as pd
 import pytest
@@ -20,24 +22,30 @@ from truepose.identification.leaves.fleet.run import DEAD, Folders, run_fleet, s
 from truepose.identification.leaves.fleet.work import RESULTS, Options, Task, done
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
-from truepose.pool import Pool
 
-T = TypeVar("T")
-R = TypeVar("R")
 DIAGNOSE = "truepose.identification.diagnosis.engine.diagnose"
 
 
-class Here(Pool):
+class DeadError(Exception):
+    """What a pool raises for a task whose process died."""
+
+
+class Here(Executor):
     """Tasks one after the other in this process; those of machines named ``dead`` kill theirs."""
 
-    workers = 1
+    at_once, dead = 1, DeadError
 
-    def results(
-        self, work: Callable[[T], R], tasks: Mapping[int, T], at_once: int
-    ) -> Iterator[tuple[int, R | None]]:
-        for k, task in tasks.items():
-            dead = isinstance(task, Task) and task.member.name == "dead"
-            yield k, None if dead else work(task)
+    @contextmanager
+    def executor(self) -> Iterator[Executor]:
+        yield self
+
+    def submit(self, work: Callable[..., Any], /, *arguments: Any, **_: Any) -> Future[Any]:
+        (task,), future = arguments, Future[Any]()
+        if isinstance(task, Task) and task.member.name == "dead":
+            future.set_exception(DeadError())
+        else:
+            future.set_result(work(task))
+        return future
 
 
 def asked(folder: Path, name: str, recording: pd.DataFrame | None = None, **options: Any) -> Task:

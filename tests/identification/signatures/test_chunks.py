@@ -67,7 +67,7 @@ def dask() -> Iterator[Cluster]:
     distributed = pytest.importorskip("distributed")
     with (
         distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50
+            n_workers=2, threads_per_worker=1, dashboard_address=":0", silence_logs=50
         ) as local,
         cluster(local.scheduler_address) as found,
     ):
