@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from truepose.bounded import check_input
 from truepose.errors import InputError
 from truepose.models.leaves.starting.cells import UNITS, Cell, cell, interval, variable_in
 from truepose.models.leaves.starting.row_kinds import row_kinds
@@ -75,6 +76,7 @@ class Row:
 def table_start(path: Path, convention: str) -> Start:
     """The start of a table file. Raises InputError naming file, row and column."""
     try:
+        check_input(path)
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as exc:
         reason = exc.strerror if isinstance(exc, OSError) else "not a text in UTF-8"
