@@ -16,6 +16,8 @@ import pytest
 from support import ROOT
 from support.generated_c import needs_compiler
 
+pytestmark = pytest.mark.nightly
+
 EXAMPLE = ROOT / "examples" / "compensation_loop"
 
 

@@ -1,4 +1,4 @@
-"""Hostile files that once did harm are refused in one line, within ten seconds and 2 GB."""
+"""Hostile files that once did harm are refused in one line, within 2 GB."""
 
 from __future__ import annotations
 

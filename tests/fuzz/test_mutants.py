@@ -1,4 +1,4 @@
-"""Mutants of every kind of file: done, or refused in one line; never a traceback, a hang, 2 GB or half a result."""
+"""Mutants of every kind of file: done, or refused in one line; never a traceback, 2 GB or half a result."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ import pytest
 
 from fuzzing.kinds import KINDS
 from support import ROOT, TESTS
+from support.examples import examples
 
-MUTANTS = 200
-"""Of each kind; .ci/nightly tries 10,000."""
+MUTANTS = examples(150)
+"""Of each kind: 50 by day; .ci/nightly tries 10,000 more."""
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="no fork")
 
 

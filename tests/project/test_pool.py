@@ -66,7 +66,7 @@ def test_a_worker_ends_when_another_is_its_parent(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(os, "getppid", lambda: next(parents))
     monkeypatch.setattr(os, "_exit", ended.put)
     end_with(7)
-    assert ended.get(timeout=5.0) == 1
+    assert ended.get(timeout=300.0) == 1
     assert next(parents, None) is None
 
 

@@ -1,7 +1,7 @@
 """One command with one hostile file, in a process of its own, and what of the promise it broke.
 
 The promise: done (exit code 0), or one line that begins with ``error:`` (2, or 3 where a fit did not converge) and nothing
-written; within ``SECONDS`` of the processor and ``MEGABYTES``; never a traceback or a warning of Python.
+written; within ``MEGABYTES``; never a traceback or a warning of Python. Time is no part of it, but for what hangs.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-SECONDS, MEGABYTES = 10.0, 2048.0
+MEGABYTES = 2048.0
 LONGEST = 2000
 """Characters of that line."""
-PATIENCE = 90.0
-"""Seconds by the clock after which a command is killed: other work may take most of the processor's time."""
+PATIENCE = 600.0
+"""Seconds by the clock after which a command hangs, and is killed: far beyond what any takes on a busy machine."""
 REFUSED = (2, 3)
 VERDICT = "wrong"
 """How what ``check`` finds wrong begins, which is its result."""
@@ -59,7 +59,7 @@ def attempt(arguments: Sequence[str], folder: Path) -> Outcome:
     written = sorted(path.name for path in (folder / "out").iterdir())
     told = arguments[0] == "check" and (folder / "printed").read_text(errors="replace").startswith(VERDICT)
     kept = "to be looked at" in said  # a fit that is no calibration is written, and marked
-    fault = _fault(code, said, [] if kept else written, seconds, megabytes, lines=0 if told else 1)
+    fault = _fault(code, said, [] if kept else written, megabytes, lines=0 if told else 1)
     return Outcome(code, seconds, megabytes, said, fault)
 
 
@@ -71,7 +71,6 @@ def _become(arguments: Sequence[str], folder: Path) -> None:
         os.chdir(folder)
         for stream, name in ((1, "printed"), (2, "said")):
             os.dup2(os.open(folder / name, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), stream)
-        resource.setrlimit(resource.RLIMIT_CPU, (int(3 * SECONDS), int(3 * SECONDS) + 5))
         resource.setrlimit(resource.RLIMIT_DATA, (int(3 * MEGABYTES) << 20, resource.RLIM_INFINITY))
         from truepose.__main__ import main
 
@@ -111,7 +110,7 @@ def _waited(child: int) -> tuple[int, resource.struct_rusage]:
     return status, used
 
 
-def _fault(code: int, said: str, written: Sequence[str], seconds: float, megabytes: float, lines: int) -> str:
+def _fault(code: int, said: str, written: Sequence[str], megabytes: float, lines: int) -> str:
     """The first part of the promise that was broken; ``lines``: of errors that a refusal has."""
     told = [line for line in said.splitlines() if line.startswith("error:")]
     rules = (
@@ -119,7 +118,6 @@ def _fault(code: int, said: str, written: Sequence[str], seconds: float, megabyt
         ("Traceback" in said, "a traceback"),
         (code not in (0, *REFUSED), f"exit code {code}"),
         ("Warning:" in said, "a warning"),
-        (seconds > SECONDS, f"{seconds:.0f} s of the processor"),
         (megabytes > MEGABYTES, f"{megabytes:.0f} MB"),
         (code in REFUSED and len(told) != lines, "not one line"),
         (max(map(len, said.splitlines()), default=0) > LONGEST, "a long line"),
@@ -128,4 +126,4 @@ def _fault(code: int, said: str, written: Sequence[str], seconds: float, megabyt
     return next((text for broken, text in rules if broken), "")
 
 
-__all__ = ["MEGABYTES", "SECONDS", "Outcome", "attempt"]
+__all__ = ["MEGABYTES", "Outcome", "attempt"]
