@@ -6,6 +6,7 @@ One thread a worker, and no deadlines on a shared machine.
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Generator, Iterator
 from pathlib import Path
 
@@ -23,7 +24,7 @@ from support.generated_c import SANITIZERS, Built, build, has_sanitizers  # noqa
 from support.plugins import forgotten  # noqa: E402
 from support.skips import NOTHING_BESIDE, SHARED, judge  # noqa: E402
 
-settings.register_profile("truepose", deadline=None, derandomize=True)
+settings.register_profile("truepose", deadline=None, derandomize=True, max_examples=25)
 # for .ci/nightly: another seed each time, which --hypothesis-seed gives, so that nothing else may be remembered
 settings.register_profile(
     "nightly", deadline=None, derandomize=False, database=None, max_examples=examples(100), print_blob=True
@@ -38,7 +39,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Before workers start."""
+    """Before workers start, which inherit this: a shell's job in the background is started with SIGINT ignored."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     share_bytecode(config)
 
 

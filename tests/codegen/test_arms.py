@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from support.examples import by_day
 from support.generated_c import needs_compiler
 from support.six_joint_arms import ARMS, BUILT, DRAWN, BuiltArm, apart, built, counted, errors, search
 from truepose.codegen.chain import ChainExpressions
@@ -73,7 +74,7 @@ def test_every_start_is_a_solution_of_the_drawn_arm(root_directory: Path, name: 
     assert numbers.count(8) > 20
 
 
-@pytest.mark.parametrize("name", BUILT)
+@pytest.mark.parametrize("name", by_day(BUILT, "ur_built"))
 def test_all_solutions_are_found(root_directory: Path, name: str) -> None:
     made = built(root_directory, name)
     low, high = made.arm.limits
@@ -109,7 +110,7 @@ def test_a_wrist_may_pass_closer_to_the_first_axis_than_the_drawn_one(root_direc
     meets(made, rows, np.tile(pose, (len(rows), 1)))
 
 
-@pytest.mark.parametrize("name", BUILT)
+@pytest.mark.parametrize("name", by_day(BUILT, "ur_built"))
 def test_any_pose_is_reached_from_any_guess(root_directory: Path, name: str) -> None:
     made = built(root_directory, name)
     q, guesses = made.arm.readings(2000, seed=1), made.arm.readings(2000, seed=2)
@@ -119,7 +120,7 @@ def test_any_pose_is_reached_from_any_guess(root_directory: Path, name: str) -> 
     meets(made, np.array([joints for _, joints in found]), poses)
 
 
-@pytest.mark.parametrize("name", BUILT)
+@pytest.mark.parametrize("name", by_day(BUILT, "ur_built"))
 def test_no_inverse_takes_more_evaluations_than_it_says(root_directory: Path, name: str) -> None:
     """Poses out of reach by little and by much, and in reach; the bound is spent, and not more than spent."""
     made = counted(root_directory, name)
@@ -136,7 +137,7 @@ def test_no_inverse_takes_more_evaluations_than_it_says(root_directory: Path, na
     assert 0.9 * limit < max(spent) <= limit
 
 
-@pytest.mark.parametrize("name", BUILT)
+@pytest.mark.parametrize("name", by_day(BUILT, "ur_built"))
 def test_a_path_of_small_steps_stays_on_its_branch(root_directory: Path, name: str) -> None:
     made = built(root_directory, name)
     low, high = made.arm.limits
@@ -158,7 +159,7 @@ def test_a_path_of_small_steps_stays_on_its_branch(root_directory: Path, name: s
 
 
 @pytest.mark.parametrize("flags", FLAGS, ids=["plain", "native", "one-lane"])
-@pytest.mark.parametrize("name", ["ur_built", "puma_built"])
+@pytest.mark.parametrize("name", by_day(["ur_built", "puma_built"], "ur_built"))
 def test_many_rows_are_each_row(root_directory: Path, name: str, flags: tuple[str, ...]) -> None:
     made = built(root_directory, name, flags)
     q, others = made.arm.readings(33, seed=21), made.arm.readings(33, seed=22)
@@ -217,7 +218,7 @@ def test_sine_and_cosine_are_right_to_an_ulp_and_a_half(root_directory: Path) ->
             assert ulps.max() <= 2.25
 
 
-@pytest.mark.parametrize("name", ["ur_built", "puma_built"])
+@pytest.mark.parametrize("name", by_day(["ur_built", "puma_built"], "ur_built"))
 def test_other_constants_are_another_machine(root_directory: Path, name: str, tmp_path: Path) -> None:
     """The C of one calibration with the constants of the drawing, and of that drawing."""
     made, drawn = built(root_directory, name), built(root_directory, name.removesuffix("_built"))

@@ -24,6 +24,8 @@ from truepose.codegen.leaves.embedded.toolchain import required
 from truepose.codegen.printer import Real
 from truepose.errors import InputError
 
+pytestmark = pytest.mark.nightly
+
 both = pytest.mark.parametrize("real", REALS)
 each_target = pytest.mark.parametrize("target", TARGETS.values(), ids=list(TARGETS))
 LOOPS: dict[Real, str] = {"double": "rails", "float": "hybrid"}

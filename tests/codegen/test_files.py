@@ -46,6 +46,7 @@ def test_a_loop_with_more_equations_than_unknowns(tmp_path: Path, real: Real) ->
     subprocess.run([tmp_path / "example"], check=True, capture_output=True)
 
 
+@pytest.mark.nightly
 @needs_compiler
 @cases(("arm", "turns"))
 def test_example_runs_clean_under_sanitizers(built: Built, sanitizers: list[str]) -> None:

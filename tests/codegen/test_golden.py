@@ -111,6 +111,7 @@ def test_generated_directory_is_as_committed(
     assert not found, f"tests/golden/{case} (pytest --update-golden, if this is meant):\n{told}"
 
 
+@pytest.mark.nightly
 def test_bytes_depend_on_the_machine_file_alone(tmp_path: Path) -> None:
     """Not on the order of sets, what ran before, or which kernels the mathematical libraries choose for a processor."""
     rows = [

@@ -166,6 +166,7 @@ def test_names_never_change_the_tokens_of_the_code(names: tuple[str, ...]) -> No
     assert written["CMakeLists.txt"] == plain_texts()["CMakeLists.txt"]
 
 
+@pytest.mark.nightly
 @settings(max_examples=examples(25))
 @given(called)
 @example(HOSTILE[4:8])

@@ -11,7 +11,6 @@ import pytest
 from truepose.codegen.c import generate, render
 from truepose.models.load import load_machine
 
-ROOT = Path(__file__).parents[2]
 FILE = """schema: truepose/machine/1
 name: mount
 mechanism:

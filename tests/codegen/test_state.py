@@ -21,6 +21,7 @@ from typer.testing import CliRunner
 
 import truepose
 from support.embedded import needs_toolchain
+from support.examples import by_day
 from support.generated_c import COMPILER, WARNINGS, needs_compiler
 from truepose.cli import app
 from truepose.codegen.c import generate, render
@@ -64,7 +65,7 @@ CREEP = 1e-6
 """Share of all moves by which creep may be wrong."""
 DWELL = 2.0
 REALS: tuple[Real, ...] = ("double", "float")
-both = pytest.mark.parametrize("real", REALS)
+both = pytest.mark.parametrize("real", by_day(REALS, "double"))
 
 
 @dataclass(frozen=True)
@@ -136,7 +137,10 @@ def allowed(names: list[str], q: Array, real: Real) -> Array:
 
 @needs_compiler
 @both
-@pytest.mark.parametrize(("seed", "coupled"), [*((k, "") for k in range(6)), (6, COUPLED), (7, COUPLED)])
+@pytest.mark.parametrize(
+    ("seed", "coupled"),
+    by_day([*((k, "") for k in range(6)), (6, COUPLED), (7, COUPLED)], (0, ""), (6, COUPLED)),
+)
 def test_values_are_those_of_a_recording(root_directory: Path, real: Real, seed: int, coupled: str) -> None:
     built = library(root_directory, EFFECTS, real, coupled)
     names = list(built.wrapper.DRIVERS)
@@ -166,7 +170,7 @@ def rounded(frame: pd.DataFrame, q: Array) -> pd.DataFrame:
 
 
 @needs_compiler
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", by_day(range(4), 0))
 def test_a_stated_arrival_is_a_way_from_behind(root_directory: Path, seed: int) -> None:
     """Where a recording states sides, ways behind goals and waits, a controller goes there: by two updates a row."""
     built = library(root_directory, STATED, "double")
@@ -294,6 +298,7 @@ def test_a_new_session_forgets_the_way_and_not_the_heat(root_directory: Path) ->
     assert after["creep.q3~0.1"] > z["creep.q3~0.1"] > 0.0
 
 
+@pytest.mark.nightly
 @needs_compiler
 @both
 def test_example_and_state_run_clean_under_sanitizers(

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from support.examples import by_day
 from support.generated_c import COMPILER, WARNINGS, needs_compiler
 from support.partial_machines import PARTIAL, as_built, partial_machine, readings
 from support.recordings import rows_of
@@ -72,7 +73,11 @@ def made(root_directory: Path, request: pytest.FixtureRequest) -> Built:
     return built(root_directory, name, real)
 
 
-every = pytest.mark.parametrize("made", CASES, indirect=True, ids=["-".join(case) for case in CASES])
+DAY = [pytest.param(case, id="-".join(case)) for case in CASES if case[1] == "double"]
+NIGHT = [
+    pytest.param(case, id="-".join(case), marks=pytest.mark.nightly) for case in CASES if case[1] == "float"
+]
+every = pytest.mark.parametrize("made", [*DAY, *NIGHT], indirect=True)
 
 
 def left(made: Built, solver: PoseSolver, goals: Array, q: Array) -> Array:
@@ -132,7 +137,7 @@ def test_all_branches_are_refused_where_poses_are_met_in_part(tmp_path: Path) ->
 
 @needs_compiler
 @pytest.mark.parametrize("features", ["warm", "warm,cold,p,batch,state"])
-@pytest.mark.parametrize("name", ["mill", "delta", "planar2", "tube"])
+@pytest.mark.parametrize("name", by_day(["mill", "delta", "planar2", "tube"], "mill"))
 def test_every_list_of_features_compiles(name: str, features: str, tmp_path: Path) -> None:
     """Nothing is left without use, and the example passes."""
     generate(partial_machine(tmp_path, name), tmp_path / "c", features=features)

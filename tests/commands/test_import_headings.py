@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner, Result
 
+from support.examples import examples
 from support.skips import NOTHING_BESIDE, SHARED
 from truepose.cli import app
 from truepose.errors import InputError
@@ -55,7 +56,7 @@ def tables(draw: st.DrawFn, axes: tuple[str, ...]) -> tuple[list[str], str, np.n
     return list(names), "\n".join(separator.join(line) for line in lines), np.array(rows)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30), deadline=None)
 @given(data=st.data(), triple=st.sampled_from(TRIPLES), upper=st.booleans())
 def test_what_a_heading_does_not_say_is_asked_with_a_line_to_copy(
     data: st.DataObject, triple: str, upper: bool
@@ -79,7 +80,7 @@ def test_what_a_heading_does_not_say_is_asked_with_a_line_to_copy(
             np.testing.assert_allclose(found.numbers(axis), values[:, names.index(name)], atol=6e-5)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30), deadline=None)
 @given(
     data=st.data(),
     unit=st.sampled_from(["mm", "m", "in", "um"]),

@@ -13,6 +13,8 @@ from support.guide_bag import write_bag
 from support.guides import run_page, shown
 from support.probe_logs import written
 
+pytestmark = pytest.mark.nightly
+
 DOCS = ROOT / "docs"
 HOWTOS = sorted((DOCS / "howto").glob("*.md"))
 PAGES = [DOCS / "tutorial.md", *HOWTOS]

@@ -118,14 +118,3 @@ def test_a_page_names_every_study_and_every_table_of_results(kept: Path) -> None
     module = kept.relative_to(PROOF).as_posix().removesuffix(".py").replace("/", ".")
     names = (re.escape(_name(kept)), re.escape(module), rf"python -m {re.escape(kept.stem)}")
     assert re.search(rf"\b(?:{'|'.join(names)})\b", pages)
-
-
-def test_what_is_not_there_is_seen() -> None:
-    text = "`models/nothing.py`, `no_such.py`, `docs/*.none`, truepose.models.nothing, python -m benchmarks.nothing, "
-    more = "truepose.models.lie.nothing, `proof/challenge/nothing.py`, python -m challenge.nothing"
-    assert len(_missing(text + more)) == 8
-    held = (
-        "`models/lie.py`, `lie.py`, `tests/models/test_*.py`, truepose.models.lie.exp_so3, "
-        "python -m benchmarks.telescope_models, python -m challenge, python -m challenge.studies.page"
-    )
-    assert _missing(held) == []

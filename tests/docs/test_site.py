@@ -15,6 +15,8 @@ import site_links
 import truepose
 from support import ROOT
 
+pytestmark = pytest.mark.nightly
+
 CONFIG = yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))
 FROM_AFAR = re.compile(r"<(?:script|link|img)\b[^>]*\b(?:src|href)=\"https?://[^\"]+")
 

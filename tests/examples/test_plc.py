@@ -39,7 +39,7 @@ TYPES: dict[str, Any] = {
 UNLIMITED = 1e30
 DRIVER_RANGE, MAX_STEP, MAX_CORRECTION = 17, 18, 19
 
-pytestmark = needs_compiler
+pytestmark = [pytest.mark.nightly, needs_compiler]
 
 
 def fields(real: Real) -> list[tuple[str, Any]]:

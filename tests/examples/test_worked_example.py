@@ -15,6 +15,8 @@ from support.documents import blocks
 from support.generated_c import needs_compiler
 from support.guides import shown
 
+pytestmark = pytest.mark.nightly
+
 PAGE, SCRIPT = ROOT / "docs" / "worked-example.md", ROOT / "examples" / "worked_example.py"
 
 

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from numpy.typing import NDArray
 
 import truepose.models
 from support.effects import with_effect
@@ -26,7 +25,6 @@ from truepose.identification.signatures.signatures import Signatures
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 Seen = tuple[Machine, Recording]
 NANOPOSITIONER = Path(truepose.models.__path__[0]) / "machines" / "nanopositioner"
 BLIND = {"type": "position", "name": "blind", "sigma": {"xyz": 1e9}}

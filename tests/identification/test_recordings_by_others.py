@@ -21,6 +21,8 @@ from truepose.identification.fit.estimate import estimate
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 
+pytestmark = pytest.mark.nightly
+
 
 def stewart(shared: Path, *sessions: int) -> tuple[Diagnosis, float]:
     """Diagnosis of some sessions and the rms leg error after it, mm."""

@@ -11,6 +11,7 @@ import pytest
 
 from support.effect_machines import TEXTS, read_machines
 from support.exact_fits import fit_at, posed, read
+from support.examples import by_day
 from support.results import machine, recording
 from support.round_trips import check_round_trip
 from truepose.identification.diagnosis.engine import diagnose
@@ -95,6 +96,7 @@ def test_a_fit_with_a_series_above_the_catalogue_s_is_read_and_generated(
     check_round_trip(estimate(machine, load_recording(machine, rows), [waves]), tmp_path)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", ["nanopositioner", "polisher"])
 def test_a_diagnosed_demo_is_the_machine_of_its_file(name: str, tmp_path: Path) -> None:
     """Distances from row to row, and loops; the telescope's is in ``tests/shown/test_fitted.py``."""
@@ -102,7 +104,7 @@ def test_a_diagnosed_demo_is_the_machine_of_its_file(name: str, tmp_path: Path) 
 
 
 @pytest.mark.parametrize(
-    "name", sorted(TEXTS.keys() - {"cavity"})
+    "name", by_day(sorted(TEXTS.keys() - {"cavity"}), *TEXTS.keys() - {"planar", "hybrid"})
 )  # its readings are changes, and these poses no order
 def test_a_file_is_the_model_that_was_fitted(
     name: str, machines: Mapping[str, Machine], tmp_path: Path

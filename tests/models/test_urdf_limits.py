@@ -1,8 +1,7 @@
-"""A URDF within limits: what unfolds, nests or goes on without end is refused in words, and quickly."""
+"""A URDF within limits: what unfolds, nests or goes on without end is refused in words."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -46,11 +45,9 @@ def read(folder: Path, text: str) -> Robot:
     ids=["entities", "outside", "xacro", "name"],
 )
 def test_what_goes_on_without_end_is_refused(tmp_path: Path, text: str, told: str) -> None:
-    began = time.process_time()
     with pytest.raises(InputError, match=told) as caught:
         read(tmp_path, text)
     assert len(str(caught.value)) < 1000 + len(str(tmp_path))
-    assert time.process_time() - began < 8.0
 
 
 EDGES: dict[str, tuple[int, Callable[[int], str]]] = {

@@ -7,7 +7,6 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from support import telescope_models
 from support.generated_machines import machine_of
@@ -19,7 +18,6 @@ from truepose.models.machine.parameters import Parameter
 from truepose.models.machine.velocities import gap_derivative, twists
 from truepose.models.sensors.pose import Position
 
-Array = NDArray[np.float64]
 OFFSETS = tuple(f"{letter}.{kind}" for letter in "abcde" for kind in ("tx", "ty", "rz", "rx"))
 
 

@@ -42,41 +42,8 @@ def test_the_picture_shows_every_room_and_nothing_red() -> None:
     assert house.BACK not in picture
 
 
-@pytest.mark.parametrize(
-    ("text", "user", "used", "lazy"),
-    [
-        ("from truepose.b import c", "a", "b", False),
-        ("from truepose import b", "a", "b", False),
-        ("import truepose.b", "a", "b", False),
-        ("from .b import c", "a", "b", False),
-        ("from . import c", "p.a", "p.c", False),
-        ("def f():\n    from truepose.b import c", "a", "b", True),
-        ("if TYPE_CHECKING:\n    from truepose.b import c", "a", "b", False),
-    ],
-)
-def test_every_way_to_import_is_seen(tmp_path: Path, text: str, user: str, used: str, lazy: bool) -> None:
-    known = {user: tmp_path / "user.py", used: tmp_path / "used.py"}
-    known[user].write_text(text, encoding="utf-8")
-    known[used].write_text("", encoding="utf-8")
-    assert house.imports(known) == [house.Import(user, used, lazy)]
-
-
-def test_a_circle_through_a_lazy_import_is_found(tmp_path: Path) -> None:
-    known = {name: tmp_path / f"{name}.py" for name in "abc"}
-    for name, text in zip(
-        "abc", ("import truepose.b", "def f():\n    import truepose.a", "import truepose.a"), strict=True
-    ):
-        known[name].write_text(text, encoding="utf-8")
-    assert house.circles(house.imports(known)) == [["a", "b"]]
-
-
 def test_the_product_does_not_name_its_proof(known: dict[str, Path]) -> None:
     """The examination and the studies in ``proof/`` depend on the product; code, comments and docstrings know of neither."""
     names = re.compile(r"\b(?:challenge|benchmarks)[./]\w|\bproof/|python -m (?:challenge|benchmarks)")
     naming = {name: names.findall(path.read_text(encoding="utf-8")) for name, path in known.items()}
     assert {name: words for name, words in naming.items() if words} == {}
-
-
-def test_an_import_from_above_runs_back() -> None:
-    up, down = house.Import("models.load", "cli", True), house.Import("cli", "models.load", False)
-    assert house.running_back([up, down]) == [up]

@@ -16,6 +16,8 @@ import pytest
 
 from support import ROOT
 
+pytestmark = pytest.mark.nightly
+
 FOLDERS = ("models", "identification", "codegen")
 LINKS = tuple(f"src/truepose/{folder}" for folder in FOLDERS)
 PLACES = """\

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
-import shlex
 import subprocess
 import sys
 import zipfile
@@ -16,9 +14,6 @@ from typer.testing import CliRunner
 
 from support import ROOT
 from truepose.cli import app
-from truepose.models.effects.base import effects
-from truepose.models.load import load_machine
-from truepose.models.registry import load_plugin
 
 FOLDERS = ("models", "identification", "codegen")
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -42,20 +37,6 @@ DATA = {
     "truepose/identification/report/templates/scene.js",
     "truepose/codegen/templates/kin.c.j2",
 }
-
-ARM = """\
-schema: truepose/machine/1
-name: arm
-mechanism:
-  type: serial
-  joints:
-    - {name: slide, kind: prismatic, range: [-100, 100]}
-    - {name: q2, kind: revolute, alpha: 90, d: 300, r: 20, range: [-60, 60]}
-    - {name: q3, kind: revolute, alpha: 90, d: 200, range: [-60, 60]}
-frames: {tool: {in: flange, xyz: [150, 0, 40], tolerance: {xyz: 1}}}
-sensor: {type: position, sigma: {xyz: 0.01}}
-tolerances: {length: 0.1, angle: 0.1}
-"""
 
 
 def _run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -87,6 +68,7 @@ def _installed(name: str) -> str | None:
     return inside if inside != name and not (ROOT / name).is_symlink() else None
 
 
+@pytest.mark.nightly
 def test_the_wheel_holds_the_tracked_files_and_nothing_else(tmp_path: Path) -> None:
     """Nothing else: no file of the examination, the studies and the tests, either."""
     expected = {place for name in _tracked() if (place := _installed(name)) is not None}
@@ -109,14 +91,6 @@ def test_the_tests_command_of_the_readme_is_that_of_ci() -> None:
     assert os.access(ROOT / ".ci" / "run", os.X_OK)
 
 
-def test_the_commands_of_the_readme_set_themselves_up() -> None:
-    (job,) = [line for line in COMMANDS if "demo" in line]
-    for command in (job, *(line for line in COMMANDS if "pytest" in line)):
-        first, install, *_ = command.split(" && ")
-        assert first == "python3 -m venv .venv"
-        assert shlex.split(install)[:2] == [".venv/bin/pip", "install"]
-
-
 PLUGGED = ["--plugin", "travel_cubic.py"]
 """The options that load the guide's effect."""
 
@@ -136,30 +110,6 @@ def test_the_effect_of_the_guide_is_a_plugin(tmp_path: Path, monkeypatch: pytest
     _command("simulate", *poses, "-o", "out.csv", *PLUGGED, "--effect", "travel-cubic@rho2:k=0.001[1/mm^2]")
     assert (tmp_path / "out.csv").is_file()
     assert "Scale that changes along the travel" in _command("effects", "travel-cubic", *PLUGGED)
-
-
-def test_the_effect_of_the_guide_acts_on_what_travels(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Its k is per mm^2: the polisher's legs and a slide have it, and no joint that turns."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "travel_cubic.py").write_text(PLUGIN, encoding="utf-8")
-    (tmp_path / "arm.yaml").write_text(ARM, encoding="utf-8")
-    places = {"arm.yaml": ["slide"], str(ROOT / "models/machines/polisher/machine.yaml"): ["q1", "q2", "q3"]}
-    for machine, slides in places.items():
-        loaded = load_machine(tmp_path / machine)
-        load_plugin(tmp_path / "travel_cubic.py")
-        effect = effects.get("travel-cubic", "")()
-        assert [place for (place,) in effect.places(loaded)] == slides
-        assert {a.unit for a in loaded.mechanism.actuators} == {"mm", "rad"}
-    rows = [f"{10 * k - 95},{(37 * k) % 101 - 50},{(53 * k) % 103 - 51}" for k in range(20)]
-    (tmp_path / "poses.csv").write_text("\n".join(["slide,q2,q3", *rows]), encoding="utf-8")
-    bent = ["--effect", "travel-cubic@slide:k=1e-6[1/mm^2]"]
-    _command("simulate", "arm.yaml", "poses.csv", "-o", "read.csv", *bent, *PLUGGED)
-    _command("diagnose", "arm.yaml", "read.csv", "-o", "out", *PLUGGED)
-    diagnosis = json.loads((tmp_path / "out" / "diagnosis.json").read_text(encoding="utf-8"))
-    screened = {tuple(c["place"]) for c in diagnosis["candidates"] if c["effect"] == "travel-cubic"}
-    assert screened == {("slide",)}
 
 
 def test_links_of_the_documents_lead_somewhere() -> None:

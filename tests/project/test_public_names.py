@@ -5,14 +5,12 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
-from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 
 import pytest
 
 import truepose
-from support import TESTS
 from truepose import errors
 
 SOURCE = Path(truepose.__file__).read_text(encoding="utf-8")
@@ -105,51 +103,3 @@ def test_what_only_type_checkers_need_is_not_imported(module: str, left: tuple[s
     probe = f"import sys, truepose.{module}; print([m for m in {left!r} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, check=True)
     assert done.stdout == "[]\n"
-
-
-def behind(text: str) -> Iterator[str]:
-    """Names with an underscore that a file of tests takes from a module: imported, read, or put in another's place."""
-    for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.ImportFrom):
-            yield from (alias.name for alias in node.names if private(alias.name))
-        elif isinstance(node, ast.Attribute) and private(node.attr):
-            owner = ast.unparse(node.value)
-            yield from [] if owner in ("self", "cls", "os", "ctypes") else [f"{owner}.{node.attr}"]
-        elif (
-            isinstance(node, ast.Call)
-            and isinstance(node.func, ast.Attribute)
-            and node.func.attr == "setattr"
-            and ast.unparse(node.args[0]) != "os"
-        ):
-            texts = [a.value for a in node.args if isinstance(a, ast.Constant) and isinstance(a.value, str)]
-            yield from (text for text in texts if private(text.rpartition(".")[2]))
-
-
-def private(name: str) -> bool:
-    """Not so ``__version__``, and ``_repr_html_`` of notebooks."""
-    return name.startswith("_") and not name.endswith("_")
-
-
-def test_tests_come_in_by_the_public_door() -> None:
-    """What a test needs is a name that a reader of the module sees as well."""
-    files = sorted(TESTS.rglob("*.py"))
-    found = {str(file.relative_to(TESTS)): list(behind(file.read_text(encoding="utf-8"))) for file in files}
-    assert len(found) > 200
-    assert {file: names for file, names in found.items() if names} == {}
-
-
-@pytest.mark.parametrize(
-    ("text", "names"),
-    [
-        ("from truepose.models.lie import _skew, skew", ["_skew"]),
-        ("lie._skew(1), lie.skew(1)", ["lie._skew"]),
-        (
-            "patch.setattr(lie, '_skew', 1), patch.setattr('models.lie._skew', 1)",
-            ["_skew", "models.lie._skew"],
-        ),
-        ("patch.setattr(os, '_exit', 1)", []),
-        ("self._skew, os._exit(0), result._repr_html_(), truepose.__version__", []),
-    ],
-)
-def test_a_way_round_the_public_door_is_seen(text: str, names: list[str]) -> None:
-    assert list(behind(text)) == names

@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 import importlib.metadata
-import json
 import re
-import runpy
 import sys
 import tomllib
 from collections.abc import Iterator
-from functools import cache
-from pathlib import Path
-from typing import Any
 
 import pytest
 from packaging.markers import default_environment
@@ -100,44 +95,3 @@ def test_the_lock_has_all_that_is_installed() -> None:
     found = set(needed(direct()))
     assert len(found) > len(direct())
     assert found - locked.keys() == set()
-
-
-@cache
-def sbom() -> dict[str, Any]:
-    pytest.importorskip("cyclonedx_py")
-    return runpy.run_path(str(ROOT / ".ci" / "sbom.py"))
-
-
-@pytest.fixture(scope="module")
-def text() -> str:
-    """Of this environment; a release is held against the schema, too, which takes ten seconds with all that is here."""
-    return str(sbom()["listed"](Path(sys.executable), "--no-validate"))
-
-
-def test_the_list_has_every_dependency_with_version_origin_and_licence(text: str) -> None:
-    document = json.loads(text)
-    assert (document["bomFormat"], document["specVersion"]) == ("CycloneDX", "1.6")
-    assert sbom()["faults"](document, PROJECT) == []
-    refs = {one["bom-ref"] for one in document["components"]} | {document["metadata"]["component"]["bom-ref"]}
-    assert {one["ref"] for one in document["dependencies"]} == refs
-
-
-def test_the_list_is_the_same_each_time(text: str) -> None:
-    assert sbom()["listed"](Path(sys.executable), "--no-validate") == text
-    assert not {"serialNumber", "timestamp"} & (json.loads(text).keys() | json.loads(text)["metadata"].keys())
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "said"),
-    [
-        ("version", "1.25", "numpy: found version 1.25, expected >=1.26"),
-        ("purl", "", "numpy: found no purl"),
-        ("licenses", [], "numpy: found no licenses"),
-        ("name", "numpie", "numpy: found version none, expected >=1.26"),
-    ],
-)
-def test_a_list_that_lacks_something_is_refused(text: str, key: str, value: object, said: str) -> None:
-    document = json.loads(text)
-    (numpy,) = [one for one in document["components"] if one["name"] == "numpy"]
-    numpy[key] = value
-    assert said in sbom()["faults"](document, PROJECT)

@@ -14,6 +14,7 @@ import pandas as pd
 import pytest
 
 import truepose
+from support.examples import by_day
 from support.results import BUNDLED, RESULTS, calibration, diagnosis, machine, recording
 from support.round_trips import check_round_trip
 from truepose.errors import InputError
@@ -34,7 +35,8 @@ FITTED: Mapping[str, Callable[[], Fitted]] = {
     "diagnosis": diagnosis,
     "after": lambda: diagnosis().after,
 }
-each = pytest.mark.parametrize("name", FITTED)
+each = pytest.mark.parametrize("name", by_day(FITTED, "nanopositioner", "estimate", "diagnosis"))
+SLOW = {"check", "diagnose"}
 
 
 def rows_of(result: Any) -> Recording:
@@ -148,7 +150,7 @@ def outcome(function: str, given: object) -> tuple[str, object]:
     return str(found), found.to_numpy().tolist() if isinstance(found, pd.DataFrame) else None
 
 
-@pytest.mark.parametrize("function", TAKE_MACHINES)
+@pytest.mark.parametrize("function", by_day(TAKE_MACHINES, *TAKE_MACHINES.keys() - SLOW))
 def test_a_result_is_taken_in_a_machine_s_place(function: str) -> None:
     """What comes out is what the result's machine gives."""
     assert outcome(function, calibration()) == outcome(function, calibration().machine)
@@ -175,7 +177,7 @@ TAKE_ROWS: Mapping[str, Callable[[Any], Any]] = {
 """Public functions of rows; ``diagnose`` reads them as ``estimate`` does."""
 
 
-@pytest.mark.parametrize("function", TAKE_ROWS)
+@pytest.mark.parametrize("function", by_day(TAKE_ROWS, *TAKE_ROWS.keys() - SLOW))
 def test_a_table_is_taken_in_a_recording_s_place(function: str) -> None:
     """A DataFrame and a dict of columns are the recording that ``load_recording`` makes of them."""
     frame = recording().to_frame().reset_index(drop=True)

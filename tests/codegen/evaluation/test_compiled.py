@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from support.built_machines import TEXTS, manufactured, read_machines, simulated
 from support.engines import compile_all, compile_none
-from support.examples import examples
+from support.examples import by_day, examples
 from support.generated_c import needs_compiler
 from truepose.codegen.evaluation import compiled, engine, rowwise
 from truepose.codegen.evaluation.batch import BatchFunction
@@ -196,6 +196,7 @@ def test_where_libraries_are_kept(tmp_path: Path) -> None:
     assert not own.stat().st_mode & 0o077
 
 
+@pytest.mark.nightly
 @needs_compiler
 def test_processes_share_a_cache(cache: Path, tmp_path: Path) -> None:
     """Several at once, each of which finds it empty."""
@@ -250,7 +251,7 @@ def test_what_c_cannot_say_is_left_to_the_virtual_machine(cache: Path, expressio
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", TEXTS)
+@pytest.mark.parametrize("name", by_day(TEXTS, "arm"))
 def test_a_calibration_is_the_same_by_both(
     cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
@@ -267,6 +268,7 @@ def test_a_calibration_is_the_same_by_both(
     assert fast.notes == slow.notes
 
 
+@pytest.mark.nightly
 def test_a_calibration_says_that_it_went_slowly(
     cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -30,7 +30,6 @@ from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 XYZ, TURNS = ("x", "y", "z"), ("rx", "ry", "rz")
-INF = float("inf")
 
 
 def law(count: int) -> settings:
@@ -64,7 +63,7 @@ def with_seen(recording: Recording, position: Array, turns: Rotation | None) -> 
     return replace(recording, observations=read)
 
 
-@law(40)
+@law(18)
 @given(machines, st.integers(0, 20), shares, seeds)
 def test_a_machine_inside_its_tolerances_is_not_refused(
     machine: Machine, more: int, share: float, seed: int
@@ -74,7 +73,7 @@ def test_a_machine_inside_its_tolerances_is_not_refused(
     assert found.verdict != "wrong", words(found)
 
 
-@law(40)
+@law(18)
 @given(machines, st.integers(0, 20), shares, seeds)
 def test_a_machine_as_it_is_drawn_is_right(machine: Machine, more: int, share: float, seed: int) -> None:
     rows = right_recording(machine, fewest_rows(machine) + more, seed, off=0.0, share=share)

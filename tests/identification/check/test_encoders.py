@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 
 import truepose
 from support.checked_arm import Document, written
@@ -16,7 +15,6 @@ from truepose.identification.leaves.check.encoders import encoders
 from truepose.identification.leaves.check.pair import Pair
 from truepose.identification.leaves.check.result import Found
 
-Array = NDArray[np.float64]
 ROWS = 20
 
 

@@ -21,6 +21,7 @@ from support.checked_arm import (
     recorded,
     written,
 )
+from support.examples import by_day
 from truepose.cli import app
 from truepose.identification.leaves.check.run import check_files
 
@@ -32,7 +33,7 @@ def right() -> pd.DataFrame:
     return recorded()
 
 
-@pytest.mark.parametrize("name", ["telescope", "nanopositioner", "polisher"])
+@pytest.mark.parametrize("name", by_day(["telescope", "nanopositioner", "polisher"], "polisher"))
 def test_the_bundled_pairs_are_left_in_peace(name: str) -> None:
     found = check_files(MACHINES / name / "machine.yaml", [MACHINES / name / "recording.csv"])[0]
     assert found.verdict == "ok", found.found
@@ -55,6 +56,7 @@ def test_what_needs_no_fit(right: pd.DataFrame, tmp_path: Path) -> None:
     assert ("offset", "wrong") in kinds(ranged, right)
 
 
+@pytest.mark.nightly
 def test_a_joint_that_was_not_logged(right: pd.DataFrame, tmp_path: Path) -> None:
     found = checked(tmp_path, document(), right.assign(q2=10.0)).found
     assert [(f.kind, f.where, f.verdict) for f in found] == [("joint-never-moves", ("q2",), "wrong")]
@@ -118,6 +120,7 @@ def test_a_convention_that_is_stated_wrongly_is_told_and_none_is_guessed(
         checked(tmp_path, machine, right)
 
 
+@pytest.mark.nightly
 def test_readings_that_two_sensors_share(right: pd.DataFrame, tmp_path: Path) -> None:
     both = [ARM["sensor"], {"type": "position", "sigma": {"xyz": 0.03}}]
     found = checked(tmp_path, document(sensor=both), right)
@@ -136,6 +139,7 @@ def test_check_from_python(right: pd.DataFrame, tmp_path: Path) -> None:
         truepose.check(truepose.load_machine(written(tmp_path, document(sensor=None), right)[0]), right)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(("share", "verdict"), [(0.05, "suspect"), (0.5, "wrong")])
 def test_a_misfit_that_nothing_explains(
     share: float, verdict: str, right: pd.DataFrame, tmp_path: Path
@@ -149,6 +153,7 @@ def test_a_misfit_that_nothing_explains(
     assert found.verdict == verdict
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("sensor", ["as it is", "position"])
 @pytest.mark.parametrize("name", ["ur10-laser-tracker/configurations", "stewart-mocap/session_60"])
 def test_real_recordings_in_another_unit(shared: Path, name: str, sensor: str, tmp_path: Path) -> None:

@@ -59,6 +59,7 @@ def test_a_mended_pair_is_not_written_over_its_source(right: pd.DataFrame, tmp_p
         Pair.read(machine, [recording]).write(tmp_path)
 
 
+@pytest.mark.nightly
 def test_a_robot_description_goes_with_the_mended_machine_file(tmp_path: Path) -> None:
     """The machine file keeps its comments, and its URDF stands beside it, so that the mended pair is whole."""
     (tmp_path / "given" / "parts").mkdir(parents=True)
@@ -78,6 +79,7 @@ def test_a_robot_description_goes_with_the_mended_machine_file(tmp_path: Path) -
     assert mended.read_text(encoding="utf-8") == DESCRIBED.replace("parts/arm.urdf", "arm.urdf")
 
 
+@pytest.mark.nightly
 def test_a_urdf_in_millimetres_is_mended(tmp_path: Path) -> None:
     (tmp_path / "parts").mkdir()
     (tmp_path / "m.yaml").write_text(DESCRIBED, encoding="utf-8")
@@ -95,6 +97,7 @@ def test_a_urdf_in_millimetres_is_mended(tmp_path: Path) -> None:
     assert check_files(tmp_path / "mended/m.yaml", [tmp_path / "mended/r.csv"])[0].verdict == "ok"
 
 
+@pytest.mark.nightly
 def test_lengths_of_a_urdf_alone_are_rescaled() -> None:
     text = """<joint name="a" type="prismatic"><origin rpy="0 0 1" xyz="1 -2.5 0"/><axis xyz="0 0 1"/>
 <limit lower="-3" upper="4" effort="5"/></joint>
@@ -103,6 +106,7 @@ def test_lengths_of_a_urdf_alone_are_rescaled() -> None:
     assert rescaled(text, 10.0) == grown.replace('"-3" upper="4" effort', '"-30" upper="40" effort')
 
 
+@pytest.mark.nightly
 def test_a_zero_counts_within_the_range(right: pd.DataFrame, tmp_path: Path) -> None:
     """An encoder that starts again after a turn: mended readings are back in the joint's range, one by one."""
     machine = document()
@@ -145,6 +149,7 @@ def platform(inch: float) -> Document:
     }
 
 
+@pytest.mark.nightly
 def test_a_platform_drawn_in_inches(tmp_path: Path) -> None:
     """Its loops close from a home that is in inches, too, with strokes longer than the machine then seems to be."""
     (tmp_path / "right.yaml").write_text(document_text(platform(1.0)), encoding="utf-8")
@@ -174,6 +179,7 @@ def test_documents_are_mended_where_they_are(tmp_path: Path) -> None:
     assert pair.get(("mechanism", "legs", 0)) is None
 
 
+@pytest.mark.nightly
 def test_ranges_and_pitches_are_lengths_of_the_mechanism_too(tmp_path: Path) -> None:
     """A mechanism in inches in a file in millimetres: all its lengths are mended, those of its slides as well."""
 

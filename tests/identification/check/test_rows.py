@@ -119,6 +119,7 @@ def set_up(machine: Machine, frame: str, axis: int, mm: float, cut: int, seed: i
     )
 
 
+@pytest.mark.nightly
 @law(5)
 @given(
     seeds,
@@ -143,6 +144,7 @@ def test_a_frame_that_moved_is_told_with_row_direction_and_size(
     assert row == cut + 1, first.says
 
 
+@pytest.mark.nightly
 def test_set_ups_are_mended_by_sessions(tmp_path: Path) -> None:
     """Each gets a number in a column; where a file says so already, it is a suspect, and a small move is physics."""
     rows = recorded()

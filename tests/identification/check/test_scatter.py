@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import truepose
 from support import MACHINES
@@ -18,8 +17,6 @@ from truepose.identification.leaves.check.result import Found
 from truepose.identification.leaves.check.rig import Rig
 from truepose.identification.leaves.check.scene import chosen
 from truepose.identification.leaves.check.sigma import FAR, sigmas
-
-Array = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")

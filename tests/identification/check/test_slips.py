@@ -22,6 +22,7 @@ from support.checked_arm import (
     metres,
     recorded,
 )
+from support.examples import by_day
 from truepose.identification.leaves.check.pair import Pair
 from truepose.identification.leaves.check.result import Check
 from truepose.identification.leaves.check.run import check_files
@@ -217,7 +218,14 @@ def mended_check(found: Check, folder: Path) -> Check:
     return check_files(folder / "mended/arm.yaml", [folder / "mended/r.csv"])[0]
 
 
-@pytest.mark.parametrize(("slip", "kind", "where", "says"), SLIPS, ids=[s[0].__name__ for s in SLIPS])
+BY_DAY = {metres, backwards, inverse, never_set, swapped}
+
+
+@pytest.mark.parametrize(
+    ("slip", "kind", "where", "says"),
+    by_day(SLIPS, *(case for case in SLIPS if case[0] in BY_DAY)),
+    ids=[s[0].__name__ for s in SLIPS],
+)
 def test_a_slip_is_named_and_the_mended_pair_is_right(
     slip: Callable[[pd.DataFrame], Spoilt],
     kind: str,
@@ -236,6 +244,7 @@ def test_a_slip_is_named_and_the_mended_pair_is_right(
     assert again.left is not None and again.left < 3.0  # tolerances of 0.2 mm and 0.05 deg over 1.2 m
 
 
+@pytest.mark.nightly
 def test_tolerances_that_allow_for_anything_prove_nothing(right: pd.DataFrame, tmp_path: Path) -> None:
     """Degrees under ``angle: rad``: half a radian takes up whatever is left, and the unit is named all the same."""
     machine = document(units={"angle": "rad"})
@@ -264,6 +273,7 @@ def grown(machine: Document, factor: float) -> Document:
     return machine
 
 
+@pytest.mark.nightly
 def test_of_two_scales_that_fit_alike_the_machine_of_a_usual_size(
     right: pd.DataFrame, tmp_path: Path
 ) -> None:
@@ -275,6 +285,7 @@ def test_of_two_scales_that_fit_alike_the_machine_of_a_usual_size(
     assert checked(tmp_path, grown(machine, 0.001), rows).found[0].says == "the machine file's lengths in m"
 
 
+@pytest.mark.nightly
 def test_gross_readings_hide_no_slip(right: pd.DataFrame, tmp_path: Path) -> None:
     rows = right.copy()
     rows.loc[[4, 30, 41], "z"] += 5000.0
@@ -284,6 +295,7 @@ def test_gross_readings_hide_no_slip(right: pd.DataFrame, tmp_path: Path) -> Non
     assert [(f.kind, f.verdict) for f in alone.found] == [("rows-stand-out", "suspect")]
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "both",
     [
@@ -306,6 +318,7 @@ def test_two_slips_at_once_are_told_for_what_they_are(
     assert mended_check(found, tmp_path).verdict == "ok"
 
 
+@pytest.mark.nightly
 def test_targets_whose_exchange_is_a_turn_of_the_tool(right: pd.DataFrame, tmp_path: Path) -> None:
     """Two of three targets of an isosceles triangle: readings alone are as well explained by a tool that was turned over."""
     points = {"P1": [0.0, 30.0, 0.0], "P2": [0.0, -30.0, 0.0], "P3": [80.0, 0.0, 0.0]}

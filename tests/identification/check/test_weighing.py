@@ -12,7 +12,6 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from support.checked_arm import EXACT, Document, checked, document, recorded, rig_of
 from support.examples import examples
@@ -35,7 +34,6 @@ from truepose.identification.leaves.check.weighing import (
 )
 from truepose.identification.prediction.predictor import Predictor
 
-Array = NDArray[np.float64]
 FINE = {"type": "pose", "sigma": {"xyz": 1e-4, "rot": 1e-4}}
 INF = float("inf")
 
@@ -220,6 +218,7 @@ def test_of_two_slips_that_fit_alike_none_is_mended(tmp_path: Path) -> None:
     assert "+ q2" in asked and "+ q4" in asked
 
 
+@pytest.mark.nightly
 def test_a_slip_that_leaves_too_much_is_a_question(tmp_path: Path) -> None:
     """Scatter of 50 mm behind a wrong sign: no mend, and it is said that more is wrong."""
     rows, rng = recorded(), np.random.default_rng(2)

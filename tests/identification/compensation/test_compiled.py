@@ -13,6 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 from support.calibrated_machines import calibrated, path_file
+from support.examples import by_day
 from support.generated_c import needs_compiler
 from truepose.cli import app
 from truepose.codegen.c import generate
@@ -64,7 +65,7 @@ def assert_same(machine: Machine, one: Array, other: Array) -> None:
 
 
 @needs_compiler
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", by_day(KINDS, "arm", "polisher"))
 def test_the_c_gives_the_commands_that_numpy_gives(kind: str, tmp_path: Path) -> None:
     machine, path = machine_and_path(kind, tmp_path)
     by_c, by_numpy = both(machine, path)
@@ -76,7 +77,7 @@ def test_the_c_gives_the_commands_that_numpy_gives(kind: str, tmp_path: Path) ->
 
 
 @needs_compiler
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", by_day(KINDS, "arm", "polisher"))
 def test_the_controllers_function_means_the_same(kind: str, tmp_path: Path) -> None:
     """NAME_compensate as ``truepose codegen`` writes it, row by row with the row's drivers."""
     machine, path = machine_and_path(kind, tmp_path, 12)
@@ -138,6 +139,7 @@ def test_without_a_compiler_numpy_does_it(tmp_path: Path, monkeypatch: pytest.Mo
     assert "60 rows, solved by numpy" in result.stdout
 
 
+@pytest.mark.nightly
 @needs_compiler
 def test_rows_that_the_c_leaves_are_solved_by_numpy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     machine, path = machine_and_path("hexapod", tmp_path)

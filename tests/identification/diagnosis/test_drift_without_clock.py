@@ -23,6 +23,7 @@ from support.drifting_arm import (
     rotation_vector,
     tool_pose,
 )
+from support.examples import by_day
 from truepose.api import diagnose, predict
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.write_machine import write_calibrated
@@ -88,7 +89,7 @@ def drifting(tmp_path_factory: pytest.TempPathFactory) -> Diagnosis:
     return diagnose(arm(tmp_path_factory.mktemp("drifting")), recorded(base_drifts))
 
 
-@pytest.mark.parametrize("order", ["random", "raster"])
+@pytest.mark.parametrize("order", by_day(["random", "raster"], "random"))
 def test_a_base_that_drifts_is_named_without_a_clock(tmp_path: Path, drifting: Diagnosis, order: str) -> None:
     found = drifting if order == "random" else diagnose(arm(tmp_path), recorded(base_drifts, order))
     assert named(found) == {("mount-drift", ("base",))}
@@ -111,6 +112,7 @@ def test_a_zero_that_drifts_is_known_by_joint_and_driver(tmp_path: Path) -> None
     assert found.remainder.driver == "row"
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(("moves", "effect"), [(scaled, "actuator-scale"), (uneven, "transmission-error")])
 def test_physics_of_a_joint_swept_once_is_no_drift(tmp_path: Path, moves: Moves, effect: str) -> None:
     """The joint's reading and the order of rows go together; base, tool and other joints are what tell them apart."""

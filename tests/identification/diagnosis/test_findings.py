@@ -8,7 +8,6 @@ from typing import cast
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from support.effect_machines import read_machines
 from support.effects import with_effect
@@ -28,8 +27,6 @@ from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.placed import EffectAtPlace
-
-Array = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from support.calibrated_machines import LOADED, SIX_AXES
@@ -27,7 +26,6 @@ from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 JOINTS = tuple(f"q{k}" for k in range(1, 7))
 ENDS = 200.0
 """N m, at which the forms of these tests end; torques of the arm lie within."""
@@ -184,6 +182,7 @@ def tipping(tmp_path_factory: pytest.TempPathFactory) -> Diagnosis:
     return diagnose(machine, load_recording(machine, [folder / "rows.csv"]))
 
 
+@pytest.mark.nightly
 def test_a_base_that_tips_is_found_at_the_base_and_driven_by_load(tipping: Diagnosis) -> None:
     """It is no sag in proportion, and nothing is said of the joints."""
     (base,) = (f for f in tipping.findings if f.place == ("base",))

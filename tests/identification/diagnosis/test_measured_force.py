@@ -48,8 +48,11 @@ def diagnosed(folder: Path, seed: int, gravity: Array | None) -> Diagnosis:
 
 @pytest.mark.parametrize(
     ("seed", "gravity"),
-    [(1, None), (2, np.array([0.0, 0.0, -G])), (3, np.array([G, 0.0, 0.0]))],
-    ids=["no weights", "upright", "on a wall"],
+    [
+        pytest.param(1, None, id="no weights"),
+        pytest.param(2, np.array([0.0, 0.0, -G]), id="upright"),
+        pytest.param(3, np.array([G, 0.0, 0.0]), id="on a wall"),
+    ],
 )
 def test_joints_that_yield_to_a_measured_force_are_named(
     tmp_path: Path, seed: int, gravity: Array | None

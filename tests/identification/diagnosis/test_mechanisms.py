@@ -10,11 +10,8 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from support.shifting_bench import Bench, clock, the_only
-
-Array = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")
@@ -60,6 +57,7 @@ def test_a_gear_that_stiffens_is_a_compliant_joint(bench: Callable[[str, int], B
     assert 5e-6 < c.value < 8e-6
 
 
+@pytest.mark.nightly
 def test_slack_that_weight_takes_up_is_not_surely_a_compliant_joint(
     bench: Callable[[str, int], Bench],
 ) -> None:
@@ -73,6 +71,7 @@ def test_slack_that_weight_takes_up_is_not_surely_a_compliant_joint(
     assert all(f.probability < 0.9 for f in found.findings if f.effect == "joint-compliance")
 
 
+@pytest.mark.nightly
 def test_a_sigma_that_is_stated_too_small_takes_no_name_away(bench: Callable[[str, int], Bench]) -> None:
     """Most of the misfit is noise then, which no effect explains; it speaks against none."""
     arm, rows = bench("arm", 11), 240
@@ -89,6 +88,7 @@ def test_a_sigma_that_is_stated_too_small_takes_no_name_away(bench: Callable[[st
     assert finding.certainty > 0.45
 
 
+@pytest.mark.nightly
 def test_a_platform_that_bends_like_a_beam_is_named(bench: Callable[[str, int], Bench]) -> None:
     """Each leg lifts its own end; the others follow with the squared cosine of the angle between them."""
     hexapod, rows = bench("hexapod", 9), 40

@@ -59,6 +59,7 @@ def test_a_measured_torque_finds_a_compliance_although_nobody_weighed_anything(f
     assert all("joint-compliance" not in m.effects for m in missing_inputs(found.nominal, found.recording))
 
 
+@pytest.mark.nightly
 def test_the_other_sign_of_the_column_is_the_same_compliance(folder: Path, found: Diagnosis) -> None:
     machine = truepose.load_machine(folder / "arm.yaml")
     table = pd.read_csv(folder / "rows.csv")
@@ -101,6 +102,7 @@ def test_the_improved_machine_reads_the_torque(folder: Path, found: Diagnosis) -
     np.testing.assert_allclose(np.radians(loaded - free), -given, rtol=0.02)
 
 
+@pytest.mark.nightly
 def test_a_column_of_a_joints_drive_is_the_same_under_any_name(folder: Path, found: Diagnosis) -> None:
     """The result still says whose it is; read again, it drives that joint alone."""
     document = yaml.safe_load((folder / "arm.yaml").read_text(encoding="utf-8"))
@@ -119,6 +121,7 @@ def test_a_column_of_a_joints_drive_is_the_same_under_any_name(folder: Path, fou
     assert np.sqrt(np.mean(off**2)) < 1.3 * arm.SIGMA
 
 
+@pytest.mark.nightly
 def test_torques_need_no_declaration(folder: Path, found: Diagnosis) -> None:
     """And what they found is declared where the file is written."""
     document = yaml.safe_load((folder / "arm.yaml").read_text(encoding="utf-8"))
@@ -149,6 +152,7 @@ def tilting(folder: Path, **more: np.ndarray) -> Path:
     return folder / "r.csv"
 
 
+@pytest.mark.nightly
 def test_a_column_that_is_tried_is_found_and_then_declared(tmp_path: Path) -> None:
     rows = tilting(tmp_path, noise=np.random.default_rng(1).normal(size=70))
     command = ["diagnose", str(tmp_path / "arm.yaml"), str(rows), "-o", str(tmp_path / "out")]
@@ -164,6 +168,7 @@ def test_a_column_that_is_tried_is_found_and_then_declared(tmp_path: Path) -> No
     assert named.exit_code == 2 and "did you mean 'incline'?" in named.output
 
 
+@pytest.mark.nightly
 def test_columns_are_tried_when_asked_and_wherever_the_option_stands(tmp_path: Path) -> None:
     """Whatever they hold: a small arm says as much of it as a large one."""
     (tmp_path / "arm.yaml").write_text(MACHINE.format(length=0.1, angle=0.03, sigma=0.01), encoding="utf-8")

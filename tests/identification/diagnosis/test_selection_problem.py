@@ -8,7 +8,6 @@ from typing import cast
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.stats import multivariate_normal
 
 from support.effects import with_effect
@@ -27,9 +26,6 @@ from truepose.identification.signatures.linearisation import Linearisation
 from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine.machine import Machine
-
-Array = NDArray[np.float64]
-
 
 # -- evidence -----------------------------------------------------------------------------------------------
 

@@ -15,6 +15,7 @@ from support.searched_arm import ARM, SCALE
 from truepose.errors import ConvergenceError
 from truepose.identification.diagnosis import stages
 from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
@@ -45,6 +46,12 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> tuple[Machine, Recording]:
     return machine, load_recording(machine, [folder / "rows.csv"])
 
 
+@pytest.fixture(scope="module")
+def whole(arm: tuple[Machine, Recording]) -> Diagnosis:
+    """The diagnosis of all rows at once."""
+    return diagnose(*arm)
+
+
 @given(st.integers(1, 3_000_000))
 def test_stages_grow_by_the_same_step(rows: int) -> None:
     counts = [rows, *stages.fewer_rows(rows)]
@@ -72,10 +79,9 @@ def test_each_stage_has_one_of_the_rows_that_follow_each_other(
 
 
 def test_in_stages_the_answer_is_that_of_all_rows_at_once(
-    arm: tuple[Machine, Recording], monkeypatch: pytest.MonkeyPatch
+    arm: tuple[Machine, Recording], whole: Diagnosis, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     machine, recording = arm
-    whole = diagnose(machine, recording)
     monkeypatch.setattr(stages, "MANY", 100)
     said = list[str]()
     found = diagnose(machine, recording, progress=said.append)
@@ -90,23 +96,24 @@ def test_in_stages_the_answer_is_that_of_all_rows_at_once(
             assert value.std == pytest.approx(other.parameters[name].std, rel=0.02)
 
 
-def test_halves_and_whole_are_summed_in_one_pass(arm: tuple[Machine, Recording]) -> None:
+def test_halves_and_whole_are_summed_in_one_pass(arm: tuple[Machine, Recording], whole: Diagnosis) -> None:
     machine, recording = arm
     cat = catalogue(machine, recording)
-    signatures, fit = Signatures(machine, recording, cat.candidates), diagnose(machine, recording).before
-    whole, halves = signatures.halved(fit)
+    signatures, fit = Signatures(machine, recording, cat.candidates), whole.before
+    both, halves = signatures.halved(fit)
     alone = signatures.linearise(fit)
     size = np.sqrt(np.diag(alone.gram))
     size[size == 0.0] = 1.0
     np.testing.assert_allclose(
-        whole.gram / size / size[:, None], alone.gram / size / size[:, None], atol=1e-12
+        both.gram / size / size[:, None], alone.gram / size / size[:, None], atol=1e-12
     )
     assert (
-        whole.counts == alone.counts == tuple(a + b for a, b in zip(*(h.counts for h in halves), strict=True))
+        both.counts == alone.counts == tuple(a + b for a, b in zip(*(h.counts for h in halves), strict=True))
     )
-    np.testing.assert_array_equal(whole.gram, halves[0].gram + halves[1].gram)
+    np.testing.assert_array_equal(both.gram, halves[0].gram + halves[1].gram)
 
 
+@pytest.mark.nightly
 def test_a_set_without_a_minimum_among_more_rows_is_found_again(
     arm: tuple[Machine, Recording], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.special import expit, softmax
 from scipy.stats import multivariate_normal
@@ -27,8 +26,6 @@ from truepose.identification.posterior.spike_slab import Members
 from truepose.identification.posterior.state import LOUDER, log_posterior, slot_odds
 from truepose.identification.prior import RICHNESS
 from truepose.models.load import load_machine
-
-Array = NDArray[np.float64]
 
 
 def test_evidence_is_that_of_the_dense_gaussian() -> None:

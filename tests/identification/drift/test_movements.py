@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 from scipy import stats
 
 from support import MACHINES
@@ -36,8 +35,6 @@ from truepose.identification.leaves.drift.sizes import joint_parameters, movemen
 from truepose.identification.leaves.drift.words import drift_notes
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
-
-Array = NDArray[np.float64]
 
 
 @pytest.mark.parametrize(("noise", "widening"), [(1.0, 0), (1.7, 2)])

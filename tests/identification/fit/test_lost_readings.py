@@ -194,6 +194,7 @@ def test_a_frame_nobody_measured_is_found_without_them(tmp_path: Path) -> None:
     np.testing.assert_allclose(aligned_start(Predictor(machine, gaps)), whole, atol=0.05)
 
 
+@pytest.mark.nightly
 def test_diagnosis_and_prediction_go_through(tmp_path: Path) -> None:
     machine = _machine(tmp_path, "targets")
     rows = _rows(machine, 60)

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from truepose.errors import InputError
 from truepose.identification.fit.decomposition import Decomposition
@@ -25,7 +24,6 @@ from truepose.models.file.machine_file import write_machine
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 TEXT = """
 schema: truepose/machine/1
 name: stage

@@ -185,6 +185,7 @@ def test_two_tools_are_one_calibration(tmp_path: Path) -> None:
     assert not calibrate(machine_of(tmp_path, **UNKNOWN), recording.files).judgement.calibrated
 
 
+@pytest.mark.nightly
 def test_a_diagnosis_with_two_tools_finds_nothing_amiss(tmp_path: Path) -> None:
     paths = files(tmp_path, monday=measured(joints(30, 3), 0.0, 7), tuesday=measured(joints(30, 4), 50.0, 8))
     machine = machine_of(tmp_path, LONG, **UNKNOWN)
@@ -192,6 +193,7 @@ def test_a_diagnosis_with_two_tools_finds_nothing_amiss(tmp_path: Path) -> None:
     assert not diagnosis.findings
 
 
+@pytest.mark.nightly
 def test_an_unknown_payload_of_one_recording_is_weighed(tmp_path: Path) -> None:
     """The arm's compliances are known, and tell what it carried on Tuesday: 7 kg, stated as 5 +- 3."""
     q, rng = joints(60, 9), np.random.default_rng(4)
@@ -244,6 +246,7 @@ def test_dated_files_share_a_clock(tmp_path: Path) -> None:
         load_recording(machine, [paths[0], *files(tmp_path, other=timed)], need_observations=False)
 
 
+@pytest.mark.nightly
 def test_a_base_that_drifts_from_day_to_day_has_a_rate(tmp_path: Path) -> None:
     """0.02 mm a day along x and 0.03 mm along z, over a fortnight; without dates it moves from session to session."""
     days, paths, dated = (0, 1, 2, 5, 9, 14), [], "recordings:\n"

@@ -121,6 +121,7 @@ def test_the_order_of_files_changes_no_residual(tmp_path: Path) -> None:
     assert a.chi2 == pytest.approx(b.chi2, rel=1e-4)
 
 
+@pytest.mark.nightly
 def test_what_is_stated_is_no_finding_and_no_movement(tmp_path: Path) -> None:
     one = campaign(tmp_path)
     assert check_loaded(one.machine, one.rows()).verdict == "ok"
@@ -145,6 +146,7 @@ def test_a_zero_that_moved_is_found_beside_frames_set_up_anew(tmp_path: Path) ->
     assert [m.name for m in found.moved] == ["q3.theta"]
 
 
+@pytest.mark.nightly
 def test_a_mount_taken_off_without_a_word_is_named(tmp_path: Path) -> None:
     """20 mm and 5 deg between two files, base and tool: far beyond any small motion."""
     moves = {

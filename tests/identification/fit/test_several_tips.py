@@ -137,6 +137,7 @@ def test_a_calibrated_file_predicts_what_the_fit_does(tmp_path: Path) -> None:
     assert np.abs(told[["R2.x", "R2.y", "R2.z"]].to_numpy() - read).max() < 0.1
 
 
+@pytest.mark.nightly
 def test_closed_contact_of_both_hands_needs_no_instrument(tmp_path: Path) -> None:
     """The left tool's ball touches two points of a rod in the right hand, nobody knows where: no reading but the joints."""
     rng, rows = np.random.default_rng(11), []

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from support import ROOT
 from support.built_machines import FRAMES, manufactured, nominal
@@ -24,7 +23,6 @@ from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 TELESCOPE = ROOT / "models/machines/telescope"
 
 

@@ -20,7 +20,6 @@ from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
-LINKS = ((0.0, 0.0, 300.0), (0.0, 0.0, 400.0), (0.0, 0.0, 350.0))
 AXES = ("z", "y", "y")
 ARM = (8.0, (0.0, 0.0, 200.0))  # kg and centre (mm) of the upper arm
 KG, COM = 3.2, np.array([25.0, -10.0, 80.0])  # what is really carried
@@ -151,6 +150,7 @@ def test_without_a_tolerance_nothing_is_unknown(tmp_path: Path) -> None:
     assert not any(p.name.startswith("payload") for p in machine.parameters)
 
 
+@pytest.mark.nightly
 def test_a_compliance_is_told_with_the_doubt_that_an_unweighed_payload_leaves(tmp_path: Path) -> None:
     """c of q3 carries the payload alone: its own 1-sigma must be that of the payload's kg, 1 of 2."""
     table = recorded(

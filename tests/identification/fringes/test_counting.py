@@ -18,6 +18,7 @@ from typer.testing import CliRunner
 
 from support import MACHINES
 from support import fringe_signal as signals
+from support.examples import by_day
 from support.fringe_journeys import FIBRE, cut, journeys
 from support.fringe_journeys import journey as series
 from truepose.cli import app
@@ -39,7 +40,10 @@ def read(run: Any, reflectivities: tuple[float, float] = FIBRE) -> Move:
     return read_move(run.t, run.signal, run.wavelength, reflectivities)
 
 
-@pytest.mark.parametrize(("samples", "noise"), list(itertools.product((200.0, 30.0, 8.0), (0.002, 0.01))))
+@pytest.mark.parametrize(
+    ("samples", "noise"),
+    by_day(itertools.product((200.0, 30.0, 8.0), (0.002, 0.01)), (30.0, 0.002), (8.0, 0.01)),
+)
 def test_error_is_below_5_nm_and_agrees_with_its_sigma(samples: float, noise: float) -> None:
     flagged = {False: 0, True: 0}
     for seed, (mirrors, turning) in enumerate(itertools.product((FIBRE, EQUAL), (False, True))):
@@ -246,6 +250,7 @@ def calibrated(lab: Path, rows: str, *options: object) -> dict[str, Any]:
     return fit
 
 
+@pytest.mark.nightly
 def test_light_calibrates_as_true_changes_of_length_do(lab: Path) -> None:
     known = calibrated(lab, "true.csv")
     counted = calibrated(lab, "rows.csv", "--irradiance", lab / "light.csv")

@@ -7,7 +7,6 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.stats import norm
 
 from support.fringe_series import joined_rows
@@ -21,7 +20,6 @@ from truepose.identification.leaves.fringes.photocurrent import SampleTable, Ser
 from truepose.identification.recording.recording import Recording
 from truepose.models.sensors.irradiance import Irradiance
 
-Array = NDArray[np.float64]
 BASE, SIGMA = 1.56e-3, 1e-5
 NOWHERE = End(False, 0.0, 0.01, 0.0)
 COUNT = Count(0.0, NOWHERE, NOWHERE, 0, Levels(np.zeros(1), np.zeros(1), np.ones(1)), 0.01, 0, ())

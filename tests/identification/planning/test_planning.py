@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from support import MACHINES
+from support.examples import by_day
 from support.graph_machines import machine_of
 from support.plans import NAMES, landscape, poses, written
 from truepose.errors import InputError
@@ -80,7 +81,10 @@ def test_exchange_ends_where_no_pose_added_and_another_eliminated_gains(name: st
 
 @pytest.mark.parametrize(
     ("name", "criterion"),
-    [*(("serial", c) for c in CRITERIA), ("pus", "d"), ("ups", "o1"), ("distance", "o5")],
+    by_day(
+        [*(("serial", c) for c in CRITERIA), ("pus", "d"), ("ups", "o1"), ("distance", "o5")],
+        *(("serial", c) for c in CRITERIA),
+    ),
 )
 def test_each_step_of_a_plan_is_no_worse_than_the_one_before(name: str, criterion: str) -> None:
     machine = machine_of(name)
@@ -124,7 +128,7 @@ def test_a_ruler_is_calibrated_at_its_ends(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("method", ["continuous", "exchange", "random"])
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", by_day(NAMES, "serial", "distance"))
 def test_plans_are_reproducible_and_can_be_measured(name: str, method: str, tmp_path: Path) -> None:
     """The same from the same seed, inside the ranges, and a recording of them can be simulated."""
     machine = machine_of(name)

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from support.examples import by_day
 from support.linear_problems import (
     FEW,
     RICHNESS,
@@ -77,7 +78,7 @@ def _run(problem: int, seed: int) -> Posterior:
 # -- against counting every set ---------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("problem", "seed"), [(0, 1), (1, 2), (2, 3)])
+@pytest.mark.parametrize(("problem", "seed"), by_day([(0, 1), (1, 2), (2, 3)], (1, 2)))
 def test_probabilities_are_those_of_all_sets_counted(long: None, problem: int, seed: int) -> None:
     """Sets, sizes, noise, tolerances and remainder; what slots were drawn from, and what they held."""
     dense = catalogue_problem(problem)
@@ -96,7 +97,7 @@ def test_probabilities_are_those_of_all_sets_counted(long: None, problem: int, s
         assert sets.get(key, 0.0) == pytest.approx(share, abs=0.03)
 
 
-@pytest.mark.parametrize("alone", [True, False])
+@pytest.mark.parametrize("alone", by_day([True, False], False))
 def test_causes_of_several_terms_are_counted_right(long: None, alone: bool) -> None:
     """Terms of one cause exclude each other, or a second one costs less than a first."""
     dense = catalogue_problem(1)
@@ -112,7 +113,7 @@ def test_causes_of_several_terms_are_counted_right(long: None, alone: bool) -> N
         assert sum(share for key, share in exact.sets.items() if {0, 1} <= set(key)) > 0.02  # it happens
 
 
-@pytest.mark.parametrize("slots", [1, 3, 24])
+@pytest.mark.parametrize("slots", by_day([1, 3, 24], 3))
 def test_one_term_is_as_probable_as_its_odds_in_however_many_slots(long: None, slots: int) -> None:
     """A single term of known gain: the odds are the prior's times the Bayes factor, which no order of drawing changes.
 
@@ -180,7 +181,9 @@ def test_the_answer_is_that_of_two_chains_by_themselves() -> None:
     assert found.disagreement == pytest.approx(float(np.max(np.abs(causes[0] - causes[1]))), abs=1e-9)
 
 
-@pytest.mark.parametrize("kinds", [[0, 0, 0, 0, 0, 0], [0, 1, 0, 1, 0, 1], [0, 0, 1, 1, 2, 2]])
+@pytest.mark.parametrize(
+    "kinds", by_day([[0, 0, 0, 0, 0, 0], [0, 1, 0, 1, 0, 1], [0, 0, 1, 1, 2, 2]], [0, 1, 0, 1, 0, 1])
+)
 def test_causes_of_one_kind_are_likelier_together(long: None, kinds: list[int]) -> None:
     """Every set counted with urns written out, for causes of few kinds, which are exchanged whole."""
     dense = catalogue_problem(1, strength=1.0)

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from support.linear_problems import (
     RICHNESS,
@@ -33,7 +32,6 @@ from truepose.identification.posterior.state import State, log_posterior
 from truepose.identification.posterior.terms import Term, Terms
 from truepose.identification.prior import Richness, Sizes
 
-Array = NDArray[np.float64]
 FOUR = Richness((0.25,), (0.0,), 4)
 ONE = Sizes(np.array([1.0]), np.array([0.0]))
 READINGS, WIDE = 40, 5

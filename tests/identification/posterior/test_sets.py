@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from support.linear_problems import (
@@ -27,7 +26,6 @@ from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.spike_slab import Conditional, SpikeSlab
 from truepose.identification.posterior.state import log_posterior, slot_odds
 
-Array = NDArray[np.float64]
 POINTS: Sequence[GridPoint] = (GridPoint((1, 0), 0, 0), GridPoint((0, 1), 1, 2), GridPoint((2, 1), 2, 1))
 
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from support.linear_problems import (
     RICHNESS,
@@ -24,9 +23,6 @@ from truepose.identification.posterior.memory import Memory
 from truepose.identification.posterior.sampler import Chain, Reach
 from truepose.identification.posterior.state import State, best_point, log_posterior, slot_odds, supports
 from truepose.identification.prior import RATIO_DOUBT, Richness
-
-Array = NDArray[np.float64]
-
 
 # -- the grid -----------------------------------------------------------------------------------------------------
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.problem import Problem
@@ -16,8 +15,6 @@ from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.machine.machine import Machine
 from truepose.threads import VARIABLE
-
-Array = NDArray[np.float64]
 
 
 def _series(machine: Machine, orders: float, seed: int) -> list[PlacedEffect]:

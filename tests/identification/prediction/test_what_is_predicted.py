@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 
 from support import MACHINES
 from truepose.errors import InputError
@@ -32,8 +31,6 @@ from truepose.models.effect_text import parse_effect
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
-
-Array = NDArray[np.float64]
 
 
 def machine_of(name: str, *texts: str) -> Machine:

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from support.program_robots import RAPID_MODULE, arms, joints, machine_file
+from support.program_robots import RAPID_MODULE, arms, machine_file
 from truepose.errors import InputError
 from truepose.identification.leaves.programs.dialects import DIALECTS
 from truepose.identification.leaves.programs.program import Program
@@ -180,8 +180,6 @@ def test_motions_of_a_script_and_what_they_go_to(machine: Machine) -> None:
     }
 
 
-Q = joints(1)[0]
-POSITION = DRAWN.pose(Q)[:3, 3]
 SPACE = st.text(alphabet=" \t", max_size=3)
 _TAKEN = re.compile(r"(?i)s?(ptp|lin|circ)|[xyzabcst]$|a\d|e\d|def|end")
 NAMES = st.from_regex(r"\A[A-Za-z][A-Za-z0-9_]{0,8}\Z").filter(lambda name: not _TAKEN.match(name))

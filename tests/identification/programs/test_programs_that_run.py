@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from support.examples import examples
 from support.program_robots import difference, machine_file
 from support.run_controller import Controller, stands
 from support.run_programs import DRAWN, REAL, Node, functions, programs, written
@@ -47,7 +48,7 @@ def check_law(dialect: str, text: str, found: Correction, taken: bool) -> int:
 
 
 @pytest.mark.parametrize("dialect", DIALECT_NAMES)
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=examples(15), deadline=None)
 @given(data=st.data())
 def test_every_motion_ends_where_it_was_meant(machine: Machine, dialect: str, data: st.DataObject) -> None:
     nodes: list[Node] = data.draw(programs(dialect, blocks=False))
@@ -60,7 +61,7 @@ def test_every_motion_ends_where_it_was_meant(machine: Machine, dialect: str, da
 
 
 @pytest.mark.parametrize("dialect", DIALECT_NAMES)
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=examples(15), deadline=None)
 @given(data=st.data())
 def test_in_branches_and_loops_a_motion_ends_where_it_was_meant_or_is_listed(
     machine: Machine, dialect: str, data: st.DataObject
@@ -72,7 +73,7 @@ def test_in_branches_and_loops_a_motion_ends_where_it_was_meant_or_is_listed(
 
 
 @pytest.mark.parametrize("dialect", DIALECT_NAMES)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=examples(25), deadline=None)
 @given(data=st.data())
 def test_with_a_function_a_motion_ends_where_it_was_meant_or_is_listed(
     machine: Machine, dialect: str, data: st.DataObject

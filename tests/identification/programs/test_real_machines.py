@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
@@ -19,7 +18,6 @@ from truepose.identification.compensation.compiled import base_frame
 from truepose.identification.compensation.inverse import PoseSolver
 from truepose.identification.compensation.rows import ideal_constants
 
-Array = NDArray[np.float64]
 DRAWN, REAL = arms()
 LOADED = """masses:
   arm: {kg: 6.0, com: [0, 0, 100], in: link3}

@@ -10,6 +10,7 @@ import pytest
 import truepose
 import truepose.models
 from support.browser import browser, tried
+from support.examples import by_day
 from support.reports import arm, synthetic
 from support.results import diagnosis
 from truepose.identification.report.pages import report_html
@@ -105,7 +106,7 @@ PAGES: dict[str, Callable[[Path], str]] = {
 }
 
 
-@pytest.fixture(scope="module", params=PAGES)
+@pytest.fixture(scope="module", params=by_day(PAGES, "made up"))
 def page(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> str:
     return PAGES[request.param](tmp_path_factory.mktemp("page"))
 
@@ -119,6 +120,7 @@ def test_no_error_no_text_upon_another_nothing_too_wide(page: str, tmp_path: Pat
         assert found["wide"] <= 0, width
 
 
+@pytest.mark.nightly
 def test_dark_and_light_differ_and_both_can_be_read(page: str, tmp_path: Path) -> None:
     """Contrast of text on its paper: 4.5 or more, as WCAG 2.1 asks for."""
     script = """
@@ -139,6 +141,7 @@ def test_dark_and_light_differ_and_both_can_be_read(page: str, tmp_path: Path) -
     assert min(*bright[:-1], *dark[:-1]) >= 4.5
 
 
+@pytest.mark.nightly
 def test_a_click_on_a_pose_is_answered_everywhere(tmp_path: Path) -> None:
     found, console = tried(_diagnosis(tmp_path), CLICK, tmp_path, 1200)
     assert console == []
@@ -149,6 +152,7 @@ def test_a_click_on_a_pose_is_answered_everywhere(tmp_path: Path) -> None:
     assert found["rings"] == found["series"] > 20
 
 
+@pytest.mark.nightly
 def test_a_click_on_a_point_picks_its_pose_and_tables_sort(tmp_path: Path) -> None:
     found, console = tried(_diagnosis(tmp_path), PICK, tmp_path, 1200)
     assert console == []

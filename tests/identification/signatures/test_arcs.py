@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from support.effect_machines import read_machines
 from support.effects import with_effect
@@ -15,8 +14,6 @@ from truepose.identification.signatures.arcs import series_ports, turned
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.empirical import Empirical
 from truepose.models.machine.machine import Machine
-
-Array = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from support.searched_arm import ARM
 from truepose.identification.prior import ELSEWHERE
@@ -22,7 +21,6 @@ from truepose.models.effects.empirical_sources import seen_over
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 ROWS = 40
 HEAVY = "gravity: [0, 0, -9.80665]\nmasses: {head: {kg: 20, com: [0, 0, 0], in: tool}}\n"
 

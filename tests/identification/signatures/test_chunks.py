@@ -92,6 +92,7 @@ def alike(some: list[Linearisation], others: list[Linearisation]) -> bool:
     return bool(pairs) and all(np.array_equal(a, b) for a, b in pairs) and all(counts)
 
 
+@pytest.mark.nightly
 def test_a_cluster_gives_the_same_digits(
     machine: Machine, recording: Recording, dask: Cluster, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -122,6 +123,7 @@ def test_chunks_add_up_to_the_whole(
             )  # rounding of some hundred terms
 
 
+@pytest.mark.nightly
 def test_workers_load_the_plugins_that_candidates_are_of(
     machine: Machine, recording: Recording, dask: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -137,6 +139,7 @@ def test_workers_load_the_plugins_that_candidates_are_of(
         assert alike(here, drawn(signatures))
 
 
+@pytest.mark.nightly
 def test_tasks_of_any_size_are_sent_without_a_warning(
     machine: Machine, recording: Recording, dask: Cluster, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -173,6 +176,7 @@ def test_rows_alone_keep_what_their_order_told(
         assert told is None or kept is None or np.array_equal(told, kept)
 
 
+@pytest.mark.nightly
 def test_the_command_writes_the_same_files(
     dask: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

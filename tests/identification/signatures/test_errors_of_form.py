@@ -6,15 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from support.sensor_bench import Bench
 from truepose.identification.prior import FORM_ERROR
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.forms import Forms
 from truepose.models.machine.machine import Machine
-
-Array = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")

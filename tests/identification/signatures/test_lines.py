@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from support.sensor_bench import Bench
 from truepose.identification.diagnosis.engine import diagnose
@@ -25,8 +24,6 @@ from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.transmission_error import TransmissionError
 from truepose.models.machine.machine import Machine
-
-Array = NDArray[np.float64]
 
 
 @settings(max_examples=20, deadline=None)
@@ -84,6 +81,7 @@ def _with_line(recording: Recording, machine: Machine, order: float) -> Recordin
     return replace(recording, q=q)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("order", [100.0, 101.0])
 def test_an_order_of_a_hundred_is_named_without_a_gear_ratio(tmp_path: Path, order: float) -> None:
     """The simulation turns the reading, and knows no effect of the catalogue; contraction by 0.025 settles it."""

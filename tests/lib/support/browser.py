@@ -58,7 +58,7 @@ def tried(
     assert program is not None
     profile, size = f"--user-data-dir={folder / 'profile'}", f"--window-size={width},{height}"
     command = [program, *FLAGS, profile, size, *flags, "--dump-dom", file.as_uri()]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=True)
     found = _FOUND.search(done.stdout)
     console = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
     assert found is not None, console

@@ -119,8 +119,14 @@ def build(where: Path, name: str, real: Real) -> Built:
 def cases(
     names: tuple[str, ...] = tuple(BODIES), reals: tuple[str, ...] = ("double", "float")
 ) -> pytest.MarkDecorator:
+    """Machines by name in each kind of numbers; by day an arm and a hexapod alone in single precision."""
     chosen = [case for case in CASES if case[0] in names and case[1] in reals]
-    return pytest.mark.parametrize("built", chosen, indirect=True, ids=["-".join(c) for c in chosen])
+    day = [case for case in chosen if case[1] == "double" or case[0] in ("arm", "turns")]
+    params = [
+        pytest.param(case, id="-".join(case), marks=() if case in day else pytest.mark.nightly)
+        for case in chosen
+    ]
+    return pytest.mark.parametrize("built", params, indirect=True)
 
 
 def has_sanitizers(where: Path) -> bool:

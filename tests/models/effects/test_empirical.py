@@ -10,7 +10,6 @@ import casadi as ca
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 
 from support.calibrated_machines import SIX_AXES
 from truepose.errors import InputError
@@ -32,7 +31,6 @@ from truepose.models.load import load_machine
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 DRIVEN = SIX_AXES + "drivers: [payload, temperature.air]\n"
 JOINTS = tuple(f"q{k}" for k in range(1, 7))
 SEEN = 0.8

@@ -282,6 +282,7 @@ def test_what_is_found_is_said_in_numbers() -> None:
 # -- diagnosis -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.nightly
 def test_a_diagnosis_names_a_target_off_its_place(benches: Mapping[str, Bench]) -> None:
     bench = benches["telescope"]
     found = diagnose(bench.machine, bench.recording("target-offset@P3:x=0.02,y=-0.015,z=0.01"))

@@ -8,7 +8,6 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from support.exported import closed_in_mujoco, mujoco_module, site_pose
 from support.generated_machines import BODIES, HEAD, machine_of
@@ -19,7 +18,6 @@ from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine
 
 mujoco = mujoco_module()
-Array = NDArray[np.float64]
 MOUNTED = """frames:
   base: {in: world, xyz: [40, -3, 700], rpy: [1, 2, 30]}
   tool: {in: flange, xyz: [3, 4, 50], rpy: [9, 90, 2]}

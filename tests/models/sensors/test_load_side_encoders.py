@@ -124,12 +124,14 @@ def test_encoders_alone_are_a_sensor(tmp_path: Path) -> None:
         assert abs(value - truth) < 4 * std < truth
 
 
+@pytest.mark.nightly
 def test_the_diagnosis_names_both(tmp_path: Path) -> None:
     machine = _machine(tmp_path, BOTH)
     found = diagnose(machine, load_recording(machine, _table(np.random.default_rng(5)))).findings
     assert {(f.effect, f.place) for f in found} == {("joint-compliance", ("q2",)), ("backlash", ("q3",))}
 
 
+@pytest.mark.nightly
 def test_an_eccentric_disc_on_the_load_side_is_its_own_place(tmp_path: Path) -> None:
     table = _table(np.random.default_rng(6))
     table["angle.q3"] = table["angle.q3"] + np.degrees(2e-4 * np.sin(np.radians(table["q3"])))

@@ -119,6 +119,7 @@ def test_sockets_add_up_with_other_sensors(tmp_path: Path) -> None:
     np.testing.assert_allclose([p.nominal for p in again.parameters], fit.p, rtol=1e-12, atol=1e-15)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("sensors", [(SOCKET,), (BAR, POSITION)], ids=["socket", "bar"])
 def test_nothing_is_found_where_nothing_is_missing(tmp_path: Path, sensors: Sequence[str]) -> None:
     rng = np.random.default_rng(31)
@@ -134,6 +135,7 @@ def test_nothing_is_found_where_nothing_is_missing(tmp_path: Path, sensors: Sequ
     assert not any(alarm.raised for alarm in found.alarms.values())
 
 
+@pytest.mark.nightly
 def test_a_scale_is_found_in_sockets(tmp_path: Path) -> None:
     rng = np.random.default_rng(37)
     rows, ball = as_built(rng), np.array([5.0, -10.0, 80.0])

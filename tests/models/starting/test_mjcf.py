@@ -174,6 +174,7 @@ def test_a_file_that_is_not_there_is_said(tmp_path: Path) -> None:
         mjcf.mjcf_start(tmp_path / "nowhere.xml")
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("more", "told"),
     [

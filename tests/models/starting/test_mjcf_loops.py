@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from support.described_machines import mjcf_machine
+from support.examples import examples
 from support.exported import closed_in_mujoco, mujoco_module
 from truepose.errors import InputError
 from truepose.identification.compensation.inverse import PoseSolver
@@ -120,7 +121,7 @@ COUPLED = """<body name="post" pos="0 0 0.2"> <joint name="a" axis="0 1 0" ref="
     <body name="hand" pos="0 0.1 0"> <joint name="c" axis="0 0 1"/> <geom/> </body> </body> </body>"""
 
 
-@settings(max_examples=12)
+@settings(max_examples=examples(12))
 @given(
     kind=st.sampled_from(["slide", "hinge"]),
     lead=st.sampled_from(["a", "c", ""]),
