@@ -23,8 +23,8 @@ from truepose.codegen.loop_blocks import ROOTS, Arrays, Loops, write_loops
 from truepose.codegen.printer import Printer, Real
 from truepose.codegen.rolling import rolled
 from truepose.codegen.task_blocks import write_turns
-from truepose.models.machine.chain import chain_of
 from truepose.models.machine.kinematics import SymbolicModel
+from truepose.models.machine.velocities import chain_of
 
 _Targets = list[tuple[str, int]]
 _EVALUATION = ("moves_of", "chain_line", "mix", "all_of")

@@ -32,7 +32,7 @@ from truepose.codegen.trigonometry import trigonometry
 from truepose.codegen.wrappers import wrappers
 from truepose.errors import InputError
 from truepose.files import atomic_directory
-from truepose.models.file.machine_name import check_machine_name
+from truepose.models.file.names import check_machine_name
 from truepose.models.given import MachineLike, as_machine
 from truepose.models.machine.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine.machine import FRAME_OF, Machine
@@ -98,11 +98,7 @@ def generate(
 
 
 def render(
-    machine: Machine,
-    real: Real,
-    *,
-    nominal: Mapping[str, float] | None = None,
-    features: Features = ALL,
+    machine: Machine, real: Real, *, nominal: Mapping[str, float] | None = None, features: Features = ALL
 ) -> dict[str, str]:
     """The files of ``generate`` as texts by file name."""
     model = symbolic_model(machine, machine.effects)

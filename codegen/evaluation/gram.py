@@ -269,6 +269,3 @@ static __attribute__((noinline)) void {_name(*kind)}(const lanes *a, const lanes
 {add}    }}
 {end}}}
 """
-
-
-__all__ = ["Gram", "GramFunction"]

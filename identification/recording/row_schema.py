@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 from truepose.identification.recording.columns import COLUMNS, JOINTS, KnownColumn
-from truepose.models.file.schema_line import RECORDING_SCHEMA
-from truepose.models.schemas.machine import DIALECT
-from truepose.models.schemas.plain import Schema
+from truepose.models.file.names import RECORDING_SCHEMA
+from truepose.models.schemas.machine import DIALECT, Schema
 
 _TEXT = (
     "One row of a recording, as cells by column. A header may end with a unit in brackets, `x [um]`. Columns that "

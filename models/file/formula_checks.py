@@ -72,6 +72,3 @@ def _column(size: int) -> str:
 def _shown(value: object) -> str:
     text = " ".join(repr(value).split())
     return text if len(text) <= 60 else f"{text[:60]} ..."
-
-
-__all__ = ["no_formula", "no_prediction", "no_readings", "no_residual", "no_shifts"]

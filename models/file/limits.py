@@ -44,22 +44,3 @@ def within(value: float, largest: float = LARGEST) -> bool:
 def positive(value: float) -> bool:
     """Whether a number that must be positive is one that can be divided by."""
     return SMALLEST <= value <= LARGEST
-
-
-__all__ = [
-    "COLUMNS",
-    "ENTRIES",
-    "FILE_BYTES",
-    "LARGEST",
-    "LATEST",
-    "LEAST_GRAVITY",
-    "LINE",
-    "NAMED",
-    "PARTS",
-    "POSES",
-    "RECORDING_BYTES",
-    "ROWS",
-    "SMALLEST",
-    "positive",
-    "within",
-]

@@ -20,8 +20,7 @@ from truepose.models.machine.assembly import displacement_of
 from truepose.models.machine.couplings import recorded_reading
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.placed import Coefficient, Physics, Place, Settings
-from truepose.models.plugin_guard import Kind, a_tuple_of
-from truepose.models.registry import Registry
+from truepose.models.registry import Kind, Registry, a_tuple_of
 
 
 @dataclass(frozen=True)

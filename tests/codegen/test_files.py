@@ -14,8 +14,7 @@ from truepose.codegen.c import generate
 from truepose.codegen.names import identifiers
 from truepose.codegen.printer import Real
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.mechanism import Actuator, Joint, Mechanism, Step
-from truepose.models.machine.parameters import Parameter
+from truepose.models.machine.mechanism import Actuator, Joint, Mechanism, Parameter, Step
 
 
 def four_bar() -> Machine:

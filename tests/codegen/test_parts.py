@@ -23,8 +23,8 @@ from truepose.codegen.leaves.all_solutions.branches import branches_of
 from truepose.codegen.loops import Equations
 from truepose.codegen.printer import Real
 from truepose.codegen.reference import Reference
-from truepose.models.machine.chain import chain_of
 from truepose.models.machine.kinematics import SymbolicModel, symbolic_model
+from truepose.models.machine.velocities import chain_of
 
 Array = NDArray[np.float64]
 LOOPED = ("planar", "delta", "hybrid", "pus", "ups")

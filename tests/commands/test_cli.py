@@ -344,7 +344,7 @@ def test_a_plugin_brings_an_effect_of_its_own(poses: Path, tmp_path: Path) -> No
 
 
 PLUGIN = """
-from truepose.models.effects.base import Coefficient, Effect, effects
+from truepose.models.effects.common import Coefficient, Effect, effects
 
 
 @effects.add("my-creep")

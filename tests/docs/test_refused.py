@@ -10,9 +10,10 @@ from truepose.identification.leaves.bags import bag_limits, mcap_records
 from truepose.identification.leaves.importing import importing
 from truepose.identification.leaves.programs import program
 from truepose.identification.leaves.workbooks import workbook_limits
-from truepose.models.builders import urdf_file, urdf_xml
-from truepose.models.file import limits, machine_name, setting_range
+from truepose.models.builders import urdf_file
+from truepose.models.file import limits, names
 from truepose.models.leaves.starting import compiled_mjcf
+from truepose.models.machine import placed
 
 PAGE = (ROOT / "docs" / "reference" / "refused.md").read_text(encoding="utf-8")
 SAID = {
@@ -32,9 +33,9 @@ SAID = {
 }
 
 ELSEWHERE = {
-    "URDF": f"{urdf_xml.URDF_MOST // MIB} MiB, {urdf_xml.ELEMENTS_MOST:,} elements, {urdf_xml.DEPTH_MOST} of them",
-    "a tag": f"a tag of {urdf_xml.TAG_MOST // MIB} MiB; {urdf_file.CHAIN_MOST} joints",
-    "a machine": f"a machine's name | {machine_name.LONGEST} characters that C can have in a name |",
+    "URDF": f"{urdf_file.URDF_MOST // MIB} MiB, {urdf_file.ELEMENTS_MOST:,} elements, {urdf_file.DEPTH_MOST} of them",
+    "a tag": f"a tag of {urdf_file.TAG_MOST // MIB} MiB; {urdf_file.CHAIN_MOST} joints",
+    "a machine": f"a machine's name | {names.LONGEST} characters that C can have in a name |",
     "names": f"names of {urdf_file.NAME_MOST} characters",
     "MJCF": f"MJCF | {compiled_mjcf.MJCF_MOST // MIB} MiB",
     "MuJoCo": f"{compiled_mjcf.SECONDS_MOST} s of the processor and {compiled_mjcf.MIB_MOST:,} MiB",
@@ -49,13 +50,13 @@ ELSEWHERE = {
         "+0", ""
     ),
     "numbers of a program": f"of a robot program | {program.LARGEST:.0e}".replace("+0", ""),
-    "terms": f"(`degree`, `orders`, `waves`) | {setting_range.COUNT.high:g} |",
-    "orders": f"(`first`, `orders`) | {setting_range.HARMONIC.high:g} |",
+    "terms": f"(`degree`, `orders`, `waves`) | {placed.COUNT.high:g} |",
+    "orders": f"(`first`, `orders`) | {placed.HARMONIC.high:g} |",
 }
 
 
 def test_every_limit_has_its_line() -> None:
-    assert SAID.keys() == {name for name in limits.__all__ if name.isupper()}
+    assert SAID.keys() == {name for name in vars(limits) if name.isupper()}
 
 
 @pytest.mark.parametrize("said", ELSEWHERE.values(), ids=ELSEWHERE)

@@ -27,9 +27,9 @@ from support.telescope_models import (
 from truepose.errors import InputError
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models import lie
-from truepose.models.machine.elastic import Ends, Flexibility, Segment, strain_energy
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.mechanism import ElasticChain
+from truepose.models.machine.near_home import Ends, Flexibility, Segment, strain_energy
 
 Array = NDArray[np.float64]
 

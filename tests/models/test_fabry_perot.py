@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truepose.errors import InputError
-from truepose.models.machine.fabry_perot import (
+from truepose.models.sensors.irradiance import (
     cosine,
     coupling,
     folded_phase,

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from truepose.models.machine.closure import CoordinateScale
-from truepose.models.machine.home import closed_home
+from truepose.models.machine.closure import CoordinateScale, closed_home
 
 Array = NDArray[np.float64]
 

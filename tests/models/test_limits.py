@@ -12,7 +12,6 @@ from pydantic import ValidationError
 
 from truepose.errors import InputError
 from truepose.models.file.driver import AIR, Driver, driven_by_unit
-from truepose.models.file.field_errors import input_error
 from truepose.models.file.fields import (
     AngleTolerance,
     FilePart,
@@ -25,6 +24,7 @@ from truepose.models.file.fields import (
     NumberTolerance,
     Pitch,
     as_number,
+    input_error,
     is_quantity,
     quantity,
     with_texts,
@@ -32,7 +32,7 @@ from truepose.models.file.fields import (
 from truepose.models.file.formula import Formula, Law
 from truepose.models.file.formula_checks import no_formula, no_readings, no_shifts
 from truepose.models.file.limits import LARGEST, LATEST, SMALLEST, positive, within
-from truepose.models.file.setting_range import (
+from truepose.models.machine.placed import (
     ANY,
     COLUMN,
     COUNT,

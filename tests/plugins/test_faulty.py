@@ -10,13 +10,13 @@ from typer.testing import CliRunner, Result
 
 from truepose.cli import app
 from truepose.errors import InputError
-from truepose.models.builders.base import builders
 from truepose.models.effects.base import effects
+from truepose.models.machine.builder import builders
+from truepose.models.machine.sensor import sensors
 from truepose.models.registry import load_plugin
-from truepose.models.sensors.base import sensors
 
 EFFECT = """
-from truepose.models.effects.base import Coefficient, Effect, effects
+from truepose.models.effects.common import Coefficient, Effect, effects
 
 @effects.add("odd")
 class Odd(Effect):
@@ -39,7 +39,7 @@ RIGHT = {
 SENSOR = """
 import casadi as ca
 import numpy as np
-from truepose.models.sensors.base import Channel, Sensor, sensors
+from truepose.models.machine.sensor import Channel, Sensor, sensors
 
 @sensors.add("odd")
 class Odd(Sensor):
@@ -63,7 +63,7 @@ SENSES = {
     "predict": "return world[2, 3]",
 }
 BUILDER = """
-from truepose.models.builders.base import builders
+from truepose.models.machine.builder import builders
 
 @builders.add("odd")
 def build(section, context):
@@ -198,9 +198,9 @@ LOADS = {
     "exit": (b"import sys\nsys.exit(3)\n", "SystemExit"),
     "base": (b"raise BaseException('no')\n", "no"),
     "generator": (b"raise StopIteration\n", "StopIteration"),
-    "no class": (b"from truepose.models.effects.base import effects\neffects.add('odd')(42)\n", "effect"),
+    "no class": (b"from truepose.models.effects.common import effects\neffects.add('odd')(42)\n", "effect"),
     "abstract": (
-        b"from truepose.models.effects.base import Effect, effects\n"
+        b"from truepose.models.effects.common import Effect, effects\n"
         b"@effects.add('odd')\nclass Odd(Effect):\n    slug = 'odd'\n",
         "coefficients, places, shifts",
     ),

@@ -13,8 +13,8 @@ from truepose.cli import app
 from truepose.errors import InputError
 from truepose.models.effects.base import effects
 from truepose.models.load import load_machine
+from truepose.models.machine.sensor import sensors
 from truepose.models.registry import load_plugin
-from truepose.models.sensors.base import sensors
 
 DIAL = '''
 from __future__ import annotations
@@ -25,9 +25,9 @@ from typing import Any, ClassVar
 
 import casadi as ca
 
-from truepose.models.machine.context import BuildContext
-from truepose.models.machine.parameters import Parameter
-from truepose.models.sensors.base import Channel, Sensor, sensors
+from truepose.models.machine.builder import BuildContext
+from truepose.models.machine.mechanism import Parameter
+from truepose.models.machine.sensor import Channel, Sensor, sensors
 from truepose.models.file.fields import Length, Section
 
 
@@ -154,7 +154,7 @@ def test_what_python_finds_odd_in_a_plugin_is_not_said(tmp_path: Path) -> None:
 
 
 BELT = """
-from truepose.models.effects.base import Coefficient, Effect, effects
+from truepose.models.effects.common import Coefficient, Effect, effects
 
 
 @effects.add("stretched-belt")

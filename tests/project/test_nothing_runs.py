@@ -29,7 +29,7 @@ KNOWN = {
         "identification/leaves/bags/inflated.py",
         "importlib.import_module",
     ),  # a compression, by a name of this package
-    ("models/builders/urdf_xml.py", "ElementTree.fromstring"),  # what this program wrote a moment ago
+    ("models/builders/urdf_file.py", "ElementTree.fromstring"),  # what this program wrote a moment ago
     ("models/registry.py", "importlib.import_module"),  # modules of this package
     ("models/leaves/starting/descriptions.py", "importlib.import_module"),  # a name of the command line
     ("src/truepose/shown/result.py", "importlib.import_module"),  # a constant of a class

@@ -8,8 +8,7 @@ import casadi as ca
 import numpy as np
 
 from truepose.arrays import Array
-from truepose.models.machine.closure import closed, one_row
-from truepose.models.machine.home import coordinate_scale
+from truepose.models.machine.closure import closed, coordinate_scale, one_row
 from truepose.models.machine.kinematics import SymbolicModel
 
 Pose = Callable[[Array, Array], Array]
@@ -32,6 +31,3 @@ def closed_pose_function(model: SymbolicModel) -> Pose:
         return np.array(pose(x[0], q, fixed, p)) if good[0] else np.full((4, 4), np.nan)
 
     return at
-
-
-__all__ = ["closed_pose_function"]

@@ -196,6 +196,3 @@ def _compare_frames(found: Frames | None, meant: Frames) -> Iterator[str]:
         away = float(np.max(np.abs(found[name] - pose) / [1.0, 1.0, 1.0, reach]))
         if not away <= SAME:
             yield f"the frame {name} is off by {away:.1e} of its reach"
-
-
-__all__ = ["check_export"]

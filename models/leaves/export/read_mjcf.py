@@ -13,7 +13,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from truepose.arrays import Array
-from truepose.models.builders.urdf_xml import parse_own_xml
+from truepose.models.builders.urdf_file import parse_own_xml
 from truepose.models.file.machine_file import SCHEMA, checked_machine
 from truepose.models.leaves.export.numbers import MM_PER_M
 from truepose.models.leaves.starting.mjcf_choice import choose

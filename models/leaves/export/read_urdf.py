@@ -10,9 +10,7 @@ import numpy as np
 from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models.builders.urdf import Urdf, expanded
-from truepose.models.builders.urdf_file import Robot
-from truepose.models.builders.urdf_inertials import inertials_of
-from truepose.models.builders.urdf_xml import parse_own_xml, parse_urdf
+from truepose.models.builders.urdf_file import Robot, inertials_of, parse_own_xml, parse_urdf
 from truepose.models.file.machine_file import SCHEMA, checked_machine
 from truepose.models.leaves.export.numbers import MM_PER_M
 from truepose.models.lie import pose_of, rpy_matrix

@@ -95,6 +95,3 @@ def _take_next(text: str, pattern: str) -> tuple[str, str, str]:
 
 def _read_point(text: str) -> Array:
     return np.array([float(v) for v in text.removesuffix(" mm").split()])
-
-
-__all__ = ["read_table"]

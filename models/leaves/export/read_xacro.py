@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from xml.etree import ElementTree
 
 from truepose.errors import InputError
-from truepose.models.builders.urdf_xml import parse_own_xml
+from truepose.models.builders.urdf_file import parse_own_xml
 
 _XACRO = "{http://www.ros.org/wiki/xacro}"
 _WORK = re.compile(r"\$\$|\$\{(\w+)\}")

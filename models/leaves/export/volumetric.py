@@ -275,6 +275,3 @@ def _drawn(machine: Machine, model: SymbolicModel) -> Array:
     return np.array(
         [0.0 if n in own else drawing.get(n, v) if n in mechanism else v for n, v in pairs], dtype=float
     )
-
-
-__all__ = ["CHECKED", "POINTS", "Axis", "Table", "table_of"]

@@ -46,6 +46,3 @@ def described_start(name: str, output: Path, base: str, tip: str, *, written_out
     raise InputError(
         f"--arm: found no URDF or MJCF in {name!r}, expected one: make a URDF of its xacro and use --urdf"
     )
-
-
-__all__ = ["described", "described_start"]

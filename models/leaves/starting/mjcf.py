@@ -173,6 +173,3 @@ def _only_end(parts: Parts, path: Path) -> Tip:
 def _site_names(parts: Parts, but: str = "") -> str:
     """Return the names of sites, up to ten, without the one that is the tip."""
     return shortened([cut(site.site, 60) for site in parts.sites if site.site != but], 10)
-
-
-__all__ = ["mjcf_start"]

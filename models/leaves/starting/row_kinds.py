@@ -88,6 +88,3 @@ def _fixed_by_name(labels: Sequence[str]) -> list[bool]:
     counted = any(2 * n > len(labels) for stem, n in Counter(stems).items() if stem is not None)
     ends = [bool(_ENDS & set(re.split(r"[^a-z]+", label.lower()))) for label in labels]
     return [end or (counted and stem is None) for end, stem in zip(ends, stems, strict=True)]
-
-
-__all__ = ["row_kinds"]

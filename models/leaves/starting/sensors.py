@@ -151,13 +151,6 @@ def _star(readings: Mapping[str, str]) -> Preset:
 def _encoders(readings: Mapping[str, str]) -> Preset:
     """The preset of encoders on all joints of a machine."""
     kinds = [(key, size) for unit, key, size in _ENCODER if unit in readings.values()]
-    section = {
-        "type": "angle",
-        "sigma": dict(kinds),
-        "tolerance": {key: float("inf") for key, _ in kinds},
-    }
+    section = {"type": "angle", "sigma": dict(kinds), "tolerance": {key: float("inf") for key, _ in kinds}}
     columns = {f"angle.{joint}": unit for joint, unit in readings.items()}
     return replace(PRESETS["angle"], section=section, columns=columns)
-
-
-__all__ = ["PRESETS", "Preset", "presets"]

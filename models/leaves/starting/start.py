@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from truepose.models.file.machine_name import nearest_name
+from truepose.models.file.names import nearest_name
 from truepose.wording import shortened
 
 UPRIGHT = (0.0, 0.0, -9.80665)

@@ -11,7 +11,7 @@ from typing import Any
 import jinja2
 
 from truepose.files import atomic_directory, atomic_write_text
-from truepose.models.file.schema_line import SCHEMA_LINE
+from truepose.models.file.names import SCHEMA_LINE
 from truepose.models.file.yaml_document import flow_text, parse_document
 from truepose.models.leaves.starting.sensors import Preset, presets
 from truepose.models.leaves.starting.start import UPRIGHT, Start, readings_of, tidy

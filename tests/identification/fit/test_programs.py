@@ -20,7 +20,7 @@ from truepose.identification.fit.problem import Problem, prior_of
 from truepose.identification.fit.program import REST, Program
 from truepose.identification.fit.simultaneous import polished, sparsity_of
 from truepose.identification.prediction.predictor import Predictor
-from truepose.models.machine.home import coordinate_scale
+from truepose.models.machine.closure import coordinate_scale
 from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from truepose.identification.leaves.fringes import levels
 from truepose.identification.leaves.fringes.excursions import find_excursions
 from truepose.identification.leaves.fringes.levels import evenly_passed
-from truepose.models.machine.fabry_perot import folded_phase, fringe
+from truepose.models.sensors.irradiance import folded_phase, fringe
 
 Array = NDArray[np.float64]
 G = 0.2

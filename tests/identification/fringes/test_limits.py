@@ -20,7 +20,7 @@ from truepose.identification.leaves.fringes.photocurrent import read_fast, read_
 from truepose.identification.leaves.fringes.rest import find_rest
 from truepose.identification.leaves.fringes.scan import Scan
 from truepose.identification.recording.table import read_table
-from truepose.models.machine.fabry_perot import coupling, folded_phase, fringe
+from truepose.models.sensors.irradiance import coupling, folded_phase, fringe
 from truepose.models.units import UnitSystem
 
 Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ from truepose.identification.leaves.fringes.excursions import Excursions
 from truepose.identification.leaves.fringes.levels import Noise
 from truepose.identification.leaves.fringes.passages import Series, evenly
 from truepose.identification.leaves.fringes.rest import Rest
-from truepose.models.machine.fabry_perot import folded_phase, fringe
+from truepose.models.sensors.irradiance import folded_phase, fringe
 
 Array = NDArray[np.float64]
 QUIET = Noise(0.0, 0.0)

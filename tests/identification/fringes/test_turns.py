@@ -14,7 +14,7 @@ from truepose.identification.leaves.fringes.faults import Fault
 from truepose.identification.leaves.fringes.levels import Noise
 from truepose.identification.leaves.fringes.move import read_move
 from truepose.identification.leaves.fringes.turns import Verdict, Visit, judge
-from truepose.models.machine.fabry_perot import coupling, fringe
+from truepose.models.sensors.irradiance import coupling, fringe
 
 Array = NDArray[np.float64]
 FIBRE = (0.04, 0.9)

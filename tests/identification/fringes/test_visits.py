@@ -12,7 +12,7 @@ from support.fringe_series import EVERY, RATE, G, series, steady
 from truepose.identification.leaves.fringes import passages, turns
 from truepose.identification.leaves.fringes.passages import evenly
 from truepose.identification.leaves.fringes.rest import Rest
-from truepose.models.machine.fabry_perot import fringe
+from truepose.models.sensors.irradiance import fringe
 
 Array = NDArray[np.float64]
 

@@ -22,7 +22,7 @@ from truepose.identification.report.drivers import (
     reading_unit,
 )
 from truepose.models.machine.machine import Machine
-from truepose.models.sensors.base import Channel
+from truepose.models.machine.sensor import Channel
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ from truepose.pool import Cluster, Cores, Pool, cluster, several_threads
 
 POISON = """
 import os, signal
-from truepose.models.effects.base import Effect, effects
+from truepose.models.effects.common import Effect, effects
 
 @effects.add("poison")
 class Poison(Effect):

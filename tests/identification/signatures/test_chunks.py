@@ -26,7 +26,7 @@ from truepose.models.registry import load_plugin
 from truepose.pool import Cluster, cluster, present, rows_on
 
 PLUGIN = """
-from truepose.models.effects.base import Coefficient, Effect, effects
+from truepose.models.effects.common import Coefficient, Effect, effects
 
 @effects.add("of-a-plugin")
 class OfAPlugin(Effect):

@@ -111,7 +111,7 @@ POINTS = (
 )  # fmt: skip
 JOINTS = "name,q1,q2\nP1,0,10\nP2,20,30\nP3,-5.5,60\n"
 PLUGIN = '''
-from truepose.models.effects.base import Coefficient, Effect, effects
+from truepose.models.effects.common import Coefficient, Effect, effects
 
 
 @effects.add("stretched-belt")

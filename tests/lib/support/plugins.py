@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from truepose.models.machine.builder import builders
 from truepose.models.machine.effect import effects
 from truepose.models.machine.sensor import sensors
-from truepose.models.plugin_guard import PREFIX
+from truepose.models.registry import PREFIX
 
 
 @contextmanager

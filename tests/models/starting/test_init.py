@@ -20,7 +20,7 @@ from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.leaves.check.run import check_files
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
-from truepose.models.file.schema_line import SCHEMA_LINE
+from truepose.models.file.names import SCHEMA_LINE
 from truepose.models.leaves.starting.arms import bundled_names
 from truepose.models.leaves.starting.asked import asked_start
 from truepose.models.leaves.starting.sensors import PRESETS

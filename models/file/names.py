@@ -1,4 +1,4 @@
-"""Texts of a machine file that everybody sees as they are: nothing invisible, and nothing that turns the line around.
+"""Texts of a machine file: its name, which its C has too, characters that all readers see, and where its schema is found.
 
 Names go into tables, pages, comments of C and terminals. A control character there can end a comment or clear a screen, and
 a mark that sets the direction of writing shows another order of the letters than a compiler reads.
@@ -6,11 +6,72 @@ a mark that sets the direction of writing shows another order of the letters tha
 
 from __future__ import annotations
 
+import re
 import unicodedata
 from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 from truepose.errors import InputError
+
+LONGEST: Final = 63
+"""Initial characters of an internal identifier that C99 guarantees to tell apart."""
+_KEYWORDS: Final = [
+    "auto",
+    "break",
+    "case",
+    "char",
+    "const",
+    "continue",
+    "default",
+    "do",
+    "double",
+    "else",
+    "enum",
+    "extern",
+    "float",
+    "for",
+    "goto",
+    "if",
+    "inline",
+    "int",
+    "long",
+    "register",
+    "restrict",
+    "return",
+    "short",
+    "signed",
+    "sizeof",
+    "static",
+    "struct",
+    "switch",
+    "typedef",
+    "union",
+    "unsigned",
+    "void",
+    "volatile",
+    "while",
+]
+NAMED_SO: Final = rf"^[A-Za-z][A-Za-z0-9_]{{0,{LONGEST - 1}}}$"
+"""The same for a JSON Schema, keywords of C aside."""
+EXPECTED: Final = (
+    f"a name that its C can have, at most {LONGEST} letters a-z A-Z, digits and underscores, a letter first"
+)
+
+
+def nearest_name(text: str) -> str:
+    """Return the name nearest to a text that a machine may have; the text itself where it may."""
+    plain = re.sub(r"[^A-Za-z0-9_]", "_", text).lstrip("_")
+    if not plain[:1].isalpha() or plain in _KEYWORDS:
+        plain = f"machine_{plain}".rstrip("_")
+    return plain[:LONGEST]
+
+
+def check_machine_name(name: str) -> str:
+    """Return the name. Raises InputError if C cannot have it."""
+    if nearest_name(name) != name:
+        raise InputError(f"name: found {name!r}, expected {EXPECTED}: {nearest_name(name)}")
+    return name
+
 
 _HIDDEN: Final = frozenset(("Cc", "Cf", "Cs", "Co", "Zl", "Zp"))
 """Categories of Unicode: controls, formats (zero width, direction), surrogates, private use, ends of lines and paragraphs."""
@@ -59,3 +120,9 @@ def _check_value(value: Any, where: str, *, wrapped: bool) -> None:
     elif isinstance(value, (list, tuple)):
         for k, item in enumerate(value):
             _check_value(item, f"{where}[{k}]", wrapped=wrapped)
+
+
+MACHINE_SCHEMA: Final = "https://truepose.dev/schema/machine-1.json"
+RECORDING_SCHEMA: Final = "https://truepose.dev/schema/recording-1.json"
+SCHEMA_LINE: Final = f"# yaml-language-server: $schema={MACHINE_SCHEMA}"
+"""First line of a machine file: editors complete and check what follows. For truepose it is a comment."""

@@ -1,15 +1,23 @@
-"""Drivers that a machine file declares, with the units that they have inside the program."""
+"""Columns of recordings: the drivers that a machine file declares, and which one thing each column is."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import Final
 
 from truepose.errors import InputError
-from truepose.models.file.driver import MEASURED_LOADS, DeclaredDriver, Driver, driven_by_unit
-from truepose.models.file.driver_entry import DriverSpec
+from truepose.models.file.driver import (
+    MEASURED_LOADS,
+    DeclaredDriver,
+    Driver,
+    driven_by_unit,
+    is_known_driver,
+)
 from truepose.models.file.machine_file import MachineFile
+from truepose.models.file.sections import DriverSpec
 from truepose.models.machine.mechanism import Mechanism
+from truepose.models.machine.sensor import Sensor
 from truepose.models.units import INTERNAL, compatible, parse_unit
 from truepose.wording import close_matches
 
@@ -83,3 +91,70 @@ def declared_driver(
 def internal_unit(unit: str) -> str:
     """The program's own unit of the same dimension; the unit itself where it has none."""
     return next((own for own in INTERNAL.values() if compatible(unit, own)), unit)
+
+
+OF_ROWS: Final = ("time", "session", "pose", "from", "role")
+"""Columns that say what a row is."""
+_SAMPLES: Final = "samples"
+"""How many samples a row is the average of."""
+_POSE: Final = "pose."
+"""Opens the tool's pose in what `predict` writes."""
+
+
+def has_own_meaning(name: str) -> bool:
+    """Return True if a column of this name says something of its row, whatever joints and sensors are called."""
+    return name in (*OF_ROWS, _SAMPLES) or name.startswith(_POSE) or is_known_driver(name)
+
+
+def check_column_names(
+    joints: Sequence[str], made: Sequence[Sensor], declared: Iterable[DeclaredDriver], path: str
+) -> None:
+    """Refuse a column that two things would be read from. Raises InputError that says what to rename."""
+    for k, joint in enumerate(joints):
+        if joint in joints[:k]:
+            raise InputError(
+                f"{path}: mechanism: found two joints called {joint!r}, expected a name for each"
+            )
+        if has_own_meaning(joint):
+            raise InputError(
+                f"{path}: mechanism: found a joint called {joint!r}, a column that has a meaning of its own in "
+                "recordings, expected another name"
+            )
+    read = _read_columns(made, path)
+    for joint in joints:
+        if joint in read:
+            raise InputError(
+                f"{path}: sensor: found the column {joint!r}, which is a joint, too, expected another one: "
+                f"{_mend(read[joint], joint)}"
+            )
+    for driver in declared:
+        column = driver.column or driver.name
+        if column in read:
+            raise InputError(
+                f"{path}: drivers: found {column!r}, which the sensor reads, expected a column beyond its own"
+            )
+
+
+def _read_columns(made: Sequence[Sensor], path: str) -> dict[str, Sensor]:
+    """Return which sensor reads each column. Raises InputError where sensors of different frames read one."""
+    read: dict[str, Sensor] = {}
+    for sensor in made:
+        for column in (*sensor.columns, *sensor.label_columns, *sensor.optional_labels):
+            if has_own_meaning(column):
+                raise InputError(
+                    f"{path}: sensor: found the column {column!r}, which has a meaning of its own in recordings, "
+                    "expected another name"
+                )
+            if read.setdefault(column, sensor).view != sensor.view:
+                raise InputError(
+                    f"{path}: sensor: found two sensors of different frames that read the column {column!r}, "
+                    "expected columns of their own: give each a `name`, which opens them (`NAME.x`)"
+                )
+    return read
+
+
+def _mend(sensor: Sensor, column: str) -> str:
+    """Return what to do about a column of a sensor that is a joint."""
+    if sensor.opens_columns:
+        return f"give the sensor a `name`, `name: sensor`, and the recording the column `sensor.{column}`"
+    return "rename the joint, or what the sensor calls it"
