@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from telescope_simulator import nominal_machine
 
 from figures import Series, write_bars, write_chart
-from truepose.models.machine.assembly import SHAPE
+from truepose.models.machine.assembly import SHAPE, flexure_gain
 
 from .campaign import Array
 from .fits import PLATFORMS, Outcome

@@ -14,16 +14,7 @@ from truepose.models import lie
 from truepose.models.file.fields import AngleSigma, LengthSigma, Section
 from truepose.models.machine.builder import BuildContext
 from truepose.models.machine.mechanism import AXES, AXIS_UNITS
-from truepose.models.machine.sensor import (
-    TOOL_IN_WORLD,
-    Array,
-    Channel,
-    Sensor,
-    View,
-    ViewSection,
-    prefix,
-    sensors,
-)
+from truepose.models.machine.sensor import TOOL_IN_WORLD, Channel, Sensor, View, ViewSection, prefix, sensors
 
 _XYZ, _ROT = AXES[:3], AXES[3:]
 

@@ -18,7 +18,6 @@ from truepose.models.machine.builder import BuildContext
 from truepose.models.machine.mechanism import Parameter
 from truepose.models.machine.sensor import (
     TOOL_IN_WORLD,
-    Array,
     Channel,
     Comparison,
     Rows,

@@ -34,7 +34,7 @@ from truepose.identification.recording.load import load_recording
 from truepose.models import lie
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.load import load_machine
-from truepose.models.machine.assembly import SHAPE
+from truepose.models.machine.assembly import SHAPE, flexure_gain
 from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
