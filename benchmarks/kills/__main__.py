@@ -26,7 +26,7 @@ LIBRARIES = (
     "truepose.identification.report.pages",
     "truepose.identification.leaves.fleet.run",
     "truepose.identification.leaves.check.run",
-    "truepose.models.leaves.starting.sources",
+    "truepose.models.leaves.starting.command",
     "truepose.models.leaves.export.write",
     "truepose.codegen.c",
     "truepose.codegen.leaves.embedded.write",

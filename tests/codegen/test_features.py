@@ -27,7 +27,7 @@ from truepose.codegen.rolling import rolled
 from truepose.errors import InputError
 from truepose.models.file.machine_file import checked_machine
 from truepose.models.file.yaml_document import parse_document
-from truepose.models.leaves.starting.arms import bundled_start
+from truepose.models.leaves.starting.start import bundled_start
 from truepose.models.leaves.starting.written import Asked, written
 from truepose.models.load import build_machine, load_machine
 from truepose.models.machine.machine import Machine

@@ -25,7 +25,7 @@ from truepose.identification.recording.recording import Recording
 from truepose.models import lie
 from truepose.models.file.machine_file import checked_machine
 from truepose.models.file.yaml_document import parse_document
-from truepose.models.leaves.starting.arms import bundled_names, bundled_start
+from truepose.models.leaves.starting.start import bundled_names, bundled_start
 from truepose.models.leaves.starting.written import Asked, written
 from truepose.models.load import build_machine, load_machine
 from truepose.models.machine.kinematics import symbolic_model

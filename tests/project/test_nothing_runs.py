@@ -31,7 +31,6 @@ KNOWN = {
     ),  # a compression, by a name of this package
     ("models/builders/urdf_file.py", "ElementTree.fromstring"),  # what this program wrote a moment ago
     ("models/registry.py", "importlib.import_module"),  # modules of this package
-    ("models/leaves/starting/descriptions.py", "importlib.import_module"),  # a name of the command line
     ("src/truepose/shown/result.py", "importlib.import_module"),  # a constant of a class
 }
 LOADERS = {"FastLoader", "PlainLoader"}

@@ -21,8 +21,8 @@ from truepose.identification.compensation.inverse import PoseSolver
 from truepose.models.file.machine_file import checked_machine
 from truepose.models.file.yaml_document import parse_document
 from truepose.models.leaves.export.write import Format, LinkFormat, export, formats, render
-from truepose.models.leaves.starting.arms import bundled_names, bundled_start
 from truepose.models.leaves.starting.mjcf import mjcf_start
+from truepose.models.leaves.starting.start import bundled_names, bundled_start
 from truepose.models.leaves.starting.written import Asked, written
 from truepose.models.load import build_machine, load_machine
 from truepose.models.machine.machine import Machine

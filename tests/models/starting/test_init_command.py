@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -89,21 +88,3 @@ def test_what_nobody_has_tried_before_is_built_before_it_is_written(monkeypatch:
     for words, wanted in ((("--arm", "panda"), []), (table, [Path("a.yaml")])):
         assert run(*words, "-o", "a.yaml", "--force").exit_code == 0
         assert tried == wanted
-
-
-@pytest.mark.parametrize("terminal", [False, True])
-def test_questions_are_asked_on_a_terminal_where_nothing_says_what_the_machine_is(
-    terminal: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Beside standard output, which holds what was written."""
-    stdin = SimpleNamespace(stdin=SimpleNamespace(isatty=lambda: terminal))
-    monkeypatch.setattr("truepose.models.leaves.starting.command.sys", stdin)
-    done = run("-o", "m.yaml", answers="slider\n\n1\n\n\n0 90 100 0\n")
-    assert done.exit_code == (0 if terminal else 2)
-    if not terminal:
-        assert "found no source of the mechanism" in done.stderr
-        return
-    assert load_machine(Path("m.yaml")).name == "slider"
-    assert "Number of joints" in done.stderr and "Number of joints" not in done.stdout
-    assert done.stdout.splitlines()[-3].startswith("m.yaml: ")
-    assert run("--arm", "panda", "-o", "n.yaml").exit_code == 0  # nothing is asked

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from truepose.models.leaves.starting.sensors import PRESETS
+from truepose.models.leaves.starting.written import PRESETS
 
 STATED = ("sigma", "tolerance", "points")
 """What an instrument is worth, and targets, which must not lie in one place."""

@@ -37,10 +37,16 @@ from truepose.models.leaves.export.write import (
     formats,
     sample_rows,
 )
-from truepose.models.leaves.starting.mjcf_choice import choose
-from truepose.models.leaves.starting.mjcf_graph import MjcfGraph
-from truepose.models.leaves.starting.mjcf_model import placed_frame
-from truepose.models.leaves.starting.mjcf_parts import Coupling, PartBody, PartJoint, Parts, Tip
+from truepose.models.leaves.starting.mjcf import placed_frame
+from truepose.models.leaves.starting.mjcf_graph import (
+    Coupling,
+    MjcfGraph,
+    PartBody,
+    PartJoint,
+    Parts,
+    Tip,
+    choose,
+)
 from truepose.models.lie import unit_vector
 from truepose.models.load import build_machine
 from truepose.models.machine.machine import Machine
