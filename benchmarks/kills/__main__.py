@@ -29,7 +29,7 @@ LIBRARIES = (
     "truepose.models.leaves.starting.command",
     "truepose.models.leaves.export.write",
     "truepose.codegen.c",
-    "truepose.codegen.leaves.embedded.write",
+    "truepose.codegen.leaves.embedded.command",
     "pandas",
     "pyarrow.parquet",
 )

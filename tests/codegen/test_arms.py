@@ -16,7 +16,7 @@ from support.generated_c import needs_compiler
 from support.six_joint_arms import ARMS, BUILT, DRAWN, BuiltArm, apart, built, counted, errors, search
 from truepose.codegen.chain import ChainExpressions
 from truepose.codegen.layout import layout_of
-from truepose.codegen.leaves.all_solutions.branches import branches_of
+from truepose.codegen.leaves.all_solutions.solutions import branches_of
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.velocities import chain_of
 

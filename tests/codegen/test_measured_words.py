@@ -10,15 +10,19 @@ import pytest
 
 from support import MACHINES
 from truepose.codegen.leaves.embedded import __main__ as program
-from truepose.codegen.leaves.embedded import write as writing
-from truepose.codegen.leaves.embedded.emulator import Observation
-from truepose.codegen.leaves.embedded.frames import Chain, read_frames
-from truepose.codegen.leaves.embedded.measure import Cost, Measurement
-from truepose.codegen.leaves.embedded.program import Compiler, Sizes
+from truepose.codegen.leaves.embedded import command as writing
+from truepose.codegen.leaves.embedded.measure import Chain, Cost, Measurement, read_frames
+from truepose.codegen.leaves.embedded.program import Compiler, Sizes, read_source
 from truepose.codegen.leaves.embedded.section import sizes_section, summary, table
-from truepose.codegen.leaves.embedded.source import read_source
-from truepose.codegen.leaves.embedded.targets import CORTEX_M4F, CORTEX_M7, TARGETS, target_for
-from truepose.codegen.leaves.embedded.toolchain import Toolchain, run
+from truepose.codegen.leaves.embedded.toolchain import (
+    CORTEX_M4F,
+    CORTEX_M7,
+    TARGETS,
+    Observation,
+    Toolchain,
+    run,
+    target_for,
+)
 from truepose.errors import InputError
 from truepose.models.load import load_machine
 

@@ -9,15 +9,14 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from truepose.codegen.elimination import Pivots, factors_of
+from truepose.codegen.blocks import rolled
 from truepose.codegen.expressions import Graph
 from truepose.codegen.features import ALL, Features
 from truepose.codegen.left_out import LeftOut, left_out_json, left_out_words
-from truepose.codegen.names import identifiers
+from truepose.codegen.loops import Pivots, factors_of
 from truepose.codegen.printer import Printer, Real, literal
 from truepose.codegen.pruning import pruned
-from truepose.codegen.quoting import c_string, code_span, comment, markdown, python_string
-from truepose.codegen.rolling import rolled
+from truepose.codegen.texts import c_string, code_span, comment, identifiers, markdown, python_string
 from truepose.errors import InputError
 from truepose.models.task import Task
 

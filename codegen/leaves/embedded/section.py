@@ -6,8 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from truepose.codegen.leaves.embedded.frames import Chain
-from truepose.codegen.leaves.embedded.measure import Cost, Measurement
+from truepose.codegen.leaves.embedded.measure import Chain, Cost, Measurement
 from truepose.codegen.leaves.embedded.program import Sizes
 
 _Row = tuple[str, Callable[[Measurement], str]]
