@@ -6,25 +6,100 @@ derivative of both. What depends on parameters and drivers alone is computed onc
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import groupby
+from typing import Any
 
 import casadi as ca
 
 from truepose.codegen.chain import FIRST, STEP, ChainExpressions
 from truepose.codegen.expressions import Graph
 from truepose.codegen.features import ALL, Features
-from truepose.codegen.functions import function_text
-from truepose.codegen.lane_runtime import lane_runtime
-from truepose.codegen.lanes import LanePrinter
+from truepose.codegen.lanes import LanePrinter, lane_runtime
 from truepose.codegen.layout import Layout
-from truepose.codegen.loop_blocks import ROOTS, Arrays, Loops, write_loops
+from truepose.codegen.loop_blocks import ROOTS, Arrays, Loops, write_loops, write_turns
+from truepose.codegen.memory import memory_of
 from truepose.codegen.printer import Printer, Real
-from truepose.codegen.rolling import rolled
-from truepose.codegen.task_blocks import write_turns
-from truepose.models.machine.chain import chain_of
+from truepose.codegen.texts import identifiers
 from truepose.models.machine.kinematics import SymbolicModel
+from truepose.models.machine.velocities import chain_of
+
+_LOCALS = {"p": "const real *p = m->p;", "z": "const real *z = m->z;", "k": "const real *k = m->k;"}
+
+
+def function_text(
+    title: str, name: str, arguments: str, statements: Sequence[str], *, lines: bool = False
+) -> str:
+    """A static C function; arguments that the statements do not read are marked so."""
+    body = "\n".join(statements)
+    used = set(re.findall(r"(?<!>)\b([a-zA-Z]\w*)(?=\[|->)", body)) | set(re.findall(r"\bj\b", body))
+    named = [re.split(r"\W", argument)[-1] for argument in arguments.split(",")]
+    head = [text for local, text in _LOCALS.items() if local in used and local not in named]
+    head += [
+        f"(void){argument};" for argument in named if argument not in used and not (argument == "m" and head)
+    ]
+    if lines:
+        statements = ["EACH_LINE(j) {", *(f"    {statement}" for statement in statements), "}"]
+    indented = "\n".join(f"    {line}" for line in [*head, *statements])
+    keyword = "LINE_FUNCTION" if lines else "static"
+    return f"/* {title} */\n{keyword} void {name}({arguments})\n{{\n{indented}\n}}\n"
+
+
+_PLACE = re.compile(r"\bp\[(\d+)\]")
+_STEP = re.compile(r"\bk \+ (\d+)")
+
+
+def rolled(blocks: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of the blocks, one after the other; neighbours that are alike become a loop.
+
+    Alike are blocks that read other entries of p, each as far from its first one, and fill k + N, N being evenly spaced.
+    """
+    out: list[str] = []
+    for group in _alike(blocks):
+        out += _loop(group) if len(group) > 1 else group[0]
+    return out
+
+
+def _alike(blocks: Sequence[Sequence[str]]) -> Iterator[list[Sequence[str]]]:
+    for _, group in groupby(blocks, key=_form):
+        yield list(group)
+
+
+def _first(block: Sequence[str]) -> int:
+    return min((int(place) for line in block for place in _PLACE.findall(line)), default=0)
+
+
+def _filled(block: Sequence[str]) -> int:
+    return next(int(place) for line in block for place in _STEP.findall(line))
+
+
+def _form(block: Sequence[str]) -> tuple[str, ...]:
+    """The block by places beside its first one."""
+    first = _first(block)
+    beside = [_PLACE.sub(lambda found: f"a[{int(found.group(1)) - first}]", line) for line in block]
+    return tuple(_STEP.sub("k + N", line) for line in beside)
+
+
+def _loop(group: Sequence[Sequence[str]]) -> list[str]:
+    firsts = [_first(block) for block in group]
+    start, step = _filled(group[0]), _filled(group[1]) - _filled(group[0])
+    inside = [line.replace("k + N", f"k + {start} + {step} * i") for line in _form(group[0])[1:-1]]
+    count, reads = len(group), any("a[" in line for line in inside)
+    table = f"    static const unsigned short first[{count}] = {{ {', '.join(map(str, firsts))} }};"
+    return [
+        "{",
+        *([table] if reads else []),
+        "    int i;",
+        f"    for (i = 0; i < {count}; ++i) {{",
+        *(["        const real *a = p + first[i];"] if reads else []),
+        *(f"    {line}" for line in inside),
+        "    }",
+        "}",
+    ]
+
 
 _Targets = list[tuple[str, int]]
 _EVALUATION = ("moves_of", "chain_line", "mix", "all_of")
@@ -292,3 +367,43 @@ def _write_chain(writer: _Writer, model: SymbolicModel, chain: ChainExpressions)
             [(f"J[{_of_column(k)}]", node) for k, node in enumerate(mixed)],
             given={node: f"A[{_of_column(k)}]" for k, node in enumerate(leaves)},
         )
+
+
+def offered(
+    features: Features, model: SymbolicModel, layout: Layout, blocks: Blocks, ideal: list[float]
+) -> dict[str, Any]:
+    """What the templates read of features, of what is remembered, and the tables of built-in parameters."""
+    return {
+        "has": features,
+        "rare": "RARE" if features.listed else "APART",
+        "reads_p": any(re.search(r"\bp\b", text) for text in blocks.texts[1:]) or "p[" in blocks.texts[0],
+        "settled": [] if features.p else blocks.settled(model.p_home.tolist()),
+        "drawn_settled": [] if features.p else blocks.settled(ideal),
+        **_memory(model, layout, features),
+    }
+
+
+def _memory(model: SymbolicModel, layout: Layout, features: Features) -> dict[str, Any]:
+    """What the templates of ``NAME_state`` read: where drivers remember, or where it was asked for."""
+    memory = memory_of(model, layout)
+    if not features.state or not (memory.remembers or features.listed):
+        return {"memory": None}
+    rows = zip(model.drivers, driver_units(model), memory.places, strict=True)
+    followed = [(name, unit) for name, unit, place in rows if place >= len(memory.sensed)]
+    return {
+        "memory": memory,
+        "followed": entries([n for n, _ in followed], [unit for _, unit in followed]),
+        "sensed": entries([n for n, _, _ in memory.sensed], [unit for _, unit, _ in memory.sensed]),
+        "fields": [field for field in memory.fields if field.size],
+    }
+
+
+def entries(names: Sequence[str], units: Sequence[str]) -> list[dict[str, str]]:
+    """Names with identifiers and units, for lists of places."""
+    rows = zip(names, identifiers(names), units, strict=True)
+    return [{"name": name, "identifier": identifier, "unit": unit} for name, identifier, unit in rows]
+
+
+def driver_units(model: SymbolicModel) -> list[str]:
+    """Units of a model's drivers, "1" where nobody knows."""
+    return [model.machine.driver_unit(name) or "1" for name in model.drivers]

@@ -16,23 +16,20 @@ from typing import Any
 
 import numpy as np
 
-from truepose.codegen.blocks import blocks_of
+from truepose.codegen.blocks import blocks_of, driver_units, entries, offered
 from truepose.codegen.example import example_context
 from truepose.codegen.features import ALL, Features
 from truepose.codegen.layout import Layout, layout_of
 from truepose.codegen.left_out import left_out, left_out_words
-from truepose.codegen.offered import driver_units, entries, offered
-from truepose.codegen.printer import Real, literal
+from truepose.codegen.loop_blocks import easing_context, task_context
+from truepose.codegen.printer import Real, literal, trigonometry
 from truepose.codegen.pruning import pruned
 from truepose.codegen.reference import slopes_of, strain_of
 from truepose.codegen.six_joints import six_joints
-from truepose.codegen.task_blocks import easing_context, task_context
-from truepose.codegen.texts import environment
-from truepose.codegen.trigonometry import trigonometry
-from truepose.codegen.wrappers import wrappers
+from truepose.codegen.texts import environment, wrappers
 from truepose.errors import InputError
 from truepose.files import atomic_directory
-from truepose.models.file.machine_name import check_machine_name
+from truepose.models.file.names import check_machine_name
 from truepose.models.given import MachineLike, as_machine
 from truepose.models.machine.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine.machine import FRAME_OF, Machine
@@ -98,11 +95,7 @@ def generate(
 
 
 def render(
-    machine: Machine,
-    real: Real,
-    *,
-    nominal: Mapping[str, float] | None = None,
-    features: Features = ALL,
+    machine: Machine, real: Real, *, nominal: Mapping[str, float] | None = None, features: Features = ALL
 ) -> dict[str, str]:
     """The files of ``generate`` as texts by file name."""
     model = symbolic_model(machine, machine.effects)

@@ -13,8 +13,8 @@ import numpy as np
 
 from truepose.arrays import Array
 from truepose.models import lie
-from truepose.models.machine.chain import Chain, Move
 from truepose.models.machine.kinematics import SymbolicModel
+from truepose.models.machine.velocities import Chain, Move
 from truepose.models.task import WHOLE, Task
 
 FIRST = 16

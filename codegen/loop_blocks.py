@@ -15,7 +15,10 @@ from truepose.codegen.legs import Legs, legs_of
 from truepose.codegen.loops import Equations, LoopExpressions
 from truepose.codegen.printer import Real
 from truepose.codegen.reference import strain_of
+from truepose.models import lie
 from truepose.models.machine.kinematics import SymbolicModel
+from truepose.models.machine.singular import CALM, FARTHEST, NOTHING
+from truepose.models.task import Task
 
 Targets = list[tuple[str, int]]
 Arrays = tuple[tuple[str, ...], tuple[str, ...]]
@@ -130,3 +133,48 @@ def _write_legs(writer: Writer, model: SymbolicModel, legs: Legs) -> None:
         writer.function(title, "legs_of", (("T", "q"), ("r", "J")), targets)
         known = {"p": model.p, "z": model.z}
         _write_equations(writer, "legs", legs.equations, {**known, "J": legs.symbols})
+
+
+def write_turns(writer: Writer, task: Task) -> None:
+    """Write the function of the turns that a task counts, and of their rates by the turn in the base frame."""
+    target, pose, w = ca.SX.sym("target", 12), ca.SX.sym("T", 12), ca.SX.sym("w", 3)
+    goal, rotation = (ca.reshape(lines, 4, 3).T[:, :3] for lines in (target, pose))
+    left = task.turns(goal, rotation + lie.skew(w) @ rotation)
+    at = [ca.substitute(v, w, ca.SX.zeros(3)) for v in (-left, ca.jacobian(left, w).T)]
+    e, S = writer.graph.add({"target": target, "T": pose}, [ca.densify(v) for v in at])
+    targets = [(f"e[{k}]", node) for k, node in enumerate(e)] + [
+        (f"S[{k}]", node) for k, node in enumerate(S)
+    ]
+    title = "Turns that take T to the target about the tool's axes, about rad, and their rates by a turn in the base frame."
+    writer.function(title, "turns_left", (("target", "T"), ("e", "S")), targets)
+
+
+def easing_context(layout: Layout, *, single: bool) -> dict[str, Any] | None:
+    """Return what commands next to singular poses read; None where no joint has to swing for a turn."""
+    if not layout.free:
+        return None
+    return {
+        "free": layout.free,
+        "holders": [k for k in range(len(layout.near)) if k not in layout.free],
+        "calm": CALM,
+        "farthest": FARTHEST,
+        "nothing": max(NOTHING, layout.share * layout.rotation),
+        "steps": 12,
+        "settled": 1e-6 if single else 1e-12,
+    }
+
+
+def task_context(task: Task) -> dict[str, Any]:
+    """Return what the templates read: ``skip`` rows of six do not count, ``along`` and ``about`` are axes.
+
+    ``swings``: a turn may ask a joint to move far where the position alone would not.
+    """
+    return {
+        "partial": not task.is_whole,
+        "skip": 6 - len(task.rows),
+        "along": task.along,
+        "about": task.about,
+        "axis": task.axis,
+        "swings": task.position is not None,
+        "words": task.words,
+    }

@@ -2,25 +2,154 @@
 
 Two systems are solved over and over: the loops for the passive coordinates x at given readings, and pose with loops for
 all unknowns y = (q, x). Both have the same zeros everywhere, so each gets an elimination of its own, written out
-(``truepose.codegen.elimination``). Where there is none (equations that are no square system, or that are singular at
+(``truepose.codegen.loops``). Where there is none (equations that are no square system, or that are singular at
 the samples), the damped search of the generated C does its work.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
 from truepose.arrays import Array
-from truepose.codegen.elimination import Factors, Pivots, factors_of
 from truepose.codegen.layout import Layout
 from truepose.codegen.reference import Reference
 from truepose.models.machine.kinematics import SymbolicModel
 from truepose.models.machine.velocities import gap_derivative, twists
 from truepose.models.task import Task
+
+_THRESHOLD = 0.05
+"""A pivot is at least this share of the largest entry that its column has left, in every sample."""
+
+
+@dataclass(frozen=True)
+class Pivots:
+    """Order of the pivots, as (row, column), and the typical size (n,) of each one."""
+
+    order: tuple[tuple[int, int], ...]
+    sizes: Array
+
+    @classmethod
+    def of(cls, samples: Array, pattern: Array) -> Pivots:
+        """Pivots for matrices of ``pattern`` (n, n), True where an entry may be nonzero, chosen by ``samples`` (m, n, n).
+
+        Rows and columns of the samples are scaled so that their sizes can be compared.
+        """
+        left, fill = np.array(samples, dtype=float), np.array(pattern, dtype=bool)
+        rows, columns = list(range(fill.shape[0])), list(range(fill.shape[1]))
+        order, sizes = [], []
+        while rows:
+            i, j = _best(left, fill, rows, columns)
+            pivot = left[:, i, j]
+            order.append((i, j))
+            sizes.append(float(np.median(np.abs(pivot))))
+            rows.remove(i)
+            columns.remove(j)
+            safe = np.where(pivot == 0.0, 1.0, pivot)
+            for r in (r for r in rows if fill[r, j]):
+                left[:, r] -= (left[:, r, j] / safe)[:, None] * left[:, i]
+                fill[r] |= fill[i]
+        return cls(tuple(order), np.array(sizes))
+
+
+@dataclass(frozen=True)
+class Factors:
+    """Triangular factors of a matrix, as expressions of its entries.
+
+    values (nf,)   inverse pivots in their order (n of them), then multipliers and entries that elimination changed
+    symbols (nf,)  what ``solution`` reads them as; constants are read as they are
+    """
+
+    pivots: Pivots
+    values: ca.SX
+    symbols: ca.SX
+    right: ca.SX
+    solution: ca.SX
+
+    @property
+    def size(self) -> int:
+        """Unknowns."""
+        return len(self.pivots.order)
+
+
+def factors_of(matrix: ca.SX, pivots: Pivots) -> Factors:
+    """Factors of ``matrix`` (n, n), whose entries are symbols, constants or expressions that ``solution`` may repeat."""
+    n = matrix.shape[0]
+    own = {(i, j): matrix[i, j] for i in range(n) for j in range(n) if not matrix[i, j].is_zero()}
+    entries = dict(own)
+    inverses, multipliers = [], {}
+    left = list(range(n))
+    for i, j in pivots.order:
+        left.remove(i)
+        inverse = 1 / entries[i, j]
+        inverses.append(inverse)
+        for r in (r for r in left if (r, j) in entries):
+            factor = multipliers[r, i] = entries.pop((r, j)) * inverse
+            for c in (c for (row, c) in list(entries) if row == i and c != j):
+                entries[r, c] = entries.get((r, c), ca.SX(0)) - factor * entries[i, c]
+    stored = _Stored(inverses)
+    upper = {key: entry if entry is own.get(key) else stored.read(entry) for key, entry in entries.items()}
+    lower = {key: stored.read(factor) for key, factor in multipliers.items()}
+    right = ca.SX.sym("r", n)
+    solution = _solved(pivots.order, stored.symbols[: len(inverses)], lower, upper, right)
+    return Factors(pivots, ca.vertcat(*stored.values), ca.vertcat(*stored.symbols), right, solution)
+
+
+class _Stored:
+    """Values that are kept between elimination and solution, each with its symbol."""
+
+    def __init__(self, inverses: Sequence[ca.SX]) -> None:
+        self.values, self.symbols = list(inverses), [ca.SX.sym(f"F{k}") for k in range(len(inverses))]
+
+    def read(self, value: ca.SX) -> ca.SX:
+        """The symbol of a value, or the value where it is constant."""
+        if value.is_constant():
+            return value
+        self.values.append(value)
+        self.symbols.append(ca.SX.sym(f"F{len(self.symbols)}"))
+        return self.symbols[-1]
+
+
+def _solved(
+    order: Sequence[tuple[int, int]],
+    inverses: Sequence[ca.SX],
+    lower: dict[tuple[int, int], ca.SX],
+    upper: dict[tuple[int, int], ca.SX],
+    right: ca.SX,
+) -> ca.SX:
+    """(n,) unknowns by a right side: forward along the pivots, then back."""
+    b = {i: right[i] for i, _ in order}
+    for i, _ in order:
+        for (r, source), factor in lower.items():
+            if source == i:
+                b[r] = b[r] - factor * b[i]
+    x: dict[int, ca.SX] = {}
+    for (i, j), inverse in zip(reversed(order), reversed(inverses), strict=True):
+        known = [(c, entry) for (row, c), entry in upper.items() if row == i and c != j]
+        rest = b[i]
+        for c, entry in known:
+            rest = rest - entry * x[c]
+        x[j] = rest * inverse
+    return ca.vertcat(*(x[j] for j in range(len(order))))
+
+
+def _best(left: Array, fill: Array, rows: Sequence[int], columns: Sequence[int]) -> tuple[int, int]:
+    """The pivot with the fewest products among those that are large in every sample; the larger one of equals."""
+    part = np.abs(left[:, rows][:, :, columns])
+    pattern = fill[np.ix_(rows, columns)]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.nan_to_num(part / part.max(axis=1, keepdims=True)).min(axis=0)
+    share = np.where(pattern, share, -1.0).round(6)
+    products = np.outer(pattern.sum(axis=1) - 1, pattern.sum(axis=0) - 1)
+    sound = share >= min(_THRESHOLD, float(share.max()))
+    cost = np.where(sound, products, products.max() + 1)
+    candidates = np.argwhere(cost == cost.min())
+    i, j = max(candidates.tolist(), key=lambda at: float(share[at[0], at[1]]))
+    return rows[i], columns[j]
+
 
 _SAMPLES = 24
 _SMALLEST = {"double": 1e-7, "float": 1e-3}

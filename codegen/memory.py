@@ -180,6 +180,3 @@ def _exponentials(t0: float) -> tuple[float, int]:
     log(1 + x) is the integral of (1 - exp(-x s)) exp(-s) over log s; the trapezoidal rule at powers of two leaves 1e-6.
     """
     return t0, math.ceil(math.log2(_HIGHEST / (_SLOWEST * t0))) + 1
-
-
-__all__ = ["LONGEST", "Memory", "followed", "memory_of"]

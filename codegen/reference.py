@@ -11,8 +11,7 @@ import casadi as ca
 import numpy as np
 
 from truepose.arrays import Array
-from truepose.models.machine.closure import closed, one_row
-from truepose.models.machine.home import coordinate_scale
+from truepose.models.machine.closure import closed, coordinate_scale, one_row
 from truepose.models.machine.kinematics import SymbolicModel
 
 _ROUNDS = 50

@@ -63,6 +63,3 @@ def _general(
     for leaf in modules_named("solutions"):
         out |= leaf.general_equation(model, chain, layout, wanted=wanted)
     return out | ({"all_iter": SEARCH_ITER} if wanted and not out["resultant"] else {})
-
-
-__all__ = ["six_joints"]

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 from truepose.models.file.driver import Driver
-from truepose.models.file.schema_line import RECORDING_SCHEMA
-from truepose.models.schemas.machine import DIALECT
-from truepose.models.schemas.plain import Schema
+from truepose.models.file.names import RECORDING_SCHEMA
+from truepose.models.schemas.machine import DIALECT, Schema
 
 Holds = Literal["number", "integer", "text", "time"]
 _PLACEHOLDER: Final = re.compile(r"<\w+>")

@@ -19,8 +19,7 @@ from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.files import atomic_write_text
 from truepose.identification.prior import SIZES
-from truepose.models.file.field_errors import input_error
-from truepose.models.file.fields import FilePart
+from truepose.models.file.fields import FilePart, input_error
 from truepose.models.file.yaml_document import document_text, flow_text, read_document
 from truepose.models.machine.effect import effects
 from truepose.models.machine.placed import EffectAtPlace

@@ -10,24 +10,25 @@ from pathlib import Path
 from truepose.errors import InputError
 from truepose.files import mixture_notes
 from truepose.models.file.machine_file import EffectSpec, MachineFile, read_machine
-from truepose.models.file.plain_texts import check_texts
-from truepose.models.file.setting_range import check_settings
-from truepose.models.machine.builder import builders
-from truepose.models.machine.column_names import check_column_names
-from truepose.models.machine.context import BuildContext
+from truepose.models.file.names import check_texts
+from truepose.models.machine.builder import BuildContext, builders
+from truepose.models.machine.columns import check_column_names, declared_drivers, driver_names
 from truepose.models.machine.couplings import resolve_couplings
-from truepose.models.machine.declared import declared_drivers, driver_names
 from truepose.models.machine.effect import effects
-from truepose.models.machine.equipment import equipment, with_recordings
-from truepose.models.machine.forces import measured_forces, with_columns
-from truepose.models.machine.home_directions import home_directions
+from truepose.models.machine.kinematics import home_directions
+from truepose.models.machine.loads import (
+    equipment,
+    measured_forces,
+    springs,
+    weights,
+    with_columns,
+    with_recordings,
+)
 from truepose.models.machine.machine import FRAMES, Machine
 from truepose.models.machine.mechanism import Mechanism
 from truepose.models.machine.mounts import frame_parameters, mounts
-from truepose.models.machine.placed import Place, PlacedEffect
+from truepose.models.machine.placed import Place, PlacedEffect, check_settings
 from truepose.models.machine.sensor import Sensor, sensors
-from truepose.models.machine.springs import springs
-from truepose.models.machine.weights import weights
 
 DIAGNOSIS = "diagnosis.json"
 """Result beside an ``improved.yaml``, which it knows by its digest."""

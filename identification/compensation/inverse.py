@@ -23,9 +23,9 @@ from truepose.errors import InputError
 from truepose.identification.compensation.compiled import base_frame
 from truepose.identification.prediction.loops import Loops
 from truepose.models.given import MachineLike, as_machine
+from truepose.models.machine.closure import coordinate_scale
 from truepose.models.machine.controllability import task_of
 from truepose.models.machine.couplings import turns_freely
-from truepose.models.machine.home import coordinate_scale
 from truepose.models.machine.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine.machine import Machine
 from truepose.models.task import Task

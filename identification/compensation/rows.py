@@ -21,8 +21,8 @@ from truepose.identification.prediction.predict import predictor_for
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
 from truepose.models.file.driver import STEP, Driver
+from truepose.models.machine.closure import coordinate_scale
 from truepose.models.machine.controllability import free_joints, task_of
-from truepose.models.machine.home import coordinate_scale
 from truepose.models.machine.kinematics import SymbolicModel
 from truepose.models.machine.machine import Machine
 from truepose.models.task import WHOLE, Task

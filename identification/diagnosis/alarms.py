@@ -24,7 +24,7 @@ from truepose.identification.fit.estimate import Estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.linearisation import Linearisation
-from truepose.models.machine.smooth import orthonormal, powers, scaled, waves
+from truepose.models.effects.empirical import orthonormal, powers, scaled, waves
 
 SIGMA_OFF = 3.0
 """A stated sigma may be wrong by so much."""

@@ -27,11 +27,10 @@ from truepose.identification.fit.estimate import Estimate
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.models.effects.base import PlacedEffect, effects
-from truepose.models.effects.empirical import Empirical
+from truepose.models.effects.empirical import Empirical, orthonormal, powers, scaled, waves
 from truepose.models.file.driver import APPROACH, OF_THE_ORDER, STEP, Driver
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.parameters import element_of
-from truepose.models.machine.smooth import orthonormal, powers, scaled, waves
+from truepose.models.machine.mechanism import element_of
 
 NOTABLE = 3.0
 """Log Bayes factor below which there is nothing to speak of: of a candidate alone, and between explanations as good."""

@@ -18,7 +18,7 @@ from truepose.identification.signatures.candidates import Catalogue
 from truepose.models.effects.empirical import Empirical
 from truepose.models.file.driver import DriverKind
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.parameters import element_of
+from truepose.models.machine.mechanism import element_of
 from truepose.models.machine.placed import EffectAtPlace
 
 SURE = 0.9

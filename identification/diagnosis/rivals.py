@@ -36,7 +36,7 @@ from truepose.identification.signatures.untestable import GRAVITY, places_of
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.effects.empirical import Empirical
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.parameters import element_of
+from truepose.models.machine.mechanism import element_of
 from truepose.models.machine.placed import EffectAtPlace
 
 COMPLIANCE = "joint-compliance"

@@ -27,7 +27,7 @@ from truepose.identification.prediction.predictor import Predictor
 from truepose.models import lie
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import AXES
-from truepose.models.machine.view import TOOL_IN_WORLD, WORLD
+from truepose.models.machine.sensor import TOOL_IN_WORLD, WORLD
 from truepose.models.sensors.direction import ORIGIN, Direction
 
 WIDE_ANGLE = 0.2

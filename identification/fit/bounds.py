@@ -16,8 +16,7 @@ from truepose.errors import InputError
 from truepose.identification.fit.problem import Prior, Problem
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.mechanism import Direction
-from truepose.models.machine.parameters import Parameter
+from truepose.models.machine.mechanism import Direction, Parameter
 from truepose.models.units import convert
 from truepose.wording import close_matches
 

@@ -21,7 +21,7 @@ from truepose.identification.prediction.covariance import Covariance
 from truepose.models.effects.frame_shift import FrameShift
 from truepose.models.file.driver import Driver
 from truepose.models.machine.machine import FRAME_OF, Machine
-from truepose.models.machine.parameters import Parameter
+from truepose.models.machine.mechanism import Parameter
 from truepose.models.machine.placed import PlacedEffect
 from truepose.wording import close_matches
 

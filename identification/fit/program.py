@@ -17,7 +17,7 @@ from truepose.identification.fit.leastsquares import triangular
 from truepose.identification.fit.problem import Problem
 from truepose.identification.prediction.port_kinematics import twists_by
 from truepose.identification.prediction.sensor_rows import Block, Sight, joined
-from truepose.models.machine.home import coordinate_scale
+from truepose.models.machine.closure import coordinate_scale
 
 REST = 1e-3
 """Step, in its natural size, of a passive coordinate that no reading sees directly."""

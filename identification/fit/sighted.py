@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from truepose.arrays import Array
 from truepose.models import lie
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.view import TOOL_IN_WORLD
+from truepose.models.machine.sensor import TOOL_IN_WORLD
 from truepose.models.sensors.direction import ORIGIN, Direction
 
 _FEWEST = {True: 3, False: 2}

@@ -9,7 +9,7 @@ import numpy as np
 
 from truepose.arrays import Array, Mask
 from truepose.identification.fit.estimate import Estimate
-from truepose.models.sensors.base import Channel
+from truepose.models.machine.sensor import Channel
 
 LEVEL, DRAWS, SEED = 0.99, 2000, 7
 """Quantile of the largest departure that a true model is allowed, and the machines that are drawn to find it."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from truepose.arrays import Array
 from truepose.identification.prior import INFLATIONS, NARROWER, TOLERANCE_DOUBT
-from truepose.models.machine.parameters import like_parts
+from truepose.models.machine.mechanism import like_parts
 
 INFLATED = ("length", "angle")
 """Kinds whose classes are told apart; all others (frames, sensors, targets) are one class each."""

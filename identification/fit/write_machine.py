@@ -30,8 +30,7 @@ from truepose.models.effects.base import PlacedEffect
 from truepose.models.file.driver import MEASURED_LOADS, ROW, DeclaredDriver, Driver
 from truepose.models.file.machine_file import ExpectedPose, machine_text
 from truepose.models.machine.machine import Machine, Mass
-from truepose.models.machine.mechanism import AXES, Direction
-from truepose.models.machine.parameters import Parameter
+from truepose.models.machine.mechanism import AXES, Direction, Parameter
 from truepose.models.units import UnitSystem, convert
 
 FieldPath = tuple[str | int, ...]

@@ -17,7 +17,7 @@ import numpy as np
 from truepose.arrays import Array
 from truepose.identification.identifiability.observability import Direction, Knowledge, unseen
 from truepose.models.machine.machine import FRAME_OF, FRAMES, Machine
-from truepose.models.machine.view import TOOL
+from truepose.models.machine.sensor import TOOL
 
 HOLDS = 1e-5
 """A pattern holds when no more than this share of it is left outside the unseen directions."""

@@ -14,7 +14,7 @@ import numpy as np
 from truepose.arrays import Array, Mask
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine
-from truepose.models.sensors.base import Sensor
+from truepose.models.machine.sensor import Sensor
 
 
 def all_lost(machine: Machine, parts: Sequence[Mask | None], rows: int) -> Mask | None:

@@ -25,11 +25,11 @@ from truepose.identification.prediction.sensor_rows import Block, Sight, joined,
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.file.driver import PAYLOAD
+from truepose.models.machine.assembly import load_scale
 from truepose.models.machine.closure import solved
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.statics import load_scale
-from truepose.models.sensors.base import Channel, Comparison, Rows
+from truepose.models.machine.sensor import Channel, Comparison, Rows
 from truepose.threads import in_order
 
 BLOCK = 1024

@@ -17,8 +17,7 @@ from truepose.identification.prediction.by_ports import ByPorts
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.view import TOOL_IN_WORLD, View
-from truepose.models.sensors.base import Comparison, Sensor
+from truepose.models.machine.sensor import TOOL_IN_WORLD, Comparison, Sensor, View
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from truepose.models.effects.common import sensor_names
 from truepose.models.effects.empirical import Empirical
 from truepose.models.file.driver import PAYLOAD
 from truepose.models.machine.machine import Machine
-from truepose.models.sensors.base import Sensor
+from truepose.models.machine.sensor import Sensor
 
 LEAST_RANGE = 1e-6
 """Half of a range that is taken for a driver that was never varied."""

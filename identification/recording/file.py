@@ -25,7 +25,7 @@ from truepose.identification.recording.table import Table
 from truepose.identification.recording.times import Times, read_times
 from truepose.models.file.driver import APPROACH, MEASURED_LOADS, VELOCITY, DeclaredDriver, Driver
 from truepose.models.file.limits import LATEST, ROWS
-from truepose.models.machine.column_names import OF_ROWS
+from truepose.models.machine.columns import OF_ROWS
 from truepose.models.units import UnitSystem, convert
 from truepose.wording import cut, meant, shortened
 

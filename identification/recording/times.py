@@ -15,7 +15,7 @@ import numpy as np
 from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.recording.table import Table
-from truepose.models.machine.moments import seconds_since_1970
+from truepose.models.machine.loads import seconds_since_1970
 from truepose.models.units import convert
 from truepose.wording import cut
 

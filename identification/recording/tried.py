@@ -10,8 +10,8 @@ from truepose.identification.recording.load import Sources, load_recording, tabl
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.table import Table
 from truepose.models.file.driver import MEASURED_LOADS, DeclaredDriver, Driver
-from truepose.models.file.driver_entry import DriverSpec
-from truepose.models.machine.declared import declared_driver
+from truepose.models.file.sections import DriverSpec
+from truepose.models.machine.columns import declared_driver
 from truepose.models.machine.machine import Machine
 from truepose.wording import close_matches
 

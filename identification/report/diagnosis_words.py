@@ -18,8 +18,8 @@ from truepose.identification.report.level_words import (
 from truepose.identification.report.misfit_words import misfit_clause
 from truepose.identification.report.numbers import known, percent, significant
 from truepose.models.effects.base import Effect, effects
-from truepose.models.effects.empirical_sources import LOAD, MOMENT
-from truepose.models.effects.of_rows import OF_ROWS
+from truepose.models.effects.common import OF_ROWS
+from truepose.models.effects.empirical import LOAD, MOMENT
 from truepose.wording import joined
 
 LEADS = 3

@@ -12,7 +12,7 @@ from truepose.identification.recording.recording import Recording
 from truepose.identification.report.numbers import unit_symbol
 from truepose.models.file.driver import ROW
 from truepose.models.machine.machine import Machine
-from truepose.models.sensors.base import Channel
+from truepose.models.machine.sensor import Channel
 
 MOST = 12
 

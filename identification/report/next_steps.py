@@ -9,7 +9,7 @@ from truepose.identification.diagnosis.result import Diagnosis, Finding
 from truepose.identification.report.diagnosis_words import separating_experiment
 from truepose.identification.report.left_words import left_words
 from truepose.identification.report.lines import COLUMNS, wrapped
-from truepose.models.effects.of_rows import OF_ROWS
+from truepose.models.effects.common import OF_ROWS
 from truepose.models.machine.machine import Machine
 
 NEXT = "next: "

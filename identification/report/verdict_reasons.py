@@ -14,7 +14,7 @@ from truepose.identification.report.diagnosis_words import (
 )
 from truepose.identification.report.misfit_words import misfit_clause
 from truepose.identification.report.numbers import known, p_value, percent, significant, times
-from truepose.models.effects.of_rows import OF_ROWS
+from truepose.models.effects.common import OF_ROWS
 from truepose.wording import joined
 
 

@@ -30,12 +30,13 @@ from truepose.identification.signatures.untestable import (
 )
 from truepose.models.effects.base import PlacedEffect, Settings
 from truepose.models.effects.common import sensor_names
-from truepose.models.effects.empirical import WIDTH, Empirical
-from truepose.models.effects.empirical_sources import (
+from truepose.models.effects.empirical import (
     CURVE,
     FROM,
     LINE,
     MOUNT_CURVE,
+    WIDTH,
+    Empirical,
     seen_over,
 )
 from truepose.models.effects.sights import XYZ, point_names

@@ -14,7 +14,7 @@ import numpy as np
 from truepose.arrays import Array, Index, Mask
 from truepose.identification.prior import FORM_ERROR
 from truepose.identification.recording.recording import Recording
-from truepose.models.machine.smooth import chebyshev, scaled
+from truepose.models.effects.empirical import chebyshev, scaled
 
 PAIR = 2
 """Modulations of a source: its first two polynomials."""

@@ -19,9 +19,8 @@ from truepose.identification.fit.estimate import Estimate
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.effects.series import over_arc
-from truepose.models.effects.transmission_error import HIGHEST_ORDER, SERIES, TransmissionError
-from truepose.models.file.setting_range import HARMONIC
+from truepose.models.effects.transmission_error import HIGHEST_ORDER, SERIES, TransmissionError, over_arc
+from truepose.models.machine.placed import HARMONIC
 
 FINEST = 4096
 """Highest order that is looked for: 2^12, twenty cycles of a motor behind a gear of 200."""

@@ -10,8 +10,7 @@ from truepose.arrays import Array
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import Settings
-from truepose.models.effects.empirical import TURNS
-from truepose.models.effects.empirical_sources import LOAD, LOAD_CURVE, MOMENT, seen_over
+from truepose.models.effects.empirical import LOAD, LOAD_CURVE, MOMENT, TURNS, seen_over
 from truepose.models.file.driver import MEASURED_LOADS, Driver
 from truepose.models.machine.machine import FRAMES, Machine
 

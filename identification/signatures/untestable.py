@@ -14,8 +14,8 @@ from scipy.constants import g
 from truepose.arrays import Array
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import Effect, PlacedEffect, effects
-from truepose.models.effects.empirical_sources import travel_of
-from truepose.models.effects.thermometers import any_thermometer
+from truepose.models.effects.empirical import travel_of
+from truepose.models.effects.sights import any_thermometer
 from truepose.models.file.driver import (
     APPROACH,
     OF_THE_ORDER,

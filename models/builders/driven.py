@@ -1,16 +1,17 @@
-"""What the row of a joint with a reading says beside its constants: its range, its gear, and what its column holds."""
+"""Joints that readings drive, and joints that those carry along: fields that the forms of mechanisms share."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any, Self
 
 from pydantic import Field, model_validator
 
 from truepose.errors import InputError
 from truepose.models.file.fields import Number, Period, Pitch, Range, Ratio, Section, bad_value, quantity
+from truepose.models.file.formula import FUNCTIONS, Formula, Law
 from truepose.models.file.limits import positive
-from truepose.models.machine.context import BuildContext
+from truepose.models.machine.builder import BuildContext
 from truepose.models.machine.mechanism import Actuator
 from truepose.models.units import convert, counts_unit
 from truepose.wording import close_matches
@@ -102,3 +103,56 @@ def with_encoders(
                 f"{where}.encoders: found {name!r}, expected a joint that is read; {close_matches(name, names)}"
             )
     return [row | dict(encoders.get(row["name"], {})) for row in rows]
+
+
+_OWN = ("x", "y", "z", "rx", "ry", "rz", "offset")
+"""Parameters that every joint has."""
+
+
+class Mimic(Section):
+    """Another joint that carries this one along."""
+
+    joint: str
+    """A joint of the graph that is `actuated`."""
+    ratio: Number = 1.0
+    """Displacement of this joint for a unit of the other's, in the file's units (mm/deg of a slide that a turn moves)."""
+
+
+def ratio_name(joint: str, other: str) -> str:
+    """The parameter of how far ``joint`` moves for a unit of another."""
+    return f"{joint}.ratio.{other}"
+
+
+def ratio_unit(unit: str, other: str) -> str:
+    """Unit of a ratio of displacements."""
+    return "1" if unit == other else f"{unit}/{other}"
+
+
+def check_lengths(names: Iterable[str], driven: Collection[str], where: str) -> None:
+    """Raises InputError for a name that stands for something else in the formula, or among the joint's parameters."""
+    for name in names:
+        if name in driven or not name.isidentifier() or name in FUNCTIONS or name in _OWN:
+            raise InputError(
+                f"{where}.lengths: found {name!r}, expected a name of letters and digits that is no joint, function "
+                "or parameter of the joint"
+            )
+
+
+def law_of(
+    text: str,
+    joint: str,
+    dimension: str,
+    driven: Mapping[str, str],
+    lengths: Collection[str],
+    context: BuildContext,
+    where: str,
+) -> Law:
+    """What a joint's formula says; ``driven``: dimension of each joint with a reading.
+
+    Raises InputError for names and functions that there are not.
+    """
+    units = context.file.units
+    formula = Formula.read(text, (*driven, *lengths), units.to_internal(1.0, "angle"), f"{where}.computed")
+    readings = [(name, units.to_internal(1.0, driven[name])) for name in formula.names if name in driven]
+    named = [(name, f"{joint}.{name}", units.to_internal(1.0, "length")) for name in lengths]
+    return Law(formula, units.to_internal(1.0, dimension), tuple(readings), tuple(named))

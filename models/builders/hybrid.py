@@ -15,11 +15,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from truepose.models.builders.base import builders
 from truepose.models.builders.driven import Encoder, with_encoders
 from truepose.models.builders.graph import Graph, mechanism_of
 from truepose.models.file.fields import In, Length, Number, Pitch, Section, bad_value
-from truepose.models.machine.context import BuildContext
+from truepose.models.machine.builder import BuildContext, builders
 from truepose.models.machine.mechanism import Mechanism
 from truepose.models.units import UnitSystem
 
@@ -133,6 +132,3 @@ def _limb(k: int, machine: Hybrid, units: UnitSystem) -> list[Joint]:
 
 def _passive(name: str, kind: str, parent: str, child: str, axis: list[int]) -> Joint:
     return {"name": name, "kind": kind, "parent": parent, "child": child, "axis": axis}
-
-
-__all__ = ["Hybrid", "expanded", "hybrid"]

@@ -13,12 +13,10 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 from truepose.errors import InputError
-from truepose.models.builders.base import builders
 from truepose.models.builders.driven import Driven
 from truepose.models.file.fields import Angle, Section
-from truepose.models.machine.context import BuildContext
-from truepose.models.machine.mechanism import BASE, Inertial, Joint, Mechanism, Step
-from truepose.models.machine.parameters import Parameter
+from truepose.models.machine.builder import BuildContext, builders
+from truepose.models.machine.mechanism import BASE, Inertial, Joint, Mechanism, Parameter, Step
 
 STANDARD_GRAVITY = 9.80665
 UNWEIGHED = (Inertial("tool", 10.0, (500.0, 0.0, 0.0)), Inertial("tube", 10.0, (-500.0, 0.0, 0.0)))
@@ -121,6 +119,3 @@ def _gravity(parsed: Mount) -> tuple[float, float, float] | None:
         return None
     along, up = math.cos(parsed.latitude), math.sin(parsed.latitude)
     return (-STANDARD_GRAVITY * along, 0.0, -STANDARD_GRAVITY * up)
-
-
-__all__ = ["NAMES", "Mount", "mount"]

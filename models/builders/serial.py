@@ -4,7 +4,7 @@ T(i-1, i) = RotY(beta) RotX(alpha) TransX(d) RotZ(theta) TransZ(r); the reading 
 or r (prismatic). Hayati's beta keeps the description continuous where neighbouring axes are parallel;
 elsewhere it is redundant and the tolerances decide how it shares with theta and r. A ``flange`` turned by alpha about,
 and shifted by d along, the last link's x axis is fixed to it; a row of kind ``fixed`` is a frame without a joint. Tables in
-the conventions of data sheets become such rows (``truepose.models.builders.dh_table``).
+the conventions of data sheets become such rows (``truepose.models.builders.serial``).
 """
 
 from __future__ import annotations
@@ -12,18 +12,87 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 from pydantic import model_validator
 from pydantic_core import PydanticCustomError
 
 from truepose.errors import InputError
-from truepose.models.builders.base import builders
-from truepose.models.builders.dh_table import CONVENTIONS, ChainJoint, khalil_section, table_frames
-from truepose.models.file.fields import Angle, Length, Section
-from truepose.models.machine.context import BuildContext
-from truepose.models.machine.mechanism import BASE, Joint, Mechanism, Step
-from truepose.models.machine.parameters import Parameter
+from truepose.models.builders.driven import Driven
+from truepose.models.file.fields import Angle, Length, Section, bad_value
+from truepose.models.machine.builder import BuildContext, builders
+from truepose.models.machine.mechanism import BASE, Joint, Mechanism, Parameter, Step
+
+CONVENTIONS = ("khalil", "modified", "standard")
+_KEPT = tuple(Driven.model_fields)
+"""Fields of a joint that are no constants of the table."""
+
+
+class ChainJoint(Driven):
+    """What a row of a table says of its joint beside the constants."""
+
+    name: str
+    """Name of the joint and of the recording's column of its readings."""
+    kind: Literal["revolute", "prismatic", "fixed"]
+    """Whether it turns about its z axis or slides along it; `fixed`: a row without a joint, such as a flange's."""
+
+    @model_validator(mode="after")
+    def _moving(self) -> Self:
+        if self.kind == "fixed" and self.model_fields_set & set(Driven.model_fields):
+            raise bad_value("fields of a joint's reading on a joint that moves", self.kind)
+        return self
+
+
+class DhJoint(ChainJoint):
+    """One row of a standard or modified table."""
+
+    a: Length = 0.0
+    """Link length: distance along x. In a standard table it follows the joint, in a modified one it comes before."""
+    alpha: Angle = 0.0
+    """Twist: turn about x, beside `a`."""
+    d: Length = 0.0
+    """Shift along z at reading 0; a prismatic joint's reading adds to it."""
+    theta: Angle = 0.0
+    """Turn about z at reading 0; a revolute joint's reading adds to it."""
+
+
+class DhTable(Section):
+    """The section ``mechanism`` of a serial chain as a data sheet has it."""
+
+    type: Literal["serial"]
+    """A chain of joints of one degree of freedom each, as a data sheet tables it."""
+    convention: Literal["modified", "standard"]
+    """`modified`: RotX(alpha) TransX(a) RotZ(theta) TransZ(d); `standard`: RotZ(theta) TransZ(d) TransX(a) RotX(alpha)."""
+    joints: tuple[DhJoint, ...]
+    """The rows of the table as they stand, from the base to the flange."""
+
+
+def khalil_section(section: Mapping[str, Any], context: BuildContext) -> dict[str, Any]:
+    """The same chain in the program's own convention, in the file's units. Raises InputError naming file and field."""
+    table = context.parse(DhTable, section)
+    joints, a, alpha = [], 0.0, 0.0
+    for row in section["joints"]:
+        if table.convention == "modified":
+            a, alpha = row.get("a", 0.0), row.get("alpha", 0.0)
+        constants = {"alpha": alpha, "d": a, "theta": row.get("theta", 0.0), "r": row.get("d", 0.0)}
+        kept = {key: row[key] for key in _KEPT if row.get(key) is not None}
+        joints.append({"name": row["name"], "kind": row["kind"], "beta": 0.0, **constants, **kept})
+        a, alpha = row.get("a", 0.0), row.get("alpha", 0.0)
+    out: dict[str, Any] = {"type": "serial", "joints": joints}
+    if table.convention == "standard" and (a or alpha):
+        out["flange"] = {"alpha": alpha, "d": a}
+    return out
+
+
+def table_frames(section: Mapping[str, Any], context: BuildContext) -> dict[str, tuple[float, float]]:
+    """Of each link ``linkK`` of a standard table: a (mm) and alpha (rad) from the link's frame to the table's frame K."""
+    table = context.parse(DhTable, section)
+    if table.convention != "standard":
+        return {}
+    return {
+        f"link{k}": (row.a, row.alpha) for k, row in enumerate(table.joints, start=1) if row.a or row.alpha
+    }
+
 
 _STEPS = (
     ("ry", "beta", "rad"),

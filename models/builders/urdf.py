@@ -3,7 +3,7 @@
 A URDF is a tree, so that it holds no closed loops; those are described as ``type: graph``. Its lengths are m and
 its angles rad; the graph's are in the units of the machine file. Fixed joints stay: what their frames err by is
 redundant with their neighbours', and the tolerances decide how they share it. What its links weigh is read by
-``truepose.models.builders.urdf_inertials``.
+``truepose.models.builders.urdf_file``.
 """
 
 from __future__ import annotations
@@ -17,14 +17,11 @@ from xml.etree.ElementTree import Element
 from pydantic import Field
 
 from truepose.errors import InputError
-from truepose.models.builders.base import builders
-from truepose.models.builders.driven import Encoder, with_encoders
-from truepose.models.builders.followers import ratio_unit
+from truepose.models.builders.driven import Encoder, ratio_unit, with_encoders
 from truepose.models.builders.graph import Graph, mechanism_of
-from truepose.models.builders.urdf_file import Robot
-from truepose.models.builders.urdf_inertials import gravity_in, inertials_of
+from truepose.models.builders.urdf_file import Robot, gravity_in, inertials_of
 from truepose.models.file.fields import Section
-from truepose.models.machine.context import BuildContext
+from truepose.models.machine.builder import BuildContext, builders
 from truepose.models.machine.mechanism import BASE, Mechanism
 from truepose.models.units import UnitSystem, convert
 from truepose.wording import close_matches, cut

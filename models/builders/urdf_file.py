@@ -4,17 +4,72 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 from xml.etree import ElementTree
 
+import numpy as np
+
+from truepose.arrays import Array
+from truepose.bounded import read_input
 from truepose.errors import InputError
-from truepose.models.builders.urdf_xml import read_urdf
+from truepose.models.lie import pose_of, rpy_matrix
+from truepose.models.machine.mechanism import Inertial
 from truepose.models.units import UnitSystem
 from truepose.wording import close_matches, cut, shortened
+
+
+class _Tree(ElementTree.TreeBuilder):
+    """Elements as they come; a document type and xacro are refused."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self._path = path
+
+    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
+        """Entities are declared there: they may stand for gigabytes, and for other files."""
+        raise InputError(
+            f"{self._path}: found <!DOCTYPE {cut(name, 40)}>, expected a URDF without a document type"
+        )
+
+    def start(self, tag: str, attrs: dict[str, str], /) -> ElementTree.Element:
+        if "/xacro}" in tag:
+            raise InputError(
+                f"{self._path}: found xacro (<xacro:{cut(tag.rpartition('}')[2], 40)}>), expected the URDF that is made of it: "
+                "xacro robot.urdf.xacro > robot.urdf"
+            )
+        return super().start(tag, attrs)
+
+
+def parse_own_xml(text: str) -> ElementTree.Element:
+    """Return the root element of a text that truepose itself wrote. Raises ElementTree.ParseError for broken XML."""
+    return ElementTree.fromstring(text)
+
+
+def read_urdf(path: Path) -> ElementTree.Element:
+    """Return the element ``robot``. Raises InputError for a missing file, broken XML, and xacro."""
+    try:
+        data = read_input(path)
+    except OSError as exc:
+        raise InputError(f"{path}: cannot read the URDF: {exc.strerror or exc}") from None
+    return parse_urdf(data, path)
+
+
+def parse_urdf(data: bytes, path: Path) -> ElementTree.Element:
+    """Return the element ``robot`` of what a file holds. Raises InputError as ``read_urdf``."""
+    try:
+        parser = ElementTree.XMLParser(target=_Tree(path))
+        parser.feed(data)
+        root: ElementTree.Element = parser.close()
+    except (ElementTree.ParseError, ValueError, LookupError) as exc:
+        raise InputError(f"{path}: cannot read the URDF: broken XML: {cut(str(exc))}") from None
+    if root.tag != "robot":
+        raise InputError(f"{path}: found <{cut(root.tag)}>, expected <robot>")
+    return root
+
 
 _T = TypeVar("_T")
 KINDS = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic", "fixed": "fixed"}
@@ -261,3 +316,78 @@ def _direction(axis: tuple[float, ...]) -> list[float]:
     """An axis as it stands; of one whose length's square no number holds, the same direction."""
     largest = max(map(abs, axis))
     return list(axis) if 1e-6 <= largest <= 1e6 else [v / largest for v in axis]
+
+
+STANDARD_GRAVITY = 9.80665
+_NAMED = 3
+
+
+class _Hung(NamedTuple):
+    """The body that a link hangs on, the link's frame (4, 4) in the body's at zero, and whether a joint could move it."""
+
+    body: str
+    frame: Array
+    moved: bool
+
+    def beyond(self, robot: Robot, joint: ElementTree.Element) -> _Hung:
+        """Return the same of the link that a joint carries."""
+        moved = self.moved or joint.get("type") != "fixed"
+        return _Hung(self.body, self.frame @ _origin(robot, joint), moved)
+
+
+def inertials_of(robot: Robot, chain: Sequence[str]) -> tuple[tuple[Inertial, ...], tuple[str, ...]]:
+    """Mass and centre (mm, body's frame) of each body of ``chain`` but the first, and notes on them.
+
+    Raises InputError for a mass or an origin that is none.
+    """
+    sums = {link: np.zeros(4) for link in chain[1:]}  # kg, kg x, kg y, kg z
+    bent: list[str] = []
+    known: dict[str, _Hung | None] = {link: _Hung(link, np.eye(4), moved=False) for link in sums}
+    for element in robot.elements:
+        kg, com = _weight(robot, element)
+        if not kg:
+            continue
+        found = robot.carried(
+            robot.joint_name(element), known, lambda above, joint: above.beyond(robot, joint)
+        )
+        if found is None:
+            continue
+        body, frame, moved = found
+        sums[body] += kg * np.array([1.0, *(frame[:3, :3] @ com + frame[:3, 3])])
+        bent += [robot.joint_name(element)] if moved else []
+    out = tuple(
+        Inertial(body, float(s[0]), (float(s[1] / s[0]), float(s[2] / s[0]), float(s[3] / s[0])))
+        for body, s in sums.items()
+        if s[0] > 0.0
+    )
+    told = f"{robot.path}: counted where they hang with their joints at zero: {shortened(bent, _NAMED)}"
+    return out, (told,) if out and bent else ()
+
+
+def gravity_in(robot: Robot, base: str) -> tuple[float, float, float]:
+    """Gravity (m/s^2) in the frame of a link, where the root link's z points up and all joints stand at zero."""
+    turned = np.eye(4)
+    link, seen = base, set[str]()
+    while link in robot.above and link not in seen:
+        seen.add(link)
+        turned = _origin(robot, robot.above[link]) @ turned
+        link = robot.end(robot.above[link], "parent")
+    x, y, z = (float(round(v, 12)) + 0.0 for v in turned[:3, :3].T @ [0.0, 0.0, -STANDARD_GRAVITY])
+    return x, y, z
+
+
+def _weight(robot: Robot, link: ElementTree.Element) -> tuple[float, Array]:
+    """Mass of a link, kg, and its centre, mm; 0 where it states none."""
+    mass = link.find("inertial/mass")
+    if mass is None:
+        return 0.0, np.zeros(3)
+    kg = robot.number(link, "inertial/mass", mass.get("value", "0"))
+    if not 0.0 <= kg <= FARTHEST:
+        raise robot.wrong(link, "inertial/mass", f"found {kg:g}", f"a number >= 0, at most {FARTHEST:g} (kg)")
+    return kg, MM_PER_M * np.array(robot.numbers(link, "inertial/origin", "xyz"))
+
+
+def _origin(robot: Robot, joint: ElementTree.Element) -> Array:
+    """(4, 4) child frame in the parent's at zero, mm."""
+    xyz, rpy = (np.array(robot.numbers(joint, "origin", part)) for part in ("xyz", "rpy"))
+    return pose_of(rpy_matrix(rpy), MM_PER_M * xyz)

@@ -10,10 +10,17 @@ import casadi as ca
 from truepose.arrays import Array
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import sensor_at, sensors_where
-from truepose.models.effects.sights import bent_up, of_stars, optical, stretched
-from truepose.models.effects.thermometers import borrowed, from_settings, others
-from truepose.models.file.setting_range import ANY, SWITCH, ranges
+from truepose.models.effects.sights import (
+    bent_up,
+    borrowed,
+    from_settings,
+    of_stars,
+    optical,
+    others,
+    stretched,
+)
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.placed import ANY, SWITCH, ranges
 
 REFRACTIVITY = 2.7e-4
 """n - 1 of dry air at 20 degC and 1013.25 hPa: 2.72e-4 at 633 nm, 2.69e-4 at 1550 nm."""

@@ -8,8 +8,8 @@ from itertools import permutations
 from truepose.errors import InputError
 from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import actuator_at
-from truepose.models.file.setting_range import NO_SETTINGS
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.placed import NO_SETTINGS
 
 LARGEST = {"1": 0.02, "mm/rad": 5.0, "rad/mm": 1e-3}
 BETWEEN_LEGS = 0.1

@@ -11,10 +11,10 @@ from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import down, points_only, singly
-from truepose.models.file.setting_range import SWITCH, ranges
 from truepose.models.machine.assembly import placed_frame
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import BASE, Direction, Joint
+from truepose.models.machine.placed import SWITCH, ranges
 
 LARGEST = 5e-3
 """rad: 1000 arcsec, a light mount of an amateur; observatories have a hundredth of it."""

@@ -18,9 +18,9 @@ from truepose.models.effects.common import (
     rails,
     singly,
 )
-from truepose.models.file.setting_range import COUNT, ranges
-from truepose.models.machine.loops import looped
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.mechanism import looped
+from truepose.models.machine.placed import COUNT, ranges
 
 LETTERS = "xyz"
 TOWARDS = "e"

@@ -9,17 +9,10 @@ import casadi as ca
 
 from truepose.arrays import Array
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
-from truepose.models.effects.common import (
-    ARCSEC,
-    actuator_at,
-    drives_joint,
-    nominal_axis,
-    own_offset,
-    singly,
-)
-from truepose.models.file.setting_range import COUNT, ranges
+from truepose.models.effects.common import ARCSEC, actuator_at, drives_joint, nominal_axis, own_offset, singly
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import AXES
+from truepose.models.machine.placed import COUNT, ranges
 from truepose.models.machine.states import across
 
 LARGEST = 1e-3

@@ -9,9 +9,9 @@ import casadi as ca
 
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import actuator_at, down, drives_joint, joint_unit, points_only, singly
-from truepose.models.file.setting_range import ANY, ranges
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import Direction
+from truepose.models.machine.placed import ANY, ranges
 from truepose.models.machine.states import across
 
 LARGEST = {"mm": 0.1, "rad": 3e-3}

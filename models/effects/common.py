@@ -12,11 +12,12 @@ from scipy.spatial.transform import Rotation
 
 from truepose.arrays import Array
 from truepose.errors import InputError
-from truepose.models.effects.base import Coefficient, Observed, Place, Settings, Site
-from truepose.models.file.driver import VELOCITY, Driver
+from truepose.models.file.driver import CURRENT, MEASURED_LOADS, VELOCITY, Driver
+from truepose.models.machine.effect import Effect, Site
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import AXES, Actuator, Direction, Joint, Limb
-from truepose.models.sensors.base import Sensor
+from truepose.models.machine.placed import Coefficient, Observed, Place, Settings, Shifts
+from truepose.models.machine.sensor import Sensor
 from truepose.wording import joined
 
 SECONDS_PER_HOUR = 3600.0
@@ -254,3 +255,70 @@ def _unknown(machine: Machine, kind: str, name: str, known: Sequence[str]) -> In
     hint = f"; did you mean {' or '.join(close)}?" if close else ""
     expected = f"one of {', '.join(known)}" if known else f"a machine with a {kind}"
     return InputError(f"effect's place: found {name!r} on {machine.name}, expected {expected}{hint}")
+
+
+PER_AMPERE = 10.0
+"""N m (N) that an ampere of a geared motor holds, to a power of ten. Chosen."""
+
+
+def is_measured(machine: Machine, reading: str) -> bool:
+    """Whether the machine has a column of the load at a joint."""
+    return any(Driver(kind, reading).name in machine.drivers for kind in MEASURED_LOADS)
+
+
+def measured_settings(machine: Machine, reading: str, recording: Observed) -> list[Settings]:
+    """Either sign of each column that was recorded."""
+    kinds = [
+        kind
+        for kind in MEASURED_LOADS
+        for name in (Driver(kind, reading).name,)
+        if name in machine.drivers and recording.driver(name) is not None
+    ]
+    return [{kind: sign} for kind in kinds for sign in (1.0, -1.0)]
+
+
+def measured_kind(settings: Settings) -> str | None:
+    """``torque`` or ``current`` where settings read one of them."""
+    return next((kind for kind in MEASURED_LOADS if kind in settings), None)
+
+
+def measured_driver(settings: Settings, reading: str) -> str | None:
+    """The column that they read."""
+    kind = measured_kind(settings)
+    return None if kind is None else Driver(kind, reading).name
+
+
+def measured_coefficient(
+    machine: Machine, settings: Settings, reading: str, unit: str, scale: float
+) -> Coefficient:
+    """The compliance in ``unit`` (mm or rad) by the column's; ``scale``: for a newton (metre)."""
+    driver = measured_driver(settings, reading) or ""
+    per = machine.driver_unit(driver)
+    size = scale * (PER_AMPERE if measured_kind(settings) == CURRENT else 1.0)
+    return Coefficient("c", f"{unit}/({per})" if "*" in per else f"{unit}/{per}", scale=size, lower=0.0)
+
+
+def measured_words(settings: Settings, reading: str) -> str:
+    """Which column, and what its sign means."""
+    sign = settings[measured_kind(settings) or ""]
+    meant = "the load that pulls at it" if sign > 0 else "what the drive holds against the load"
+    return f"{measured_driver(settings, reading)}, which by its sign is {meant}"
+
+
+OF_ROWS = ("outliers", "fringe-miscount")
+"""Their slugs: findings of these alone say nothing against the model."""
+
+
+class OfRows(Effect):
+    """Shifts no port; its place in a finding is the numbers of the rows."""
+
+    driven_by = "sensor"
+
+    def places(self, machine: Machine) -> Sequence[Place]:
+        return ()
+
+    def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
+        return ()
+
+    def shifts(self, site: Site) -> Shifts:
+        return {}

@@ -15,8 +15,8 @@ from truepose.models.effects.common import (
     singly_and_together,
 )
 from truepose.models.file.driver import STEP, Driver
-from truepose.models.file.setting_range import NOT_NEGATIVE, SWITCH, ranges
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.placed import NOT_NEGATIVE, SWITCH, ranges
 
 LARGEST = {"mm": 0.3, "rad": 3e-3, "1": 3e-3}
 """Of the joint with the longest way, and of the whole step: 25 ms before the end of a stop from 10 rad/s^2, or from 1 m/s^2."""

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from truepose.arrays import Array
+from truepose.errors import InputError
 from truepose.models.effects.base import (
     Coefficient,
     DriverKind,
@@ -20,29 +23,176 @@ from truepose.models.effects.base import (
     Site,
     effects,
 )
-from truepose.models.effects.common import sensor_at, sensor_names, sensors_where, singly
-from truepose.models.effects.curves import LINE_END, outside, series, total, yielding
-from truepose.models.effects.empirical_sources import (
-    CURVE,
-    DEGREE,
-    FROM,
-    LINE,
-    LOAD,
-    MOMENT,
-    MOUNT_CURVE,
-    OF_WEIGHT,
-    degree_of,
-    seen_over,
-    sources_of,
-    travel_of,
-    usual_range,
-)
+from truepose.models.effects.common import SECONDS_PER_HOUR, sensor_at, sensor_names, sensors_where, singly
 from truepose.models.effects.sights import XYZ, moved_point, point_names, seen_point
-from truepose.models.file.driver import TIME
-from truepose.models.file.setting_range import COLUMN, COUNT, POSITIVE, ranges
+from truepose.models.file.driver import TIME, Driver
 from truepose.models.machine.machine import FRAMES, Machine
 from truepose.models.machine.mechanism import AXES, AXIS_UNITS
+from truepose.models.machine.placed import COLUMN, COUNT, POSITIVE, ranges
 from truepose.wording import joined
+
+
+def scaled(values: Array, low: float, high: float) -> Array:
+    """(n,) values moved and stretched so that ``low`` is -1 and ``high``, which is above it, is 1."""
+    return 2 * (values - low) / (high - low) - 1
+
+
+def chebyshev(t: Any, degree: int) -> list[Any]:
+    """T_0(t) to T_degree(t) of numbers (n,) in -1 ... 1, or of a CasADi expression; T_0 is the number 1."""
+    found = [1, t]
+    for _ in range(2, degree + 1):
+        found.append(2 * t * found[-1] - found[-2])
+    return found[: degree + 1]
+
+
+def powers(t: Array, degree: int) -> list[Array]:
+    """(n,) each: t, t^2 to t^degree."""
+    return [t**k for k in range(1, degree + 1)]
+
+
+def waves(t: Array, cycles: int) -> list[Array]:
+    """(n,) each: sine and cosine of so many cycles over -1 ... 1."""
+    phase = np.pi * cycles * t
+    return [np.sin(phase), np.cos(phase)]
+
+
+def orthonormal(functions: Sequence[Array]) -> Array:
+    """(n, k) orthonormal columns that span the k functions (n,) less their means, in their order."""
+    basis, _ = np.linalg.qr(np.column_stack([np.ones(len(functions[0])), *functions]))
+    return np.asarray(basis[:, 1:])
+
+
+LINE_END = 2.0
+"""Where a line ends, in halves of the range seen: most that is linear goes on, but not for ever."""
+NOTHING = 1e-9
+"""Of the largest moment: what is added to its size, whose derivative at zero does not exist."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A reading, a driver or the place's load that a form is a function of, and the range in which it was seen."""
+
+    name: str
+    low: float
+    high: float
+
+    def within(self, value: ca.SX, end: float = 1.0) -> ca.SX:
+        """The value scaled to -1 ... 1 over the range (an operation less than ``scaled``, for the controller), and held at
+        -``end`` and ``end`` outside of it.
+        """
+        return ca.fmax(-end, ca.fmin(end, (2 * value - (self.low + self.high)) / (self.high - self.low)))
+
+    def overshoot(self, values: Array) -> Array:
+        """(n,) how far values lie outside of the range, in halves of it."""
+        return outside((2 * values - (self.low + self.high)) / (self.high - self.low))
+
+
+def series(coefficients: Mapping[int, ca.SX], t: ca.SX) -> ca.SX:
+    """Sum of c_k T_k(t), T_k the Chebyshev polynomials."""
+    polynomials = chebyshev(t, max(coefficients))
+    return total(c * polynomials[k] for k, c in coefficients.items())
+
+
+def yielding(
+    source: Source, moment: Mapping[str, ca.SX], coefficients: Mapping[str, Mapping[int, ca.SX]], end: float
+) -> dict[str, ca.SX]:
+    """What turns about axes with a moment M (N m) by a characteristic of its size: M_a / M_max (c1 + c2 T1(m) + c3 T2(m)).
+
+    ``source``: the sizes that were seen, up to M_max; m runs from -1 to 1 over them. Past ``end`` M_max it turns no further.
+    """
+    size = ca.sqrt(sum((m**2 for m in moment.values()), ca.SX((NOTHING * source.high) ** 2)))
+    held = ca.fmin(1.0, end * source.high / size) / source.high
+    t = source.within(size)
+    return {
+        axis: held * m * series({k - 1: c for k, c in coefficients[axis].items()}, t)
+        for axis, m in moment.items()
+    }
+
+
+def total(terms: Iterable[ca.SX]) -> ca.SX:
+    return sum(terms, ca.SX(0))
+
+
+def outside(scaled: Array) -> Array:
+    """How far values that should lie in -1 ... 1 lie outside."""
+    return np.maximum(np.abs(scaled) - 1.0, 0.0)
+
+
+CURVE, LINE = 4, 1
+MOUNT_CURVE, LOAD_CURVE = 2, 3
+"""Degrees of a mount's six motions, and of what yields to a load: its slope, and how that bends to either side."""
+TRAVEL = {"mm": 100.0, "rad": float(np.pi), "turn": 1.0}
+"""Half of a joint's travel where its file states no range."""
+FROM, TO, DEGREE = "from.", "to.", "degree"
+OF_WEIGHT = LOAD, MOMENT = "load", "moment"
+"""Sources that no column holds: gravity's load at the place itself, N along a length, N m about an angle (at a mount, about
+each axis its own), and the size of the moment on a mount."""
+
+
+def seen_over(ranges: Mapping[str, tuple[float, float]], degree: int | None = None) -> dict[str, float]:
+    """Settings of a form in the sources of ``ranges``, lowest and highest value seen (mm, rad, or the driver's unit)."""
+    own = {} if degree is None else {DEGREE: float(degree)}
+    lows = {f"{FROM}{name}": float(low) for name, (low, _) in ranges.items()}
+    return own | lows | {f"{TO}{name}": float(high) for name, (_, high) in ranges.items()}
+
+
+def _usual(machine: Machine, place: Place) -> dict[str, float]:
+    """What a place without settings means: a joint in its own reading, a mount in the course of time."""
+    if place[0] in FRAMES:
+        return seen_over({TIME: usual_range(TIME)}, MOUNT_CURVE)
+    return seen_over({place[0]: travel_of(machine, place[0])}, CURVE)
+
+
+def usual_range(driver: str) -> tuple[float, float]:
+    """An hour, or ten units of a driver from its default on."""
+    low = Driver.of(driver).default
+    return low, low + (SECONDS_PER_HOUR if driver == TIME else 10.0)
+
+
+def travel_of(machine: Machine, reading: str) -> tuple[float, float]:
+    """Lowest and highest value of a joint's reading."""
+    actuator = machine.mechanism.actuator(reading)
+    half = TRAVEL.get(actuator.reading_unit, 1.0)
+    return actuator.range or (-half, half)
+
+
+def sources_of(machine: Machine, place: Place, settings: Settings) -> tuple[Source, ...]:
+    """What the settings say it is a function of. Raises InputError where they do not say it well."""
+    where = f"{machine.name}: effect empirical at {place[0]}"
+    if not any(key.startswith((FROM, TO)) for key in settings):
+        settings = {**_usual(machine, place), **settings}
+    for key, value in settings.items():
+        number = isinstance(value, (int, float)) and not isinstance(value, bool) and np.isfinite(value)
+        if not number or not (key == DEGREE or key.startswith((FROM, TO))):
+            raise InputError(
+                f"{where}: found {key}: {value!r}, expected numbers {FROM}NAME and {TO}NAME for each source, and {DEGREE}"
+            )
+    names = dict.fromkeys(key.partition(".")[2] for key in settings if key != DEGREE)
+    out = []
+    for name in names:
+        low, high = (settings.get(f"{end}{name}") for end in (FROM, TO))
+        if low is None or high is None or not low < high:
+            raise InputError(
+                f"{where}: found {FROM}{name}: {low} and {TO}{name}: {high}, expected two numbers, the first smaller"
+            )
+        out.append(Source(name, low, high))
+    if MOMENT in names and place[0] not in FRAMES:
+        raise InputError(f"{where}: found source {MOMENT}, expected {LOAD}: only a mount has a moment")
+    most = 1 if place[0] in FRAMES else 2
+    if len(out) > most:
+        raise InputError(
+            f"{where}: found sources {joined(list(names))}, expected {'one' if most == 1 else 'one or two'}"
+        )
+    return tuple(out)
+
+
+def degree_of(settings: Settings, usual: int) -> int:
+    """Of the polynomial. Raises InputError where it is no whole number."""
+    degree = settings.get(DEGREE, usual)
+    if degree < 1 or degree != round(degree):
+        raise InputError(f"effect empirical: found {DEGREE}: {degree}, expected a whole number from 1 on")
+    return round(degree)
+
 
 LARGEST = {"mm": 1.0, "rad": 0.01}
 LINES = 0.5
@@ -247,6 +397,3 @@ def _value(site: Site, source: str) -> ca.SX:
 def _of(stem: str, site: Site) -> dict[int, ca.SX]:
     """Coefficients ``stem1``, ``stem2`` ... by their number."""
     return {int(n.removeprefix(stem)): c for n, c in site.c.items() if n.rstrip("0123456789") == stem}
-
-
-__all__ = ["TURNS", "WIDTH", "Empirical"]

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import actuator_at, sine_coefficients, sine_pair, singly
-from truepose.models.file.setting_range import ORDER, ranges
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.placed import ORDER, ranges
 
 
 @effects.add("encoder-eccentricity")

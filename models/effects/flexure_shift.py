@@ -8,8 +8,8 @@ import casadi as ca
 
 from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import limb_at, singly_and_together
-from truepose.models.file.setting_range import NO_SETTINGS
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.placed import NO_SETTINGS
 
 
 @effects.add("flexure-shift")
@@ -30,7 +30,7 @@ class FlexureShift(Effect):
     size = "k = l / 12 for a flexure of length l: 2.5 mm for 30 mm, which makes 1 um at 0.02 rad"
     look_alikes = ("joint-runout", "wrong-constant", "platform-deformation")
     experiment = "large tilts of the platform to either side: the shift is even in the tilt"
-    source = "beam theory as in Gayral and Daney 2012, INRIA RR-8096, section 4.3 (truepose.models.machine.flexure)"
+    source = "beam theory as in Gayral and Daney 2012, INRIA RR-8096, section 4.3 (truepose.models.machine.assembly)"
 
     def places(self, machine: Machine) -> Sequence[Place]:
         if machine.mechanism.loops != "exact":

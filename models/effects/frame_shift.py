@@ -7,10 +7,9 @@ from collections.abc import Sequence
 
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import after_session, boundaries, singly, twist_coefficients
-from truepose.models.file.setting_range import ANY, SWITCH, ranges
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.mechanism import AXES
-from truepose.models.machine.parameters import Parameter
+from truepose.models.machine.mechanism import AXES, Parameter
+from truepose.models.machine.placed import ANY, SWITCH, ranges
 
 ANEW = "anew"
 """Setting of a mount that the machine file says is set up anew for each session."""

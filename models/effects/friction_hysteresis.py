@@ -16,9 +16,9 @@ from truepose.models.effects.common import (
     overshoot_of,
     singly,
 )
-from truepose.models.file.setting_range import NOT_NEGATIVE, SWITCH, ranges
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import Actuator
+from truepose.models.machine.placed import NOT_NEGATIVE, SWITCH, ranges
 
 LARGEST = {"mm": 0.1, "rad": 3e-3}
 WIDTHS = (0.003, 0.01, 0.03, 0.1)

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import carried, points_only, singly
 from truepose.models.file.driver import PAYLOAD
-from truepose.models.file.setting_range import NO_SETTINGS
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.placed import NO_SETTINGS
 
 LARGEST = {"base": 1e-5, "tool": 1e-4}
 """rad/(N m): a base on a stand or a table; a flange that carries a newton metre and turns by a tenth of a milliradian."""

@@ -8,17 +8,21 @@ import casadi as ca
 
 from truepose.errors import InputError
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
-from truepose.models.effects.common import actuator_at, carried, drives_joint, joint_unit, singly
-from truepose.models.effects.measured_loads import (
+from truepose.models.effects.common import (
+    actuator_at,
+    carried,
+    drives_joint,
     is_measured,
+    joint_unit,
     measured_coefficient,
     measured_driver,
     measured_kind,
     measured_settings,
     measured_words,
+    singly,
 )
-from truepose.models.file.setting_range import NOT_NEGATIVE, ORDER, ranges
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.placed import NOT_NEGATIVE, ORDER, ranges
 
 BENT_AT = 100.0
 """N m (N): the load at which a bent characteristic is told."""

@@ -12,9 +12,9 @@ from truepose.errors import InputError
 from truepose.models import lie
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import limb_at, singly
-from truepose.models.file.setting_range import NOT_NEGATIVE, ORDER, ranges
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import Direction, Joint
+from truepose.models.machine.placed import NOT_NEGATIVE, ORDER, ranges
 from truepose.models.machine.states import across, hinges, joint_ends
 
 LOBES = (*range(-8, 0), *range(2, 9))

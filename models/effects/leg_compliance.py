@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import limb_at, singly_and_together
-from truepose.models.file.setting_range import NO_SETTINGS
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.placed import NO_SETTINGS
 
 
 @effects.add("leg-compliance")

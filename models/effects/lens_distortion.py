@@ -9,8 +9,8 @@ import casadi as ca
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import sensor_at, sensors_where
 from truepose.models.effects.sights import moved_point, point_names, seen_point
-from truepose.models.file.setting_range import COUNT, SWITCH, ranges
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.placed import COUNT, SWITCH, ranges
 
 BY_CAMERA = ("targets", "pose")
 NOWHERE = 1e-12

@@ -12,13 +12,18 @@ from truepose.errors import InputError
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import carried, drives_joint, own_offset, singly
 from truepose.models.file.driver import PAYLOAD
-from truepose.models.file.setting_range import NOT_NEGATIVE, ranges
-from truepose.models.machine.assembly import axis_of, frame_of, placed_frame
-from truepose.models.machine.loops import looped
+from truepose.models.machine.assembly import (
+    Number,
+    axis_of,
+    frame_of,
+    in_base,
+    load_scale,
+    of_mass,
+    placed_frame,
+)
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.mechanism import AXES, Joint
-from truepose.models.machine.potential import Number, in_base, of_mass
-from truepose.models.machine.statics import load_scale
+from truepose.models.machine.mechanism import AXES, Joint, looped
+from truepose.models.machine.placed import NOT_NEGATIVE, ranges
 
 SHORTEST = 1.0
 """mm: shorter links, whose axes meet, give way as their bearings do."""

@@ -10,9 +10,9 @@ import numpy as np
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import SECONDS_PER_HOUR, clock, singly, twist_coefficients
 from truepose.models.file.driver import ROW, TIME
-from truepose.models.file.setting_range import COLUMN, DURATION, ranges
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import AXES
+from truepose.models.machine.placed import COLUMN, DURATION, ranges
 
 ROWS = "rows"
 """Setting of a drift in the order of rows: how many follow the first of the longest session."""

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from truepose.models.effects.base import Place, effects
-from truepose.models.effects.of_rows import OfRows
-from truepose.models.file.setting_range import NO_SETTINGS
+from truepose.models.effects.common import OfRows
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.placed import NO_SETTINGS
 
 
 @effects.add("outliers")

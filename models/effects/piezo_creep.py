@@ -7,8 +7,8 @@ from math import log10
 
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import actuator_at, nominal_gain, piezo_like, singly
-from truepose.models.file.setting_range import NOT_NEGATIVE, POSITIVE, ranges
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.placed import NOT_NEGATIVE, POSITIVE, ranges
 
 T0 = 0.1
 WAIT = 2.0

@@ -15,9 +15,9 @@ from truepose.models.effects.common import (
     piezo_like,
     singly,
 )
-from truepose.models.file.setting_range import NOT_NEGATIVE, ranges
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import Actuator
+from truepose.models.machine.placed import NOT_NEGATIVE, ranges
 
 THRESHOLDS = (0.05, 0.15, 0.3, 0.6)
 """Half widths of the operators as parts of half the range."""

@@ -19,9 +19,9 @@ from truepose.models.effects.base import (
     effects,
 )
 from truepose.models.effects.common import centre_and_half
-from truepose.models.file.setting_range import NOT_NEGATIVE, ranges
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import Actuator, Limb
+from truepose.models.machine.placed import NOT_NEGATIVE, ranges
 
 COMMON, DIAGONAL, FULL, SYMMETRIC, WEIGHT, RECIPROCAL = 0, 1, 2, 3, 4, 5
 LARGEST = 0.03

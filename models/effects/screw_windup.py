@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import actuator_at, nominal_gain, singly
-from truepose.models.file.setting_range import SWITCH, ranges
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.placed import SWITCH, ranges
 
 LARGEST_MM = 0.02
 

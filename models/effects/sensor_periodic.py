@@ -17,9 +17,9 @@ from truepose.models.effects.sights import (
     point_names,
     seen_point,
 )
-from truepose.models.file.setting_range import NOT_NEGATIVE, ORDER, ranges
 from truepose.models.machine.machine import FRAMES, Machine
-from truepose.models.sensors.base import Sensor
+from truepose.models.machine.placed import NOT_NEGATIVE, ORDER, ranges
+from truepose.models.machine.sensor import Sensor
 from truepose.models.sensors.distance import Distance
 
 FRINGE, ENCODER = 2.5e-5, 2e-5

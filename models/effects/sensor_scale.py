@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import sensor_at, sensors_where
 from truepose.models.effects.sights import measures_lengths, stretched
-from truepose.models.file.setting_range import NO_SETTINGS
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.placed import NO_SETTINGS
 
 LARGEST = 0.1
 

@@ -2,18 +2,76 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 
 import casadi as ca
 import numpy as np
 
+from truepose.arrays import Array
 from truepose.models import lie
-from truepose.models.effects.base import Site
+from truepose.models.effects.base import Settings, Site
+from truepose.models.file.driver import AIR, TEMPERATURE, TIME, Driver
 from truepose.models.machine.assembly import assemble, frame_of
-from truepose.models.machine.home import home_readings
+from truepose.models.machine.closure import home_readings
+from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import AXES
-from truepose.models.sensors.base import Sensor
+from truepose.models.machine.sensor import Sensor
 from truepose.models.sensors.direction import ORIGIN, Direction
+from truepose.models.units import compatible
+
+FROM = "from."
+"""Setting ``from.COLUMN``: the thermometer that is read, and the temperature (degC) from which it counts."""
+ALIKE = 0.99
+"""Correlation from which two thermometers say the same: all but a fiftieth of their variance. Chosen."""
+
+
+def others(machine: Machine, own: Sequence[str], seen: Mapping[str, Array]) -> list[str]:
+    """Thermometers among the drivers ``seen`` (n,) that vary and say something else than ``own`` columns and each other."""
+    known = [seen[name] for name in own if name in seen]
+    out = list[str]()
+    for name in sorted(seen, key=lambda name: name == AIR):  # the air last: it may stand for any of them
+        varies = _is_thermometer(machine, name) and np.ptp(seen[name]) > 0.0
+        if varies and not any(_alike(seen[name], other) for other in known):
+            known.append(seen[name])
+            out.append(name)
+    return out
+
+
+def own_columns(place: Sequence[str], seen: Mapping[str, Array]) -> list[str]:
+    """The column of each part's temperature, that of the air where it has none."""
+    return [Driver(TEMPERATURE, part).served_by(seen) for part in place]
+
+
+def from_settings(name: str, seen: Mapping[str, Array]) -> Settings:
+    """The setting of a thermometer elsewhere: it counts from its mean, because its absolute value says nothing of the part."""
+    return {f"{FROM}{name}": float(f"{np.mean(seen[name]):.5g}")}
+
+
+def borrowed(settings: Settings) -> tuple[str, float] | None:
+    """The thermometer elsewhere that settings name, and where it counts from; None where they name none."""
+    return next(((k.removeprefix(FROM), v) for k, v in settings.items() if k.startswith(FROM)), None)
+
+
+def span(seen: Mapping[str, Array]) -> float:
+    """Seconds from the first row to the last; 0 without a clock."""
+    return float(np.ptp(seen[TIME])) if TIME in seen else 0.0
+
+
+def any_thermometer(machine: Machine, names: Sequence[str]) -> bool:
+    """Whether a thermometer is among the columns, wherever it is."""
+    return any(_is_thermometer(machine, name) for name in names)
+
+
+def _is_thermometer(machine: Machine, name: str) -> bool:
+    return machine.drives(name) == TEMPERATURE and compatible(machine.driver_unit(name), "degC")
+
+
+def _alike(a: Array, b: Array) -> bool:
+    """Whether they are a line of each other."""
+    if np.ptp(b) == 0.0:
+        return False
+    return bool(abs(np.corrcoef(a, b)[0, 1]) > ALIKE)
+
 
 XYZ = AXES[:3]
 NEAR_ZENITH = 1e-12
@@ -98,15 +156,3 @@ def stretched(site: Site, sensor: Sensor, strain: ca.SX) -> dict[str, ca.SX]:
     """Shifts of a sensor whose every range and length reads ``strain`` of itself too long."""
     columns = [*length_names(sensor), *(f"{name}{axis}" for name in point_names(sensor) for axis in XYZ)]
     return {f"{column}.reading": strain * site.seen(column) for column in columns}
-
-
-__all__ = [
-    "from_home",
-    "length_names",
-    "measures_lengths",
-    "moved_point",
-    "optical",
-    "point_names",
-    "seen_point",
-    "stretched",
-]

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import singly
 from truepose.models.effects.sights import XYZ, point_names
-from truepose.models.file.setting_range import NO_SETTINGS
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.placed import NO_SETTINGS
 
 LARGEST = 0.1
 

@@ -9,9 +9,9 @@ import casadi as ca
 from truepose.arrays import Array
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import clock, limb_at, singly
-from truepose.models.effects.thermometers import FROM, borrowed, from_settings, others, own_columns, span
-from truepose.models.file.setting_range import ANY, NOT_NEGATIVE, ranges
+from truepose.models.effects.sights import FROM, borrowed, from_settings, others, own_columns, span
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.placed import ANY, NOT_NEGATIVE, ranges
 
 REFERENCE = 20.0
 LAGS = (300.0, 900.0, 1800.0, 3600.0)

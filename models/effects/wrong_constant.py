@@ -7,9 +7,9 @@ from math import isfinite
 
 from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import rails, singly
-from truepose.models.file.setting_range import NO_SETTINGS
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.parameters import Parameter, element_of
+from truepose.models.machine.mechanism import Parameter, element_of
+from truepose.models.machine.placed import NO_SETTINGS
 
 LARGEST_ANGLE = 0.2
 LARGEST_FRACTION = 0.1

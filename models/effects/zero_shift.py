@@ -7,8 +7,8 @@ from itertools import combinations
 
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import actuator_at, after_session, boundaries, joint_unit, singly
-from truepose.models.file.setting_range import ANY, ranges
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.placed import ANY, ranges
 
 LARGEST = {"mm": 2.0, "rad": 0.05}
 

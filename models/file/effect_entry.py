@@ -13,8 +13,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
 from truepose.errors import InputError
-from truepose.models.file.field_errors import input_error
-from truepose.models.file.fields import Number, NumberTolerance, Section, as_number
+from truepose.models.file.fields import Number, NumberTolerance, Section, as_number, input_error
 from truepose.models.file.limits import LATEST, within
 from truepose.models.units import convert, parse_unit
 from truepose.wording import close_matches, cut

@@ -172,6 +172,3 @@ class _Check(ast.NodeVisitor):
     def _bad(self, node: ast.AST, expected: str) -> InputError:
         found = ast.get_source_segment(self._text, node) or self._text
         return InputError(f"{self._where}: found {found!r} in {self._text!r}, expected {expected}")
-
-
-__all__ = ["FUNCTIONS", "Formula", "Law"]

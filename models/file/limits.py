@@ -36,18 +36,3 @@ def within(value: float, largest: float = LARGEST) -> bool:
 def positive(value: float) -> bool:
     """Whether a number that must be positive is one that can be divided by."""
     return SMALLEST <= value <= LARGEST
-
-
-__all__ = [
-    "ENTRIES",
-    "LARGEST",
-    "LATEST",
-    "LEAST_GRAVITY",
-    "NAMED",
-    "PARTS",
-    "POSES",
-    "ROWS",
-    "SMALLEST",
-    "positive",
-    "within",
-]

@@ -20,37 +20,37 @@ from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, Wi
 
 from truepose.errors import InputError
 from truepose.files import atomic_write_text
-from truepose.models.file.driver_entry import DriverField, DriverSpec
 from truepose.models.file.effect_entry import EffectSpec, read_effects
-from truepose.models.file.field_errors import input_error
-from truepose.models.file.fields import (
-    In,
-    Number,
-    Section,
-    Vector,
-    bad_value,
-)
-from truepose.models.file.fit_section import (
+from truepose.models.file.fields import In, Number, Section, Vector, bad_value, input_error
+from truepose.models.file.limits import LEAST_GRAVITY, NAMED, PARTS
+from truepose.models.file.names import EXPECTED, NAMED_SO, SCHEMA_LINE, check_document, nearest_name
+from truepose.models.file.sections import (
     NO_WORSE,
+    DefaultTolerances,
+    DriverField,
+    DriverSpec,
     ExpectedPose,
     ExpectedPoseSection,
+    ForceSection,
+    Frames,
+    FrameSpec,
+    FramesSection,
+    FrameTolerance,
+    Interval,
     JudgementSection,
+    MassSection,
+    MassSpec,
+    Override,
+    RecordingSection,
+    SpringSection,
+    TaskField,
+    Tolerances,
+    UnitsSection,
     expected_pose,
+    read_frames,
+    read_units,
     refused_by,
 )
-from truepose.models.file.force_section import ForceSection
-from truepose.models.file.frame_section import Frames, FrameSpec, FramesSection, FrameTolerance, read_frames
-from truepose.models.file.limits import LEAST_GRAVITY, NAMED, PARTS
-from truepose.models.file.machine_name import EXPECTED, NAMED_SO, nearest_name
-from truepose.models.file.mass_section import MassSection, MassSpec
-from truepose.models.file.plain_texts import check_document
-from truepose.models.file.recording_section import RecordingSection
-from truepose.models.file.schema_line import SCHEMA_LINE
-from truepose.models.file.spring_section import SpringSection
-from truepose.models.file.task_section import TaskField
-from truepose.models.file.tolerance_section import DefaultTolerances, Interval, Override
-from truepose.models.file.tolerances import Tolerances
-from truepose.models.file.unit_section import UnitsSection, read_units
 from truepose.models.file.yaml_document import document_text, read_document
 from truepose.models.task import Task
 from truepose.models.units import UnitSystem

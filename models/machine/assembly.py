@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -10,11 +10,138 @@ import casadi as ca
 import numpy as np
 
 from truepose.models import lie
-from truepose.models.machine import flexure
-from truepose.models.machine.machine import Machine
-from truepose.models.machine.mechanism import AXES, BASE, COORDINATES, Direction, Joint, Rod
-from truepose.models.machine.potential import MM_PER_M, Still, energies, in_base
-from truepose.models.machine.view import TOOL, WORLD, View
+from truepose.models.file.driver import PAYLOAD
+from truepose.models.file.sections import FORCE
+from truepose.models.machine.machine import WEIGHT, Machine, Mass, MeasuredForce, Spring
+from truepose.models.machine.mechanism import AXES, BASE, COORDINATES, Direction, Flexures, Joint, Rod
+from truepose.models.machine.sensor import TOOL, WORLD, View
+
+SHAPE = 0.25
+"""beta of a flexure of constant section: its tip runs on a circle of 3/4 of its length (eq. 13)."""
+
+
+def flexure_gain(length: ca.SX, shape: ca.SX, cosine: ca.SX) -> ca.SX:
+    """What a flexure bent by acos(``cosine``) adds to its rod, mm; ``shape`` is beta, 1/2 a ball joint's circle."""
+    turned = (1 - 2 * shape) * cosine
+    return length / 2 * (ca.sqrt(3 - 4 * shape + turned**2) - turned - 1)
+
+
+def flexure_gains(
+    flexures: Flexures, span: ca.SX, frame_a: ca.SX, frame_b: ca.SX, values: Mapping[str, ca.SX]
+) -> ca.SX:
+    """What both flexures of a rod along ``span`` (3,) between two bodies' frames (4, 4) add to its length, mm."""
+    along = span / ca.norm_2(span)
+    length, shape = values[flexures.length], values[flexures.shape]
+    ends = ((frame_a, flexures.axis_a), (frame_b, flexures.axis_b))
+    cosines = [ca.dot(along, frame[:3, :3] @ ca.DM(axis)) for frame, axis in ends]
+    return sum((flexure_gain(length, shape, cosine) for cosine in cosines), ca.SX(0))
+
+
+Number = ca.SX | float
+MM_PER_M = 1000.0
+
+
+@dataclass(frozen=True)
+class Still:
+    """What does not vary with the machine: symbols (k,), and what they are at present (k,)."""
+
+    symbols: ca.SX
+    present: ca.SX
+
+    def slope(self, energy: ca.SX, by: ca.SX) -> ca.SX:
+        """Gradient of an energy by ``by``, a column, with the present in place."""
+        gradient = ca.gradient(energy, by)
+        if not self.symbols.numel():
+            return gradient
+        placed: ca.SX = ca.substitute(gradient, self.symbols, self.present)
+        return placed
+
+
+def energies(
+    machine: Machine, frames: Mapping[str, ca.SX], z: Mapping[str, ca.SX], values: Mapping[str, ca.SX]
+) -> tuple[dict[str, ca.SX], Still]:
+    """Of each load case, and of all stated masses and springs, N mm (only differences matter); with what stands still in it.
+
+    ``frames`` (4, 4) are bodies and carried frames in the base; ``z`` drivers, ``values`` parameters by name.
+    """
+    down = ca.DM(machine.gravity or (0.0, 0.0, 0.0))
+    if not machine.stated_loads:  # 1 kg at the origin of a body
+        probes = {case: frames[case.removesuffix("|")][:3, 3] for case in machine.load_cases}
+        return {case: -ca.dot(down, at) for case, at in probes.items()}, _still([])
+    weight = ca.SX(0)
+    carried = [own for own in machine.equipment if own.mass is not None]
+    others = 1 - sum((z.get(own.driver, ca.SX(0)) for own in carried), ca.SX(0)) if carried else 1
+    for mass in machine.masses if machine.weighs else ():
+        kg, com = _mass(mass, z, values)
+        kg *= others if mass.name == PAYLOAD else 1
+        weight -= kg * ca.dot(down, in_base(frames[mass.body], com))
+    for own in carried if machine.weighs else ():
+        assert own.mass is not None
+        kg, com = of_mass(own.mass, values)
+        here = z.get(own.driver, ca.SX(0)) * kg
+        weight -= here * ca.dot(down, in_base(frames[own.mass.body], com))
+    pulling = [_spring(spring, frames, values) for spring in machine.springs]
+    pushing = [_work(force, frames, z) for force in machine.forces]
+    whole = sum((*pulling, *(-work for work, _ in pushing)), weight)
+    alone = {WEIGHT: weight} if machine.weight_case else {}
+    return {"": whole, **alone}, _still([still for _, still in pushing])
+
+
+def _work(force: MeasuredForce, frames: Mapping[str, ca.SX], z: Mapping[str, ca.SX]) -> tuple[ca.SX, Still]:
+    """Work (N mm) of the present force F and moment M, which stand still: F . p + M . turn, in the base.
+
+    The turn from the present R0 is ``vee(R R0')``; M . vee(R R0') is the sum of products of R with ``skew(M) R0 / 2``.
+    """
+    frame, axes = frames[force.body], frames[force.axes][:3, :3]
+    read = [force.sign * z.get(column, ca.SX(0)) for column in force.columns]
+    present = axes @ ca.vertcat(*read[:FORCE])
+    still = ca.SX.sym(f"force.{force.name}", 3)
+    work = ca.dot(still, in_base(frame, force.at))
+    if len(read) == FORCE:
+        return work, Still(still, present)
+    turned = lie.skew(MM_PER_M * (axes @ ca.vertcat(*read[FORCE:]))) @ frame[:3, :3] / 2
+    turning = ca.SX.sym(f"moment.{force.name}", 3, 3)
+    work += ca.dot(turning, frame[:3, :3])
+    return work, Still(ca.vertcat(still, ca.vec(turning)), ca.vertcat(present, ca.vec(turned)))
+
+
+def _still(parts: Sequence[Still]) -> Still:
+    none = ca.SX(0, 1)
+    return Still(
+        ca.vertcat(none, *(part.symbols for part in parts)),
+        ca.vertcat(none, *(part.present for part in parts)),
+    )
+
+
+def _mass(mass: Mass, z: Mapping[str, ca.SX], values: Mapping[str, ca.SX]) -> tuple[Number, Sequence[Number]]:
+    """kg and centre (3,), mm: a payload's kg is the recorded one and what an unknown one differs from its nominal by."""
+    kg, com = of_mass(mass, values)
+    if mass.name == PAYLOAD and PAYLOAD in z:
+        kg = z[PAYLOAD] + (kg - mass.kg) if mass.parameters else z[PAYLOAD]
+    return kg, com
+
+
+def of_mass(mass: Mass, values: Mapping[str, ca.SX]) -> tuple[Number, Sequence[Number]]:
+    """kg and centre (3,), mm, as the parameters have them where they are not exactly known."""
+    if not mass.parameters:
+        return mass.kg, mass.com
+    kg, *com = (values[parameter.name] for parameter in mass.parameters)
+    return kg, com
+
+
+def _spring(spring: Spring, frames: Mapping[str, ca.SX], values: Mapping[str, ca.SX]) -> ca.SX:
+    """force l + stiffness (l - free length)^2 / 2, l the distance of its ends."""
+    (a, at_a), (b, at_b) = spring.ends
+    length = ca.norm_2(in_base(frames[b], at_b) - in_base(frames[a], at_a))
+    own = [values.get(f"{spring.name}.{name}", ca.SX(value)) for name, value in spring.constants.items()]
+    force, stiffness, free = own
+    return force * length + stiffness * (length - free) ** 2 / 2
+
+
+def in_base(frame: ca.SX, at: Sequence[Number]) -> ca.SX:
+    """(3,) a point of a frame (4, 4) where the frame stands."""
+    return frame[:3, :3] @ ca.vertcat(*(ca.SX(v) for v in at)) + frame[:3, 3]
+
 
 _TURNS = {"rx": lie.rot_x, "ry": lie.rot_y, "rz": lie.rot_z}
 
@@ -114,7 +241,7 @@ def _rod(
     a, b = rod_ends(rod, bodies, values)
     length = displacement[rod.name] if rod.length is None else values[rod.length]
     if rod.flexures is not None:
-        length = length + flexure.gains(rod.flexures, b - a, bodies[rod.body_a], bodies[rod.body_b], values)
+        length = length + flexure_gains(rod.flexures, b - a, bodies[rod.body_a], bodies[rod.body_b], values)
     # (|d|^2 - l^2) / 2l: its derivative by l is -1 at closure, so its multiplier is the rod's tension
     return (ca.sumsqr(b - a) - length**2) / (2 * length)
 
@@ -279,3 +406,58 @@ def _end(frame: ca.SX, point: tuple[str, str, str] | None, values: Mapping[str, 
 def symbols(prefix: str, names: Sequence[str]) -> dict[str, ca.SX]:
     """One scalar symbol a name."""
     return {name: ca.SX.sym(f"{prefix}{name}") for name in names}
+
+
+@dataclass(frozen=True)
+class Statics:
+    """Potential (N mm) of all loads as a function of the ports, which are symbols of their own.
+
+    In closed loops ``forces`` are the closure's multipliers, unknowns that ``balance`` determines.
+    """
+
+    machine: Machine
+    ports: Mapping[str, ca.SX]
+    x: ca.SX
+    forces: ca.SX
+    potentials: Mapping[str, ca.SX]
+    still: Still
+
+    @classmethod
+    def of(
+        cls, machine: Machine, names: Iterable[str], q: Mapping[str, ca.SX], z: Mapping[str, ca.SX], x: ca.SX
+    ) -> Statics:
+        """Potential of a machine whose ports are ``names``."""
+        ports = symbols("u", list(names))
+        raw = assemble(machine, ports, q, z, x)
+        count = raw.closure.numel()
+        forces = ca.SX.sym("force", count) if count else ca.SX(0, 1)
+        work = ca.dot(forces, raw.closure)
+        potentials = {case: energy + work for case, energy in raw.energies.items()}
+        return cls(machine, ports, x, forces, potentials, raw.still)
+
+    def loads(self, values: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
+        """Conjugate load of every port, by load case and name: N along lengths, N m about angles."""
+        out: dict[str, ca.SX] = {}
+        for case, potential in self.potentials.items():
+            force = self._at(values, -self.still.slope(potential, ca.vertcat(*self.ports.values())))
+            out |= {
+                f"{case}{name}": force[k] / load_scale(self.machine, name)
+                for k, name in enumerate(self.ports)
+            }
+        return out
+
+    def balance(self, values: Mapping[str, ca.SX]) -> ca.SX:
+        """(nx,) zero when the forces hold the passive coordinates where they are."""
+        if not self.forces.numel():
+            return self.forces
+        return self._at(values, self.still.slope(self.potentials[""], self.x))
+
+    def _at(self, values: Mapping[str, ca.SX], expression: ca.SX) -> ca.SX:
+        symbols = ca.vertcat(*self.ports.values())
+        out: ca.SX = ca.substitute(expression, symbols, ca.vertcat(*(values[name] for name in self.ports)))
+        return out
+
+
+def load_scale(machine: Machine, port: str) -> float:
+    """Factor from the unit of a load at a port (N along lengths, N m about angles) to N mm per mm or rad of the port."""
+    return MM_PER_M if machine.unit_of(port) == "rad" else 1.0

@@ -7,11 +7,67 @@ To add one, write a file in ``truepose.models.builders`` (or a plugin) with a fu
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, TypeVar
 
-from truepose.models.machine.context import BuildContext
-from truepose.models.machine.mechanism import Mechanism
+from pydantic import ValidationError
+
+from truepose.models.file.fields import Section
+from truepose.models.file.machine_file import MachineFile, input_error
+from truepose.models.machine.mechanism import Mechanism, Parameter
 from truepose.models.registry import Registry
+
+S = TypeVar("S", bound=Section)
+
+
+@dataclass(frozen=True)
+class BuildContext:
+    """The machine file around a section, and the section's field path in it; sensors know the mechanism that they read."""
+
+    file: MachineFile
+    path: tuple[str | int, ...]
+    mechanism: Mechanism | None = None
+
+    @property
+    def field(self) -> str:
+        """The section's path as a user writes it: ``sensor[1]``."""
+        return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in self.path).lstrip(".")
+
+    @property
+    def where(self) -> str:
+        """File and field, to open a message with."""
+        return f"{self.file.path}: {self.field}"
+
+    def parse(self, kind: type[S], section: Mapping[str, Any]) -> S:
+        """Validate a section into internal units; InputError names file and field."""
+        try:
+            return kind.model_validate(dict(section), context={"units": self.file.units})
+        except ValidationError as exc:
+            raise input_error(exc, self.file.path, self.field) from None
+
+    def parameter(
+        self,
+        name: str,
+        unit: str,
+        nominal: float,
+        field: tuple[str | int, ...],
+        part: str | None = None,
+        default: float | None = None,
+    ) -> Parameter:
+        """A parameter with the tolerance its file gives it.
+
+        The file's override wins, then ``default``, then the file's tolerance for lengths or angles.
+        ``field`` is where the value stands in the section; ``part`` defaults to length or angle: tolerances
+        that were stated together.
+        """
+        tolerance = self.file.override_for(name, unit)
+        if tolerance is None:
+            tolerance = default
+        if tolerance is None:
+            tolerance = self.file.tolerances.length if unit == "mm" else self.file.tolerances.angle
+        part = part or ("length" if unit == "mm" else "angle")
+        return Parameter(name, unit, float(nominal), float(tolerance), part, (*self.path, *field))
+
 
 Builder = Callable[[Mapping[str, Any], BuildContext], Mechanism]
 builders: Registry[Builder] = Registry("mechanism type", "truepose.models.builders")

@@ -15,8 +15,7 @@ from scipy.stats.qmc import Halton
 
 from truepose.arrays import Array
 from truepose.errors import InputError
-from truepose.models.machine.closure import closed, one_row
-from truepose.models.machine.home import coordinate_scale
+from truepose.models.machine.closure import closed, coordinate_scale, one_row
 from truepose.models.machine.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import AXES

@@ -18,20 +18,25 @@ import numpy as np
 from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models.file.driver import PAYLOAD, TIME, Driver
-from truepose.models.machine.assembly import symbols
+from truepose.models.file.machine_file import MachineFile
+from truepose.models.machine.assembly import Statics, Still, symbols
+from truepose.models.machine.closure import closed_home, coordinate_scale, home_readings
 from truepose.models.machine.couplings import own_motions
 from truepose.models.machine.effect import Site
-from truepose.models.machine.home import closed_home, coordinate_scale, home_readings
-from truepose.models.machine.machine import Machine
-from truepose.models.machine.mechanism import COORDINATES
+from truepose.models.machine.machine import FRAMES, Machine
+from truepose.models.machine.mechanism import AXES, COORDINATES, Mechanism, Parameter
 from truepose.models.machine.near_home import Stance, near_home
 from truepose.models.machine.placed import PlacedEffect
-from truepose.models.machine.potential import Still
-from truepose.models.machine.present import Present
-from truepose.models.machine.states import put_in_place, reading_shifts, state_names
-from truepose.models.machine.statics import Statics
-from truepose.models.machine.variables import Variables
-from truepose.models.machine.view import TOOL_IN_WORLD, View
+from truepose.models.machine.sensor import TOOL_IN_WORLD, View
+from truepose.models.machine.states import (
+    AXIS,
+    Present,
+    Variables,
+    joint_ends,
+    put_in_place,
+    reading_shifts,
+    state_names,
+)
 
 _STARTS = ("start", f"from.{TIME}")
 """Settings that say when what follows time began: a drift, and a form without a name."""
@@ -298,4 +303,25 @@ def _statics(
     return Statics.of(machine, values, q, z, x)
 
 
-__all__ = ["SymbolicModel", "assembled_home", "driver_default", "driver_names", "symbolic_model"]
+def home_directions(
+    mechanism: Mechanism, file: MachineFile | None = None
+) -> Mapping[str, tuple[float, float, float]]:
+    """Unit vector of each end of ``joint_ends`` (frames: ``states``), nominal parameters, home readings.
+
+    A calibrated file has the drawing's parameters in ``nominal``: a fit, and the file of it, then have the same directions.
+
+    Raises InputError, which names ``file``, where the mechanism cannot be assembled at home.
+    """
+    frames = tuple(Parameter(f"{frame}.{axis}", "mm", 0.0) for frame in FRAMES for axis in AXES)
+    drawn = {} if file is None else file.nominal
+    own = tuple(replace(p, nominal=drawn.get(p.name, p.nominal)) for p in mechanism.parameters)
+    closing = replace(mechanism, parameters=own, loops="exact")  # at home every way to close is the exact one
+    machine = Machine(file.name if file else "mechanism", closing, frames, (), file=file)
+    ends = joint_ends(machine)
+    if not ends:
+        return {}
+    model = symbolic_model(machine, ports=True)
+    found = ca.vertcat(*(model.states[f"{AXIS}{end}.{axis}"] for end in ends for axis in "xyz"))
+    at = ca.Function("at", [model.q, model.z, model.p, model.x], [found])
+    values = np.asarray(at(model.q_home, model.z_home, model.p_home, model.home), dtype=float).reshape(-1, 3)
+    return {end: (float(x), float(y), float(z)) for end, (x, y, z) in zip(ends, values, strict=True)}

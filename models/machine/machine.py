@@ -12,11 +12,9 @@ from typing import TYPE_CHECKING, Literal
 
 from truepose.models.file.driver import RECORDING, DeclaredDriver, Driver, DriverKind
 from truepose.models.file.machine_file import MachineFile
-from truepose.models.machine.mechanism import AXES, AXIS_UNITS, BASE, Mechanism
-from truepose.models.machine.parameters import Parameter
+from truepose.models.machine.mechanism import AXES, AXIS_UNITS, BASE, Mechanism, Parameter
 from truepose.models.machine.placed import PlacedEffect
-from truepose.models.machine.sensor import Channel, Sensor
-from truepose.models.machine.view import TOOL, TOOL_IN_WORLD, View
+from truepose.models.machine.sensor import TOOL, TOOL_IN_WORLD, Channel, Sensor, View
 from truepose.models.units import UnitSystem
 from truepose.shown.result import Shown, frame
 

@@ -6,6 +6,8 @@ The symbolic work is in ``truepose.models.machine.kinematics``.
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -13,7 +15,64 @@ from typing import Any, Literal
 from truepose.errors import InputError
 from truepose.models.file.formula import Law
 from truepose.models.lie import AXES as AXES  # noqa: PLC0414 -- exported again
-from truepose.models.machine.parameters import Parameter
+from truepose.models.units import UnitSystem
+
+_COMPONENTS = ("a", "b", "u", "length", "offset", "gain")
+_NUMBERED = re.compile(r"^(?P<element>.*?)\d*\.(?P<rest>.+)$")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One geometric constant, in internal units (mm, rad).
+
+    ``tolerance`` is the 1-sigma statement of the drawing: 0 means exactly known, inf means unknown.
+    ``part`` names the class of part whose tolerances were stated together; a wrong statement is
+    wrong for the whole class (diagnosis: inflation of tolerances).
+    """
+
+    name: str
+    unit: str
+    nominal: float
+    tolerance: float = 0.0
+    part: str = "length"
+    field: tuple[str | int, ...] = ()
+    """Where the value stands in the machine file's document; empty when it stands nowhere."""
+
+    @property
+    def free(self) -> bool:
+        """Whether the drawing leaves anything to be estimated."""
+        return self.tolerance > 0.0
+
+    def written_in(self, units: UnitSystem) -> str:
+        """Its unit in a file of such units."""
+        return units.of("gain") if self.part == "gain" else units.written(self.unit)
+
+    @property
+    def scale(self) -> float:
+        """What one step of this parameter is measured in: its tolerance, or a natural size when unknown."""
+        if self.free and math.isfinite(self.tolerance):
+            return self.tolerance
+        return {"mm": 100.0, "rad": 1.0}.get(self.unit, 1.0)
+
+
+def element_of(name: str) -> str:
+    """The part that a parameter, or the end of a rod, is of: ``leg3`` of ``leg3.a.x``."""
+    return name.partition(".")[0]
+
+
+def vector_of(name: str) -> str:
+    """What a parameter is a component of: ``leg3.a`` of ``leg3.a.x``; a plain name is its own."""
+    return name.rpartition(".")[0] or name
+
+
+def like_parts(name: str) -> str:
+    """What numbered parts have alike: ``leg.a`` of ``leg3.a.x``, ``q`` of ``q4.beta``."""
+    match = _NUMBERED.match(name)
+    if match is None:
+        return name
+    head = element_of(match["rest"])
+    return f"{match['element']}.{head}" if head in _COMPONENTS else match["element"]
+
 
 JointKind = Literal["revolute", "prismatic", "universal", "spherical", "free", "fixed"]
 COORDINATES: Mapping[str, int] = {
@@ -70,7 +129,7 @@ class Joint:
 class Flexures:
     """The two flexures that a rod has in place of ball joints, as beam theory bends them.
 
-    ``length`` (mm) and ``shape`` (beta of ``truepose.models.machine.flexure``) are parameters; ``axis_a`` and ``axis_b`` are
+    ``length`` (mm) and ``shape`` (beta of ``truepose.models.machine.assembly``) are parameters; ``axis_a`` and ``axis_b`` are
     the unit vector along the straight rod, in the frames of its two bodies.
     """
 
@@ -82,7 +141,7 @@ class Flexures:
 
 @dataclass(frozen=True)
 class ElasticChain:
-    """A rod as flexure, bar, flexure, clamped to its bodies: the parameters of ``truepose.models.machine.elastic``.
+    """A rod as flexure, bar, flexure, clamped to its bodies: the parameters of ``truepose.models.machine.near_home``.
 
     ``flexure`` and ``bar`` name bending EI (N mm^2), tension EA (N) and torsion GJ (N mm^2) of a section;
     ``stiffness`` (N/mm) is the rod's nominal one in tension; ``follows`` says that the rod stretches along the
@@ -204,7 +263,7 @@ class Mechanism:
     ``expanded`` is the section of the same mechanism as a graph, in the file's units, where the file's own
     form has no field for every parameter; ``tool_length`` (mm) is how far along the flange's z the tool frame
     stands where the file gives none. ``loops`` says how loops close away from home; ``elastic`` needs elastic rods.
-    ``home_directions`` are unit vectors along what joint ends carry, as drawn (``truepose.models.machine.home_directions``);
+    ``home_directions`` are unit vectors along what joint ends carry, as drawn (``truepose.models.machine.kinematics``);
     the loading of a machine adds them. ``inertials`` are what the mechanism's own description says of masses,
     ``gravity`` (m/s^2, base frame) of gravity; ``notes`` is what a user should know of how they were read.
     ``table_frames`` are a (mm) and alpha (rad) of TransX(a) RotX(alpha) from a body's frame to the one that the file
@@ -292,3 +351,55 @@ class Mechanism:
             if actuator.reading == reading:
                 return actuator
         raise InputError(f"found no joint {reading!r}, expected one of {', '.join(self.readings)}")
+
+
+@dataclass(frozen=True)
+class Part:
+    """Joints in a row, from one outwards, and the body at which the row ends."""
+
+    joints: tuple[Joint, ...]
+    end: str
+
+
+def looped(mechanism: Mechanism) -> frozenset[str]:
+    """Names of the joints that are part of a loop.
+
+    They lie on the ways from both ends of a closing joint, or of a rod, to the body where the ways meet.
+    """
+    above = {joint.child: joint for joint in mechanism.tree}
+
+    def way(body: str) -> set[str]:
+        out = set()
+        while body in above:
+            out.add(above[body].name)
+            body = above[body].parent
+        return out
+
+    ends = [(joint.parent, joint.child) for joint in mechanism.closing]
+    ends += [(rod.body_a, rod.body_b) for rod in mechanism.rods]
+    inside = {name for one, two in ends for name in way(one) ^ way(two)}
+    return frozenset(inside | {joint.name for joint in mechanism.closing})
+
+
+def serial_part(mechanism: Mechanism, joint: Joint) -> tuple[Part, Part]:
+    """From a joint to where the mechanism branches or ends: one part through its parent, one through its child.
+
+    Both parts open with the joint itself.
+    """
+    return _outwards(mechanism, joint, joint.parent), _outwards(mechanism, joint, joint.child)
+
+
+def around(mechanism: Mechanism, body: str) -> list[Joint]:
+    """Joints that join a body to others."""
+    return [joint for joint in mechanism.joints if body in {joint.parent, joint.child}]
+
+
+def _outwards(mechanism: Mechanism, start: Joint, body: str) -> Part:
+    row = [start]
+    while body not in {BASE, mechanism.flange}:
+        here = around(mechanism, body)
+        if len(here) != 2:
+            break
+        row.append(next(joint for joint in here if joint.name != row[-1].name))
+        body = row[-1].child if row[-1].parent == body else row[-1].parent
+    return Part(tuple(row), body)

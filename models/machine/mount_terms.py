@@ -88,10 +88,7 @@ def terms_of(machine: Machine, effects: tuple[PlacedEffect, ...] = ()) -> tuple[
 
 
 def said_terms(
-    machine: Machine,
-    effects: tuple[PlacedEffect, ...],
-    values: Mapping[str, float],
-    std: Mapping[str, float],
+    machine: Machine, effects: tuple[PlacedEffect, ...], values: Mapping[str, float], std: Mapping[str, float]
 ) -> tuple[Said, ...]:
     """The terms with their values: ``values`` and ``std`` by name of constant or coefficient, internal units."""
     return tuple(
@@ -132,6 +129,3 @@ def _moment(machine: Machine) -> float:
         return 0.0
     size = float(np.linalg.norm(machine.gravity))
     return size * sum(mass.kg * mass.com[0] / 1000.0 for mass in on_tube)
-
-
-__all__ = ["ARCSEC", "Said", "Term", "said_terms", "terms_of"]

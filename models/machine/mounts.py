@@ -7,9 +7,8 @@ from collections.abc import Iterator
 from truepose.errors import InputError
 from truepose.models.file.machine_file import FrameSpec, FrameTolerance, MachineFile
 from truepose.models.machine.machine import FRAMES, Mount, body_of
-from truepose.models.machine.mechanism import AXIS_UNITS, BASE, Mechanism
-from truepose.models.machine.parameters import Parameter
-from truepose.models.machine.view import TOOL, WORLD
+from truepose.models.machine.mechanism import AXIS_UNITS, BASE, Mechanism, Parameter
+from truepose.models.machine.sensor import TOOL, WORLD
 from truepose.wording import close_matches
 
 

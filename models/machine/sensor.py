@@ -9,18 +9,72 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 import casadi as ca
 import numpy as np
+from pydantic import Field
 
 from truepose.arrays import Array, Index
+from truepose.errors import InputError
 from truepose.models import lie
-from truepose.models.machine.context import BuildContext
-from truepose.models.machine.mechanism import AXES
-from truepose.models.machine.parameters import Parameter
-from truepose.models.machine.view import TOOL_IN_WORLD, View
+from truepose.models.file.fields import Section
+from truepose.models.machine.builder import BuildContext
+from truepose.models.machine.mechanism import AXES, Parameter
 from truepose.models.registry import Registry
+from truepose.wording import close_matches
+
+WORLD: Final = "world"
+TOOL: Final = "tool"
+
+
+@dataclass(frozen=True)
+class View:
+    """The frame that a sensor reads, and the frame that its readings are in: both ``tool`` or a further frame of the file.
+
+    ``frame`` may also be ``world``, the sensor's own.
+    """
+
+    tip: str = TOOL
+    frame: str = WORLD
+
+    @property
+    def relative(self) -> bool:
+        """Whether the machine, or another frame, carries the sensor."""
+        return self.frame != WORLD
+
+
+class ViewSection(Section):
+    """The fields of a sensor that may read any frame, from any frame."""
+
+    tip: str = TOOL
+    """Frame that it reads: `tool`, or another of `frames`."""
+    in_: str = Field(default=WORLD, alias="in")
+    """Frame that its readings are in: `world`, or one of `frames` that carries it (a camera on a head, the other hand)."""
+
+    def view(self, context: BuildContext) -> View:
+        """Checked against the file's frames. Raises InputError naming the field."""
+        known = (TOOL, *context.file.frames.further)
+        for field, name, others in (("tip", self.tip, known), ("in", self.in_, (WORLD, *known))):
+            if name not in others:
+                raise InputError(
+                    f"{context.where}.{field}: found {name!r}, expected {others[0]} or a frame that `frames` names; "
+                    f"{close_matches(name, others)}"
+                )
+        if self.tip == self.in_:
+            raise InputError(
+                f"{context.where}.in: found {self.in_!r}, which is the tip that it reads, expected another frame"
+            )
+        return View(self.tip, self.in_)
+
+
+TOOL_IN_WORLD: Final = View()
+"""What every sensor has that states no other view."""
+
+
+def prefix(name: str | None) -> str:
+    """What opens the names of columns and parameters of a sensor that has a name."""
+    return f"{name}." if name else ""
 
 
 @dataclass(frozen=True)
@@ -181,12 +235,12 @@ class Sensor(ABC):
         return values + sigma * rng.standard_normal(values.shape)
 
 
-TOOL = tuple(f"tool.{axis}" for axis in AXES)
+TOOL_POSE = tuple(f"tool.{axis}" for axis in AXES)
 
 
 def flange_of(world: ca.SX, s: Mapping[str, ca.SX]) -> ca.SX:
-    """Pose of the flange from that of the tool, for sensors that read the parameters of ``TOOL``."""
-    tool = lie.rpy_transform([s[name] for name in TOOL[:3]], [s[name] for name in TOOL[3:]])
+    """Pose of the flange from that of the tool, for sensors that read the parameters of ``TOOL_POSE``."""
+    tool = lie.rpy_transform([s[name] for name in TOOL_POSE[:3]], [s[name] for name in TOOL_POSE[3:]])
     turn = tool[:3, :3].T
     return world @ lie.transform(turn, -turn @ tool[:3, 3])
 

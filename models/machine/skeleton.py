@@ -197,6 +197,3 @@ class _Drawing:
         if body == self.mechanism.platform:
             names.append("platform")
         return names
-
-
-__all__ = ["Piece", "Skeleton", "at_home", "skeleton"]

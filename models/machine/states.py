@@ -8,6 +8,7 @@ sensors see includes them.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -15,10 +16,14 @@ from numpy.typing import ArrayLike
 
 from truepose.arrays import Array
 from truepose.errors import InputError
-from truepose.models.machine.assembly import placed_frame, rod_ends, way_of
+from truepose.models.file.driver import PAYLOAD
+from truepose.models.machine.assembly import assemble, placed_frame, rod_ends, symbols, way_of
+from truepose.models.machine.couplings import own_motions
+from truepose.models.machine.loads import with_own_tools
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.mechanism import Direction, Joint
-from truepose.models.machine.view import View
+from truepose.models.machine.mechanism import COORDINATES, Direction, Joint
+from truepose.models.machine.placed import PlacedEffect
+from truepose.models.machine.sensor import View
 
 _XYZ = ("x", "y", "z")
 SEEN = "seen."
@@ -153,14 +158,117 @@ def refuse_sight(names: set[str], where: str) -> None:
         )
 
 
-__all__ = [
-    "across",
-    "asked",
-    "directions",
-    "hinges",
-    "joint_ends",
-    "put_in_place",
-    "reading_shifts",
-    "refuse_sight",
-    "state_names",
-]
+@dataclass(frozen=True)
+class Variables:
+    """Symbols of a machine with effects, by name where they have one.
+
+    q, z            readings, drivers
+    theta           parameters
+    c               coefficients, of each effect
+    bare            ports, where these are variables too
+    x (nx,)         passive coordinates, then those at home where loops close about home only
+    """
+
+    machine: Machine
+    effects: tuple[PlacedEffect, ...]
+    q: Mapping[str, ca.SX]
+    z: Mapping[str, ca.SX]
+    theta: Mapping[str, ca.SX]
+    c: tuple[Mapping[str, ca.SX], ...]
+    bare: Mapping[str, ca.SX]
+    x: ca.SX
+
+    @classmethod
+    def of(
+        cls, machine: Machine, effects: Sequence[PlacedEffect], drivers: Sequence[str], *, ports: bool
+    ) -> Variables:
+        """New symbols; with ``ports`` for every port too."""
+        size = sum(COORDINATES[joint.kind] for joint in machine.mechanism.unknown)
+        return cls(
+            machine=machine,
+            effects=tuple(effects),
+            q=symbols("q", machine.mechanism.readings),
+            z=symbols("z", drivers),
+            theta=symbols("", [p.name for p in machine.parameters]),
+            c=tuple(symbols(f"c{k}_", list(effect.values)) for k, effect in enumerate(effects)),
+            bare=symbols("", [*machine.ports] if ports else []),
+            x=ca.SX.sym("x", size) if size else ca.SX(0, 1),
+        )
+
+    @property
+    def moved(self) -> dict[str, ca.SX]:
+        """Own motions of the joints by name, in the units of their readings."""
+        return own_motions(self.machine.mechanism, self.q)
+
+    @property
+    def p(self) -> ca.SX:
+        """(np,) parameters, coefficients, ports."""
+        coefficients = (symbol for own in self.c for symbol in own.values())
+        return ca.vertcat(*self.theta.values(), *coefficients, *self.bare.values())
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the entries of ``p``."""
+        coefficients = (name for effect in self.effects for name in effect.parameter_names)
+        return (*self.theta, *coefficients, *self.bare)
+
+    @property
+    def p_home(self) -> Array:
+        """(np,) ``p`` as the machine file has it."""
+        coefficients = (value for effect in self.effects for value in effect.values.values())
+        nominal = (parameter.nominal for parameter in self.machine.parameters)
+        return np.array([*nominal, *coefficients, *(0.0 for _ in self.bare)])
+
+    @property
+    def home(self) -> Array:
+        """(nx,) where the solution for ``x`` starts."""
+        unknown = self.machine.mechanism.unknown
+        return np.array([v for j in unknown for v in j.home or (0.0,) * COORDINATES[j.kind]], dtype=float)
+
+    @property
+    def now_and_home(self) -> tuple[ca.SX, ca.SX]:
+        """Passive coordinates, and those of the assembly at home where the closure refers to it (else none)."""
+        n = sum(COORDINATES[joint.kind] for joint in self.machine.mechanism.passive)
+        return self.x[:n], self.x[n:]
+
+    def values(self, *, weighed: bool) -> dict[str, ca.SX]:
+        """Values of parameters and ports without effects, by name; the payload's mass is constant where it is ``weighed``."""
+        machine, mass = self.machine, f"{PAYLOAD}.kg"
+        values = {**self.theta, **{name: self.bare.get(name, ca.SX(0)) for name in machine.ports}}
+        if weighed and mass in values:
+            values[mass] = ca.SX(machine.geometry[mass].nominal)
+        return with_own_tools(machine, values, self.z)
+
+
+@dataclass(frozen=True)
+class Present:
+    """The state of the machine without effects, where they ask for it."""
+
+    machine: Machine
+    values: Mapping[str, ca.SX]
+    q: Mapping[str, ca.SX]
+    z: Mapping[str, ca.SX]
+    x: ca.SX
+    marks: Mapping[str, ca.SX]
+
+    def directions(self) -> dict[str, ca.SX]:
+        """The states ``axis.*``."""
+        placed = assemble(self.machine, self.values, self.q, self.z, self.x)
+        return directions(self.machine, placed.bodies, self.values)
+
+    def in_place(self, shifted: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
+        """Port values with the directions that they ask for in place; only readings may depend on what is seen."""
+        read = self.machine.ports_of("reading")
+        moving = {name: v for name, v in shifted.items() if name not in read}
+        names = asked(list(moving.values()), self.marks)
+        if not names:
+            return dict(shifted)
+        refuse_sight(names, self.machine.name)
+        if self.machine.mechanism.loops != "exact":
+            raise InputError(
+                f"{self.machine.name}: found an effect of joint directions on loops that close about home only "
+                "(model: linear or stiffness), expected model: spherical or beam"
+            )
+        changed = [name for name, v in moving.items() if v is not self.values[name]]
+        placed = put_in_place([moving[n] for n in changed], self.marks, self.directions())
+        return dict(shifted) | dict(zip(changed, placed, strict=True))

@@ -19,10 +19,9 @@ from truepose.models.file.fields import (
     Number,
     Section,
 )
-from truepose.models.machine.context import BuildContext
-from truepose.models.machine.mechanism import Actuator, Mechanism
-from truepose.models.machine.parameters import Parameter
-from truepose.models.sensors.base import Channel, Sensor, sensors
+from truepose.models.machine.builder import BuildContext
+from truepose.models.machine.mechanism import Actuator, Mechanism, Parameter
+from truepose.models.machine.sensor import Channel, Sensor, sensors
 from truepose.wording import close_matches, joined
 
 PART: Mapping[str, Literal["angle", "length"]] = {"rad": "angle", "mm": "length"}
@@ -151,6 +150,3 @@ def _zero(parsed: _AngleSection, actuator: Actuator, context: BuildContext) -> P
     value = context.file.units.to_internal(parsed.zero.get(joint, 0.0), part)
     tolerance = parsed.tolerance.angle if part == "angle" else parsed.tolerance.length
     return context.parameter(f"{parsed.name}.zero.{joint}", unit, value, ("zero", joint), "sensor", tolerance)
-
-
-__all__ = ["Angle"]

@@ -9,11 +9,10 @@ from typing import Any, Literal
 import casadi as ca
 
 from truepose.models.file.fields import LengthSigma, LengthToleranceVector, LengthVector, Section
-from truepose.models.machine.context import BuildContext
-from truepose.models.machine.parameters import Parameter
-from truepose.models.machine.view import TOOL_IN_WORLD, View, ViewSection
-from truepose.models.machine.view import prefix as opening
-from truepose.models.sensors.base import Channel, Sensor, sensors
+from truepose.models.machine.builder import BuildContext
+from truepose.models.machine.mechanism import Parameter
+from truepose.models.machine.sensor import TOOL_IN_WORLD, Channel, Sensor, View, ViewSection, sensors
+from truepose.models.machine.sensor import prefix as opening
 
 _XYZ = ("x", "y", "z")
 _NOWHERE = (0.0, 0.0, 0.0)

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 from pydantic import model_validator
 
+from truepose.arrays import Array
 from truepose.models import lie
 from truepose.models.file.fields import (
     AngleSigma,
@@ -20,10 +21,9 @@ from truepose.models.file.fields import (
     Section,
     bad_value,
 )
-from truepose.models.machine.context import BuildContext
-from truepose.models.machine.mechanism import AXES, AXIS_UNITS
-from truepose.models.machine.parameters import Parameter
-from truepose.models.sensors.base import Array, Channel, Sensor, sensors
+from truepose.models.machine.builder import BuildContext
+from truepose.models.machine.mechanism import AXES, AXIS_UNITS, Parameter
+from truepose.models.machine.sensor import Channel, Sensor, sensors
 
 ORIGIN = "origin"
 _NOWHERE = (0.0, 0.0, 0.0)

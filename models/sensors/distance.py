@@ -20,9 +20,9 @@ from truepose.models.file.fields import (
     LengthVector,
     Section,
 )
-from truepose.models.machine.context import BuildContext
-from truepose.models.machine.parameters import Parameter
-from truepose.models.sensors.base import TOOL, Channel, Sensor, flange_of, sensors
+from truepose.models.machine.builder import BuildContext
+from truepose.models.machine.mechanism import Parameter
+from truepose.models.machine.sensor import TOOL_POSE, Channel, Sensor, flange_of, sensors
 
 
 class _Beam(Section):
@@ -129,7 +129,7 @@ class Distance(Sensor):
     @property
     def reads(self) -> tuple[str, ...]:
         """The tool frame, where the mirror is fixed to the flange that carries it."""
-        return TOOL if self.on_flange else ()
+        return TOOL_POSE if self.on_flange else ()
 
     def predict(self, world: ca.SX, s: Mapping[str, ca.SX]) -> ca.SX:
         """Length along the beam's z axis to the mirror's plane, mm."""

@@ -9,12 +9,12 @@ from typing import Any, Literal
 import casadi as ca
 import numpy as np
 
+from truepose.arrays import Array
 from truepose.models import lie
 from truepose.models.file.fields import AngleSigma, LengthSigma, Section
-from truepose.models.machine.context import BuildContext
+from truepose.models.machine.builder import BuildContext
 from truepose.models.machine.mechanism import AXES, AXIS_UNITS
-from truepose.models.machine.view import TOOL_IN_WORLD, View, ViewSection, prefix
-from truepose.models.sensors.base import Array, Channel, Sensor, sensors
+from truepose.models.machine.sensor import TOOL_IN_WORLD, Channel, Sensor, View, ViewSection, prefix, sensors
 
 _XYZ, _ROT = AXES[:3], AXES[3:]
 

@@ -11,14 +11,22 @@ import numpy as np
 from pydantic import Field
 from scipy.sparse import csr_matrix
 
-from truepose.arrays import Index, Mask
+from truepose.arrays import Array, Index, Mask
 from truepose.errors import InputError
 from truepose.models.file.fields import Length, LengthSigma, LengthToleranceVector, LengthVector, Section
-from truepose.models.machine.context import BuildContext
-from truepose.models.machine.parameters import Parameter
-from truepose.models.machine.view import TOOL_IN_WORLD, View, ViewSection
-from truepose.models.machine.view import prefix as opening
-from truepose.models.sensors.base import Array, Channel, Comparison, Rows, Sensor, sensors
+from truepose.models.machine.builder import BuildContext
+from truepose.models.machine.mechanism import Parameter
+from truepose.models.machine.sensor import (
+    TOOL_IN_WORLD,
+    Channel,
+    Comparison,
+    Rows,
+    Sensor,
+    View,
+    ViewSection,
+    sensors,
+)
+from truepose.models.machine.sensor import prefix as opening
 
 _XYZ = ("x", "y", "z")
 SET, PLACEMENT, SOCKET = "set", "placement", "socket"

@@ -10,10 +10,9 @@ import casadi as ca
 
 from truepose.errors import InputError
 from truepose.models.file.fields import LengthSigma, LengthTolerance, LengthVector, Section
-from truepose.models.machine.context import BuildContext
-from truepose.models.machine.parameters import Parameter, vector_of
-from truepose.models.machine.view import TOOL_IN_WORLD, View, ViewSection
-from truepose.models.sensors.base import Channel, Sensor, sensors
+from truepose.models.machine.builder import BuildContext
+from truepose.models.machine.mechanism import Parameter, vector_of
+from truepose.models.machine.sensor import TOOL_IN_WORLD, Channel, Sensor, View, ViewSection, sensors
 
 _XYZ = ("x", "y", "z")
 

@@ -12,9 +12,9 @@ import numpy as np
 from truepose.errors import InputError
 from truepose.models import lie
 from truepose.models.file.fields import Angle, AngleSigma, AngleTolerance, Section
-from truepose.models.machine.context import BuildContext
-from truepose.models.machine.parameters import Parameter
-from truepose.models.sensors.base import Channel, Sensor, sensors
+from truepose.models.machine.builder import BuildContext
+from truepose.models.machine.mechanism import Parameter
+from truepose.models.machine.sensor import Channel, Sensor, sensors
 
 TURNS = ("base.rx", "base.ry", "base.rz")
 _LEVEL = 1e-30

@@ -32,9 +32,9 @@ from truepose.codegen.printer import Real, literal
 from truepose.errors import InputError
 from truepose.models import lie
 from truepose.models.load import load_machine
-from truepose.models.machine.chain import chain_of
 from truepose.models.machine.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.velocities import chain_of
 
 LISTS = ("", "warm,cold,branches,p", "warm,cold,branches", "warm,cold", "warm,p", "warm")
 POSES = 10_000

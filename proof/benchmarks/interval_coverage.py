@@ -26,7 +26,7 @@ from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
-from truepose.models.sensors.base import Sensor
+from truepose.models.machine.sensor import Sensor
 
 Array = NDArray[np.float64]
 HEAD = "schema: truepose/machine/1\nname: {name}\ntolerances: {{length: 0.2, angle: 0.05}}\n"

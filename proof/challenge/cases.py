@@ -23,7 +23,7 @@ from challenge.simulator.base import SimulatedMachine
 from challenge.simulator.writing import recording_text
 from challenge.solutions import CONCEALED, Solution
 from challenge.strata import Draft, UndrawnError, draft
-from truepose.models.effects.of_rows import OF_ROWS
+from truepose.models.effects.common import OF_ROWS
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

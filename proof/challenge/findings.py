@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from challenge.solutions import Names, Solution, Truth
-from truepose.models.effects.of_rows import OF_ROWS
-from truepose.models.machine.parameters import element_of
+from truepose.models.effects.common import OF_ROWS
+from truepose.models.machine.mechanism import element_of
 
 VERDICTS = ("adequate", "missing-physics", "unknown")
 FORM = "empirical"

@@ -27,7 +27,7 @@ from truepose.errors import TrueposeError
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.effects.of_rows import OF_ROWS
+from truepose.models.effects.common import OF_ROWS
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -13,7 +13,7 @@ from challenge.drivers import agree, driver_of, of_effect
 from challenge.findings import FORM, Found, Judge, Levels, Reply
 from challenge.solutions import Truth
 from challenge.statements import SURE, Statement, name_said
-from truepose.models.effects.of_rows import OF_ROWS
+from truepose.models.effects.common import OF_ROWS
 
 KNOWN = 0.5
 """Probability from which on a place with its driver counts as known."""

@@ -25,7 +25,7 @@ from challenge.statements import (
     rows_judged,
     rows_said,
 )
-from truepose.models.effects.of_rows import OF_ROWS
+from truepose.models.effects.common import OF_ROWS
 
 CONFIDENT = 0.95
 LARGE = 5.0

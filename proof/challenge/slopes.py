@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from challenge.measures import difference
 from challenge.simulator.base import Campaign, SimulatedMachine, Specimen
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.parameters import Parameter
+from truepose.models.machine.mechanism import Parameter
 
 Array = NDArray[np.float64]
 STEP = 0.01

@@ -14,7 +14,7 @@ from challenge.simulator.base import Imperfection, Kind
 from challenge.sizing import Sized, detection_limit, draw_factor, sized
 from truepose.errors import TrueposeError
 from truepose.models.effects.base import effects
-from truepose.models.effects.of_rows import OF_ROWS
+from truepose.models.effects.common import OF_ROWS
 
 Array = NDArray[np.float64]
 SMALLEST, CLEAR, LARGEST = 1.0, 3.0, 20.0

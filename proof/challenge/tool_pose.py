@@ -17,7 +17,7 @@ from challenge.examinee import PLAIN, TOOL
 from challenge.perfect import of_sensor
 from challenge.solutions import Solution
 from truepose.identification.fit.align import rigid_motion
-from truepose.models.effects.of_rows import OF_ROWS
+from truepose.models.effects.common import OF_ROWS
 
 Array = NDArray[np.float64]
 AXES = ("x", "y", "z")

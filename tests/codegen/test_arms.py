@@ -17,9 +17,9 @@ from support.generated_c import needs_compiler
 from support.six_joint_arms import ARMS, BUILT, DRAWN, BuiltArm, apart, built, counted, errors, search
 from truepose.codegen.chain import ChainExpressions
 from truepose.codegen.layout import layout_of
-from truepose.codegen.leaves.all_solutions.branches import branches_of
-from truepose.models.machine.chain import chain_of
+from truepose.codegen.leaves.all_solutions.solutions import branches_of
 from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.velocities import chain_of
 
 mp: Any = import_module("mpmath")  # comes with sympy
 pytestmark = needs_compiler

@@ -13,14 +13,21 @@ from typer.testing import CliRunner
 from support.embedded import REALS, TICKS, allowed, log, measured, needs_toolchain, written
 from support.generated_machines import machine_of
 from truepose.cli import app
-from truepose.codegen.leaves.embedded.emulator import observe, read_log
-from truepose.codegen.leaves.embedded.frames import read_frames
-from truepose.codegen.leaves.embedded.measure import measure, missing, toolchain
-from truepose.codegen.leaves.embedded.program import LONG_LOOP, Compiler, build
+from truepose.codegen.leaves.embedded.measure import measure, read_frames
+from truepose.codegen.leaves.embedded.program import LONG_LOOP, Compiler, build, read_source
 from truepose.codegen.leaves.embedded.section import sizes_section
-from truepose.codegen.leaves.embedded.source import read_source
-from truepose.codegen.leaves.embedded.targets import CORTEX_M4F, CORTEX_M7, TARGETS, Target, target_for
-from truepose.codegen.leaves.embedded.toolchain import required
+from truepose.codegen.leaves.embedded.toolchain import (
+    CORTEX_M4F,
+    CORTEX_M7,
+    TARGETS,
+    Target,
+    missing,
+    observe,
+    read_log,
+    required,
+    target_for,
+    toolchain,
+)
 from truepose.codegen.printer import Real
 from truepose.errors import InputError
 

@@ -19,16 +19,16 @@ from support.examples import by_day
 from support.generated_c import COMPILER, WARNINGS, Built, build, needs_compiler
 from support.generated_machines import ARM, HEAD, machine_of
 from truepose.cli import app
+from truepose.codegen.blocks import rolled
 from truepose.codegen.c import generate, render
 from truepose.codegen.features import ALL, FEATURES, Features
 from truepose.codegen.leaves.embedded.measure import measure
 from truepose.codegen.printer import Real
 from truepose.codegen.pruning import pruned
-from truepose.codegen.rolling import rolled
 from truepose.errors import InputError
 from truepose.models.file.machine_file import checked_machine
 from truepose.models.file.yaml_document import parse_document
-from truepose.models.leaves.starting.arms import bundled_start
+from truepose.models.leaves.starting.start import bundled_start
 from truepose.models.leaves.starting.written import Asked, written
 from truepose.models.load import build_machine, load_machine
 from truepose.models.machine.machine import Machine

@@ -11,11 +11,10 @@ import pytest
 from support.generated_c import COMPILER, WARNINGS, Built, cases, needs_compiler
 from support.generated_machines import machine_of
 from truepose.codegen.c import generate
-from truepose.codegen.names import identifiers
 from truepose.codegen.printer import Real
+from truepose.codegen.texts import identifiers
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.mechanism import Actuator, Joint, Mechanism, Step
-from truepose.models.machine.parameters import Parameter
+from truepose.models.machine.mechanism import Actuator, Joint, Mechanism, Parameter, Step
 
 
 def four_bar() -> Machine:

@@ -19,8 +19,7 @@ from hypothesis import strategies as st
 from support.examples import examples
 from support.generated_c import COMPILER, WARNINGS, needs_compiler
 from truepose.codegen.c import generate, render
-from truepose.codegen.names import identifiers
-from truepose.codegen.quoting import c_string, code_span, comment, markdown, python_string
+from truepose.codegen.texts import c_string, code_span, comment, identifiers, markdown, python_string
 from truepose.errors import InputError
 from truepose.models.file.machine_file import checked_machine
 from truepose.models.load import build_machine

@@ -17,8 +17,7 @@ from support.generated_c import needs_compiler
 from support.lane_functions import TARGETS, Evaluate, c_text, compiled
 from truepose.codegen.expressions import Graph
 from truepose.codegen.lanes import LanePrinter
-from truepose.codegen.printer import Real
-from truepose.codegen.trigonometry import COSINE, FARTHEST, QUARTER_TURN, SINE
+from truepose.codegen.printer import COSINE, FARTHEST, QUARTER_TURN, SINE, Real
 
 pytestmark = needs_compiler
 mp: Any = import_module("mpmath")  # comes with sympy

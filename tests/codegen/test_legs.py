@@ -16,10 +16,9 @@ from support.generated_c import COMPILER, needs_compiler
 from support.generated_machines import machine_of
 from support.legged_machines import BY_NEWTON, CLOSED_FORM, LEGGED, Legged, legged
 from support.skips import NO_AVX2
-from truepose.codegen.elimination import Pivots, factors_of
 from truepose.codegen.layout import layout_of
 from truepose.codegen.legs import legs_of
-from truepose.codegen.loops import LoopExpressions
+from truepose.codegen.loops import LoopExpressions, Pivots, factors_of
 from truepose.codegen.printer import Real
 from truepose.models.machine.kinematics import symbolic_model
 

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from support.generated_c import COMPILER, WARNINGS, Built, build, cases, needs_compiler
 from support.generated_machines import machine_of
 from truepose.codegen.c import generate
-from truepose.codegen.names import identifiers
+from truepose.codegen.texts import identifiers
 from truepose.models.machine.kinematics import SymbolicModel
 
 Array = NDArray[np.float64]

@@ -18,13 +18,13 @@ from support.six_joint_arms import ARMS, BUILT, DRAWN, GENERAL
 from truepose.codegen import layout, reference
 from truepose.codegen.chain import ChainExpressions, pivot_order
 from truepose.codegen.layout import layout_of
-from truepose.codegen.leaves.all_solutions import branches
-from truepose.codegen.leaves.all_solutions.branches import branches_of
+from truepose.codegen.leaves.all_solutions import solutions
+from truepose.codegen.leaves.all_solutions.solutions import branches_of
 from truepose.codegen.loops import Equations
 from truepose.codegen.printer import Real
 from truepose.codegen.reference import Reference
-from truepose.models.machine.chain import chain_of
 from truepose.models.machine.kinematics import SymbolicModel, symbolic_model
+from truepose.models.machine.velocities import chain_of
 
 Array = NDArray[np.float64]
 LOOPED = ("planar", "delta", "hybrid", "pus", "ups")
@@ -85,7 +85,7 @@ def test_parallel_axes_may_point_either_way(kind: Literal["wrist", "parallel"]) 
     assert alike is not None and alike.kind == kind
     for turned in range(1, 3 if kind == "wrist" else 4):
         axes = alike.axes * np.where(np.arange(6) == turned, -1.0, 1.0)[:, None]
-        found = branches.drawn_branches(kind, axes, alike.points, alike.tool, 1500.0)
+        found = solutions.drawn_branches(kind, axes, alike.points, alike.tool, 1500.0)
         assert found is not None
         np.testing.assert_allclose(found.axes, axes, atol=1e-12)
         np.testing.assert_allclose(found.points, alike.points, atol=1e-8)
@@ -104,14 +104,14 @@ def test_axes_that_are_not_parallel_or_do_not_meet_make_no_closed_form() -> None
         axes[1], axes[2] = axes[1] + np.tan(tilt) * side, axes[2] - np.tan(tilt) * side
         axes /= np.linalg.norm(axes, axis=1, keepdims=True)
         assert (
-            branches.drawn_branches("parallel", axes, alike.points, alike.tool, 1500.0) is not None
+            solutions.drawn_branches("parallel", axes, alike.points, alike.tool, 1500.0) is not None
         ) is near
     across = np.cross(alike.axes[4], alike.axes[5])
     for apart, near in ((0.039, True), (0.041, False)):  # the point lies in the middle between two lines
         points = alike.points.copy()
         points[4] += apart * 1500.0 * across / np.linalg.norm(across)
         assert (
-            branches.drawn_branches("parallel", alike.axes, points, alike.tool, 1500.0) is not None
+            solutions.drawn_branches("parallel", alike.axes, points, alike.tool, 1500.0) is not None
         ) is near
 
 
@@ -120,7 +120,7 @@ def test_lines_meet_where_least_squares_puts_the_point() -> None:
     axes = rng.normal(size=(3, 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     place = np.array([30.0, -20.0, 10.0])
-    point, distance = branches.meeting_point(axes, place + 7.0 * axes)
+    point, distance = solutions.meeting_point(axes, place + 7.0 * axes)
     np.testing.assert_allclose(point, place, atol=1e-9)
     assert distance < 1e-9
     points = place + rng.normal(size=(3, 3))
@@ -128,7 +128,7 @@ def test_lines_meet_where_least_squares_puts_the_point() -> None:
     def away(at: Array) -> Array:
         return np.asarray(np.linalg.norm(np.cross(at - points, axes), axis=1))
 
-    point, distance = branches.meeting_point(axes, points)
+    point, distance = solutions.meeting_point(axes, points)
     assert distance == pytest.approx(away(point).max())
     for step in 1e-3 * rng.normal(size=(20, 3)):
         assert np.sum(away(point + step) ** 2) > np.sum(away(point) ** 2)

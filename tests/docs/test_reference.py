@@ -24,11 +24,11 @@ from truepose.identification.recording.load import load_recording
 from truepose.models.file.driver import Driver
 from truepose.models.file.fields import Section
 from truepose.models.file.machine_file import write_machine
-from truepose.models.file.schema_line import MACHINE_SCHEMA, RECORDING_SCHEMA, SCHEMA_LINE
+from truepose.models.file.names import MACHINE_SCHEMA, RECORDING_SCHEMA, SCHEMA_LINE
 from truepose.models.file.yaml_document import read_document
 from truepose.models.load import load_machine
 from truepose.models.machine.builder import builders
-from truepose.models.machine.column_names import OF_ROWS
+from truepose.models.machine.columns import OF_ROWS
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.sensor import sensors
 from truepose.models.schemas import MACHINE, RECORDING, stored
@@ -270,7 +270,7 @@ def test_a_row_is_checked_by_the_names_of_its_columns() -> None:
 def test_a_plug_in_s_types_are_in_the_schema_that_is_made_with_it(tmp_path: Path) -> None:
     plugin = tmp_path / "own_arm.py"
     plugin.write_text(
-        "from truepose.models.builders.base import builders\n\n@builders.add('own-arm')\ndef own(section, context): ...\n",
+        "from truepose.models.machine.builder import builders\n\n@builders.add('own-arm')\ndef own(section, context): ...\n",
         encoding="utf-8",
     )
     made = CliRunner().invoke(

@@ -8,8 +8,9 @@ from support import ROOT
 from truepose import bounded
 from truepose.identification.leaves.programs import program
 from truepose.models.builders import urdf_file
-from truepose.models.file import limits, machine_name, setting_range
+from truepose.models.file import limits, names
 from truepose.models.leaves.starting import compiled_mjcf
+from truepose.models.machine import placed
 
 PAGE = (ROOT / "docs" / "reference" / "refused.md").read_text(encoding="utf-8")
 SAID = {
@@ -27,20 +28,20 @@ SAID = {
 ELSEWHERE = {
     "every file": f"every file that is read | {bounded.FILE_BYTES >> 30} GiB |",
     "URDF": f"URDF | {urdf_file.CHAIN_MOST} joints",
-    "a machine": f"a machine's name | {machine_name.LONGEST} characters that C can have in a name |",
+    "a machine": f"a machine's name | {names.LONGEST} characters that C can have in a name |",
     "names": f"names of {urdf_file.NAME_MOST} characters",
     "MuJoCo": f"{compiled_mjcf.SECONDS_MOST} s of the processor and {compiled_mjcf.MIB_MOST:,} MiB",
     "numbers of a URDF": f"numbers of a URDF, in m, rad, kg, and of a robot program | {urdf_file.FARTHEST:.0e}".replace(
         "+0", ""
     ),
     "numbers of a program": f"of a robot program | {program.LARGEST:.0e}".replace("+0", ""),
-    "terms": f"(`degree`, `orders`, `waves`) | {setting_range.COUNT.high:g} |",
-    "orders": f"(`first`, `orders`) | {setting_range.HARMONIC.high:g} |",
+    "terms": f"(`degree`, `orders`, `waves`) | {placed.COUNT.high:g} |",
+    "orders": f"(`first`, `orders`) | {placed.HARMONIC.high:g} |",
 }
 
 
 def test_every_limit_has_its_line() -> None:
-    assert SAID.keys() == {name for name in limits.__all__ if name.isupper()}
+    assert SAID.keys() == {name for name in vars(limits) if name.isupper()}
 
 
 @pytest.mark.parametrize("said", ELSEWHERE.values(), ids=ELSEWHERE)

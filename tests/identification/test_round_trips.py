@@ -24,10 +24,10 @@ from truepose.identification.signatures.candidates import catalogue
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.transmission_error import TransmissionError
 from truepose.models.file.effect_entry import read_effects
-from truepose.models.file.setting_range import HARMONIC
 from truepose.models.file.yaml_document import document_text, parse_document
 from truepose.models.load import place_effect
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.placed import HARMONIC
 
 ROWS = 40
 

@@ -18,7 +18,7 @@ from support import ROOT
 from truepose.errors import InputError
 from truepose.models.file.machine_file import checked_machine
 from truepose.models.file.yaml_document import parse_document, read_document
-from truepose.models.leaves.starting.arms import bundled, bundled_names, bundled_start
+from truepose.models.leaves.starting.start import bundled, bundled_names, bundled_start
 from truepose.models.leaves.starting.written import Asked, written
 from truepose.models.load import build_machine
 from truepose.models.machine.kinematics import symbolic_model

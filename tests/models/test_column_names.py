@@ -14,7 +14,7 @@ from truepose.errors import InputError
 from truepose.identification.compensation.path_table import load_path
 from truepose.identification.prediction.predict import predict
 from truepose.identification.recording.load import load_recording
-from truepose.models.leaves.starting.sensors import PRESETS
+from truepose.models.leaves.starting.written import PRESETS
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import AXIS_UNITS

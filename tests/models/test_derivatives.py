@@ -18,10 +18,10 @@ from support.moving_machines import FRAMED, drawn
 from support.other_numbers import complex_step
 from truepose.models import lie
 from truepose.models.effects.base import PlacedEffect, effects
-from truepose.models.effects.of_rows import OF_ROWS
+from truepose.models.effects.common import OF_ROWS
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine
-from truepose.models.sensors.base import sensors
+from truepose.models.machine.sensor import sensors
 
 Array = NDArray[np.float64]
 EXACT = 1e-11

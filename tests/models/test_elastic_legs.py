@@ -19,8 +19,8 @@ from support.telescope_models import (
     poses_of,
 )
 from truepose.errors import InputError
-from truepose.models.machine.elastic import Flexibility, Segment
 from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.near_home import Flexibility, Segment
 
 Array = NDArray[np.float64]
 

@@ -147,7 +147,7 @@ def test_a_joint_that_nobody_reads_has_no_encoder(tmp_path: Path) -> None:
         encoded(tmp_path, "planar", {"b1": {"counts": 100}})
 
 
-@pytest.mark.parametrize("format", ["urdf", "xacro", "mjcf"])
+@pytest.mark.parametrize("format", ["urdf", "mjcf"])
 def test_no_description_of_links_holds_a_coupling(tmp_path: Path, format: str) -> None:
     machine = coupled(tmp_path, "pair")
     with pytest.raises(

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from support import fringe_signal as signals
 from truepose.errors import InputError
-from truepose.models.machine.fabry_perot import (
+from truepose.models.sensors.irradiance import (
     cosine,
     coupling,
     folded_phase,

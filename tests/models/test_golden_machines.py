@@ -19,7 +19,7 @@ from support.effect_machines import READINGS, read_machines
 from support.effects import Solved
 from support.golden_pages import as_committed
 from truepose.models.load import load_machine
-from truepose.models.machine.home import home_readings
+from truepose.models.machine.closure import home_readings
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine
 

@@ -17,7 +17,7 @@ from truepose.errors import InputError
 from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
 from truepose.models.machine.kinematics import symbolic_model
-from truepose.models.machine.loops import looped
+from truepose.models.machine.mechanism import looped
 
 
 def test_the_shorthand_is_its_graph(tmp_path: Path) -> None:

@@ -6,8 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from truepose.models.machine.closure import CoordinateScale
-from truepose.models.machine.home import closed_home
+from truepose.models.machine.closure import CoordinateScale, closed_home
 
 
 def closure(x: ca.SX, equations: ca.SX) -> ca.Function:

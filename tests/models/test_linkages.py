@@ -21,9 +21,9 @@ from truepose.models.machine.mechanism import (
     Joint,
     JointKind,
     Mechanism,
+    Parameter,
     Step,
 )
-from truepose.models.machine.parameters import Parameter
 from truepose.models.sensors.pose import Position
 
 Array = NDArray[np.float64]

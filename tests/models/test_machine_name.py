@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from support.checked_arm import document
 from support.right_pairs import loaded
 from truepose.errors import InputError
-from truepose.models.file.machine_name import LONGEST, check_machine_name, nearest_name
+from truepose.models.file.names import LONGEST, check_machine_name, nearest_name
 
 
 @given(st.text(max_size=200))

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from truepose.errors import InputError
 from truepose.models.file.machine_file import checked_machine
-from truepose.models.file.plain_texts import check_text, hidden_character
+from truepose.models.file.names import check_text, hidden_character
 from truepose.models.load import build_machine, load_machine
 
 HIDDEN: tuple[str, ...] = (

@@ -24,9 +24,9 @@ from support.two_arms import (
 )
 from truepose.errors import InputError
 from truepose.models.load import load_machine
+from truepose.models.machine.assembly import Statics
 from truepose.models.machine.kinematics import symbolic_model
-from truepose.models.machine.statics import Statics
-from truepose.models.machine.view import TOOL_IN_WORLD, View
+from truepose.models.machine.sensor import TOOL_IN_WORLD, View
 
 RNG = np.random.default_rng(5)
 ANGLES = [dict(zip(two_arms.JOINTS, q, strict=True)) for q in RNG.uniform(-1.4, 1.4, (5, 7)).tolist()]

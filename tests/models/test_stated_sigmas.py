@@ -13,9 +13,9 @@ import pytest
 
 from truepose.errors import InputError
 from truepose.models.load import load_machine
-from truepose.models.machine.context import BuildContext
+from truepose.models.machine.builder import BuildContext
 from truepose.models.machine.machine import Machine
-from truepose.models.sensors.base import Channel, Sensor, sensors
+from truepose.models.machine.sensor import Channel, Sensor, sensors
 
 CAVITY = "beam: {xyz: [0, 0, 0], rx: 90}, mirror: {z: 1}, sigma: {distance: S}"
 SECTIONS = {

@@ -37,7 +37,7 @@ from truepose.identification.recording.load import load_recording
 from truepose.models import lie
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.load import load_machine
-from truepose.models.machine.flexure import SHAPE, gain
+from truepose.models.machine.assembly import SHAPE, flexure_gain
 from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
@@ -89,7 +89,7 @@ def test_the_linear_model_is_the_inverse_jacobian_of_home(tmp_path: Path) -> Non
 
 
 def grown(angle: float, shape: float = SHAPE) -> float:
-    return number(gain(ca.SX(LENGTH), ca.SX(shape), ca.SX(np.cos(angle))))
+    return number(flexure_gain(ca.SX(LENGTH), ca.SX(shape), ca.SX(np.cos(angle))))
 
 
 @pytest.mark.parametrize("shape", [0.0, 0.1, 0.25, 0.4])

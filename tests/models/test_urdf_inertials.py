@@ -18,10 +18,10 @@ from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
+from truepose.models.machine.assembly import Statics
 from truepose.models.machine.effect import effects
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.statics import Statics
 
 URDF = """<?xml version="1.0"?>
 <robot name="arm">

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from truepose.errors import InputError
-from truepose.models.builders.urdf_file import CHAIN_MOST, FARTHEST, NAME_MOST, Robot
-from truepose.models.builders.urdf_inertials import inertials_of
+from truepose.models.builders.urdf_file import CHAIN_MOST, FARTHEST, NAME_MOST, Robot, inertials_of
 from truepose.models.leaves.starting.urdf import urdf_start
 from truepose.models.units import UnitSystem
 from truepose.wording import close_matches, cut

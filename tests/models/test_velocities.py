@@ -13,8 +13,17 @@ from support.generated_machines import machine_of
 from truepose.models.machine import kinematics
 from truepose.models.machine.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine.machine import FRAMES, Machine
-from truepose.models.machine.mechanism import AXES, BASE, Actuator, Joint, JointKind, Mechanism, Rod, Step
-from truepose.models.machine.parameters import Parameter
+from truepose.models.machine.mechanism import (
+    AXES,
+    BASE,
+    Actuator,
+    Joint,
+    JointKind,
+    Mechanism,
+    Parameter,
+    Rod,
+    Step,
+)
 from truepose.models.machine.velocities import gap_derivative, twists
 from truepose.models.sensors.pose import Position
 

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from truepose.models.sensors.base import Channel, Sensor, sensors
+from truepose.models.machine.sensor import Channel, Sensor, sensors
 from truepose.models.file.fields import Section
 
 

@@ -35,7 +35,7 @@ RIGHT = {
 SENSOR = """
 import casadi as ca
 import numpy as np
-from truepose.models.sensors.base import Channel, Sensor, sensors
+from truepose.models.machine.sensor import Channel, Sensor, sensors
 
 @sensors.add("odd")
 class Odd(Sensor):
@@ -59,7 +59,7 @@ SENSES = {
     "predict": "return world[2, 3]",
 }
 BUILDER = """
-from truepose.models.builders.base import builders
+from truepose.models.machine.builder import builders
 
 @builders.add("odd")
 def build(section, context):

@@ -13,8 +13,8 @@ from truepose.cli import app
 from truepose.errors import InputError
 from truepose.models.effects.base import effects
 from truepose.models.load import load_machine
+from truepose.models.machine.sensor import sensors
 from truepose.models.registry import load_plugin
-from truepose.models.sensors.base import sensors
 
 DIAL = '''
 from __future__ import annotations
@@ -25,9 +25,9 @@ from typing import Any, ClassVar
 
 import casadi as ca
 
-from truepose.models.machine.context import BuildContext
-from truepose.models.machine.parameters import Parameter
-from truepose.models.sensors.base import Channel, Sensor, sensors
+from truepose.models.machine.builder import BuildContext
+from truepose.models.machine.mechanism import Parameter
+from truepose.models.machine.sensor import Channel, Sensor, sensors
 from truepose.models.file.fields import Length, Section
 
 

@@ -16,11 +16,9 @@ from support.moving_machines import POSE, record, written
 from truepose.errors import InputError
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.prediction.predictor import Predictor
-from truepose.models.builders.base import builders
-from truepose.models.machine.context import BuildContext
-from truepose.models.machine.mechanism import BASE, Actuator, Joint, Mechanism, Step
-from truepose.models.machine.parameters import Parameter
-from truepose.models.sensors.base import Channel, Sensor, sensors
+from truepose.models.machine.builder import BuildContext, builders
+from truepose.models.machine.mechanism import BASE, Actuator, Joint, Mechanism, Parameter, Step
+from truepose.models.machine.sensor import Channel, Sensor, sensors
 
 
 @pytest.fixture

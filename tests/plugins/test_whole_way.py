@@ -69,9 +69,9 @@ TRUE_K, ROWS = -1e-4, 60
 SLIDES_AND_DIALS = '''
 from dataclasses import dataclass
 
-from truepose.models.builders.base import builders
+from truepose.models.machine.builder import builders
 from truepose.models.machine.mechanism import Actuator, Joint, Mechanism, Step
-from truepose.models.sensors.base import Channel, Sensor, sensors
+from truepose.models.machine.sensor import Channel, Sensor, sensors
 from truepose.models.file.fields import Angle, Length, Section
 
 

@@ -23,10 +23,9 @@ OF_MODULES = {
 }  # fmt: skip
 KNOWN = {
     ("identification/signatures/chunks.py", "pickle.loads"),  # what this program sent to its own workers
-    ("models/builders/urdf_xml.py", "ElementTree.fromstring"),  # what this program wrote a moment ago
+    ("models/builders/urdf_file.py", "ElementTree.fromstring"),  # what this program wrote a moment ago
     ("models/registry.py", "importlib.import_module"),  # modules of this package
-    ("models/leaves/starting/descriptions.py", "importlib.import_module"),  # a name of the command line
-    ("src/truepose/shown/result.py", "importlib.import_module"),  # a constant of a class
+    ("src/truepose/leaves.py", "importlib.import_module"),  # modules of this package
 }
 LOADERS = {"FastLoader", "PlainLoader"}
 

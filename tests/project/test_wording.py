@@ -11,7 +11,7 @@ from truepose.errors import LONGEST, InputError
 from truepose.identification.leaves.programs.dialects import text_of
 from truepose.identification.leaves.readers.importing import read_foreign
 from truepose.identification.recording.table import read_table
-from truepose.models.builders.urdf_xml import read_urdf
+from truepose.models.builders.urdf_file import read_urdf
 from truepose.models.file.yaml_document import read_document
 from truepose.wording import close_matches, cut, joined, meant, shortened
 

@@ -244,6 +244,3 @@ def _errors(screws: Screws, first: int, samples: Sequence[tuple[Array, tuple[Arr
 
 def _unit(vectors: Array) -> Array:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
-
-
-__all__ = ["Elimination", "Screws", "displacement", "elimination_of", "screws_of", "solutions"]

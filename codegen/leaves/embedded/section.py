@@ -6,8 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from truepose.codegen.leaves.embedded.frames import Chain
-from truepose.codegen.leaves.embedded.measure import Cost, Measurement
+from truepose.codegen.leaves.embedded.measure import Chain, Cost, Measurement
 from truepose.codegen.leaves.embedded.program import Sizes
 
 _Row = tuple[str, Callable[[Measurement], str]]
@@ -61,10 +60,7 @@ def _introduction(first: Measurement) -> list[str]:
 def _rows(name: str) -> list[_Row]:
     return [
         (f"`{name}_kin.o`: text, data, bss [B]", lambda m: _sizes(m.object)),
-        (
-            f"linked for `{name}_ik` alone, with its part of the C library [B]",
-            lambda m: _sizes(m.linked_ik),
-        ),
+        (f"linked for `{name}_ik` alone, with its part of the C library [B]", lambda m: _sizes(m.linked_ik)),
         (f"linked for `{name}_fk` alone [B]", lambda m: _sizes(m.linked_fk)),
         (f"`{name}_ik` warm: instructions, mean, median, most", lambda m: _instructions(m.warm)),
         (f"`{name}_ik` cold: instructions, mean, median, most", lambda m: _if_cold(m, _instructions)),

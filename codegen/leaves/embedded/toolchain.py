@@ -2,12 +2,88 @@
 
 from __future__ import annotations
 
+import math
 import shutil
+import struct
 import subprocess
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from truepose.codegen.printer import Real
 from truepose.errors import InputError
+
+
+@dataclass(frozen=True)
+class Region:
+    """Memory: address of its first byte and its size in bytes."""
+
+    origin: int
+    size: int
+
+
+@dataclass(frozen=True)
+class Target:
+    """A processor and the emulated board it is run on.
+
+    name, title       identifier, and what people call it
+    real              type of the numbers that its floating point unit computes with
+    flags             of the compiler, for processor and floating point unit
+    machine           QEMU's name of the board
+    flash, ram        where code and constants, where data and the stack (bytes) are linked to
+    timer, frequency  address of a CMSDK APB timer (32 bits, counting down), and its ticks a second
+    stack             size of the stack, bytes
+    """
+
+    name: str
+    title: str
+    real: Real
+    flags: tuple[str, ...]
+    machine: str
+    flash: Region
+    ram: Region
+    timer: int
+    frequency: int
+    stack: int
+
+
+# Arm MPS2 boards, application notes 385/386 and 500: SSRAM1 at 0, SSRAM2 and 3 at 0x20000000, 25 MHz.
+_FLASH = Region(0x00000000, 4 << 20)
+_RAM = Region(0x20000000, 4 << 20)
+_TIMER, _FREQUENCY = 0x40000000, 25_000_000
+_STACK = 256 << 10
+
+CORTEX_M7 = Target(
+    name="cortex-m7",
+    title="Cortex-M7",
+    real="double",
+    flags=("-mcpu=cortex-m7", "-mfpu=fpv5-d16", "-mfloat-abi=hard", "-mthumb"),
+    machine="mps2-an500",
+    flash=_FLASH,
+    ram=_RAM,
+    timer=_TIMER,
+    frequency=_FREQUENCY,
+    stack=_STACK,
+)
+CORTEX_M4F = Target(
+    name="cortex-m4f",
+    title="Cortex-M4F",
+    real="float",
+    flags=("-mcpu=cortex-m4", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard", "-mthumb"),
+    machine="mps2-an386",
+    flash=_FLASH,
+    ram=_RAM,
+    timer=_TIMER,
+    frequency=_FREQUENCY,
+    stack=_STACK,
+)
+TARGETS = {target.name: target for target in (CORTEX_M7, CORTEX_M4F)}
+
+
+def target_for(real: Real) -> Target:
+    """The target whose floating point unit computes with ``real``."""
+    return next(target for target in TARGETS.values() if target.real == real)
+
 
 _TIME_LIMIT = 600.0
 _PROGRAMS = {
@@ -79,3 +155,99 @@ def run(command: list[str], cwd: Path | None = None, doing: str = "") -> subproc
 
 def _version(program: Path) -> str:
     return run([str(program), "--version"]).stdout.splitlines()[0]
+
+
+_SHIFT = 7
+_SPARE = 1024
+_FORMAT: dict[Real, str] = {"double": "<d", "float": "<f"}
+
+
+@dataclass(frozen=True)
+class Observation:
+    """One call on the target.
+
+    what, number        which call, and its place among the calls of its kind
+    code, kept          its return code, and whether it left the output as it was
+    instructions        executed from the call's first to its return, both counted
+    stack               bytes below the caller's frame down to the lowest word written
+    position, rotation  distance (mm) and angle (rad) to the pose it should meet; where there is none, the norm of the
+                        output and 0
+    """
+
+    what: str
+    number: int
+    code: int
+    kept: bool
+    instructions: int
+    stack: int
+    position: float
+    rotation: float
+
+
+def observe(program: Path, target: Target, tools: Toolchain) -> list[Observation]:
+    """Run a program of ``program.build``. Raises InputError when it does not come to its end."""
+    command = [str(tools.qemu), "-machine", target.machine, "-display", "none", "-monitor", "none"]
+    command += [
+        "-serial",
+        "none",
+        "-parallel",
+        "none",
+        "-icount",
+        f"shift={_SHIFT}",
+        "-chardev",
+        "stdio,id=said",
+    ]
+    command += ["-semihosting-config", "enable=on,target=native,chardev=said", "-kernel", str(program)]
+    return read_log(run(command, doing=f"{tools.qemu.name} as {target.title}").stdout, target)
+
+
+def read_log(log: str, target: Target) -> list[Observation]:
+    """What the test program said, a line a call (driver.c tells the columns), with ticks turned into instructions.
+
+    Raises InputError where the log ends early, or where calls of known cost were not seen to cost that.
+    """
+    lines = log.splitlines()
+    if not lines or lines[-1] != "end":
+        raise InputError(f"{target.machine}: found {lines[-1:]} as the last line of the run, expected 'end'")
+    seen = list(_observations(lines[:-1], target))
+    _check(seen, target)
+    return seen
+
+
+def _check(seen: list[Observation], target: Target) -> None:
+    """Refuse a run whose counters do not agree with calls of known cost, or that ran out of stack."""
+    for call in seen:
+        known = {"turn": (2 * call.number + 2, 0), "dig": (3 * call.number + 4, 4 * call.number)}.get(
+            call.what
+        )
+        found = (call.instructions, call.stack)
+        if known and found != known:
+            raise InputError(
+                f"{target.machine}: found {found} instructions and bytes of stack, expected {known}"
+            )
+        if call.stack > target.stack - _SPARE:
+            raise InputError(f"{call.what}: found no end of the stack of {target.stack} bytes, expected less")
+
+
+def _observations(lines: list[str], target: Target) -> Iterator[Observation]:
+    empty = next(int(line.split()[4]) for line in lines if line.startswith("nothing "))
+    around = _instructions(empty, target) - 1  # of `nothing`, which is one instruction
+    for line in lines:
+        what, number, code, kept, ticks, stack, *squares = line.split()
+        position, rotation = (
+            math.sqrt(struct.unpack(_FORMAT[target.real], bytes.fromhex(square))[0]) for square in squares
+        )
+        yield Observation(
+            what=what,
+            number=int(number),
+            code=int(code),
+            kept=kept == "1",
+            instructions=_instructions(int(ticks), target) - around,
+            stack=int(stack),
+            position=position,
+            rotation=rotation,
+        )
+
+
+def _instructions(ticks: int, target: Target) -> int:
+    return round(ticks * (1_000_000_000 / target.frequency) / (1 << _SHIFT))

@@ -16,9 +16,8 @@ from truepose.identification.fit.sighted import base_of, station_of
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.view import TOOL_IN_WORLD
+from truepose.models.machine.sensor import TOOL_IN_WORLD, Sensor
 from truepose.models.sensors.ballbar import BallBar
-from truepose.models.sensors.base import Sensor
 from truepose.models.sensors.direction import ORIGIN, Direction
 from truepose.models.sensors.pose import Pose, Position
 from truepose.models.sensors.targets import Targets

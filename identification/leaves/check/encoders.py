@@ -17,8 +17,8 @@ from truepose.identification.leaves.check.slip import Mend
 from truepose.identification.leaves.check.weighing import PHYSICS
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.parameters import Parameter
-from truepose.models.sensors.base import Channel, Sensor
+from truepose.models.machine.mechanism import Parameter
+from truepose.models.machine.sensor import Channel, Sensor
 from truepose.models.units import convert
 
 Array = NDArray[np.float64]

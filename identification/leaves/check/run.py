@@ -31,7 +31,7 @@ from truepose.identification.signatures.untestable import missing_inputs
 from truepose.models.given import MachineLike, as_machine
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.view import TOOL_IN_WORLD
+from truepose.models.machine.sensor import TOOL_IN_WORLD
 
 _ORDER = {"wrong": 0, "suspect": 1, "ok": 2}
 

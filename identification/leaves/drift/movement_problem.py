@@ -28,7 +28,7 @@ from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.posterior.terms import Term, Terms
 from truepose.identification.posterior.urn import Urn
 from truepose.models.machine.machine import FRAME_OF, Machine
-from truepose.models.machine.parameters import like_parts, vector_of
+from truepose.models.machine.mechanism import like_parts, vector_of
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from truepose.identification.leaves.fringes.levels import (
 from truepose.identification.leaves.fringes.passages import normalised, passages
 from truepose.identification.leaves.fringes.rest import Rest
 from truepose.identification.leaves.fringes.turns import DECISIVE, Verdict
-from truepose.models.machine.fabry_perot import Reflectivities, coupling, folded_phase, phase_noise
+from truepose.models.sensors.irradiance import Reflectivities, coupling, folded_phase, phase_noise
 
 _WEAK = 0.06  # noise of a sample, in fringes, beyond which nothing is read
 _ROUGH = (0.05, 0.02)  # of a fringe: 1-sigma of levels from the range of the signal, and corrected once

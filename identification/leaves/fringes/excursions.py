@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from truepose.arrays import Array, Index, Mask
-from truepose.models.machine.fabry_perot import folded_phase
+from truepose.models.sensors.irradiance import folded_phase
 
 HALF = 0.5
 _HYSTERESIS = 0.08

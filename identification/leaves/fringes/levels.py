@@ -13,7 +13,7 @@ import numpy as np
 
 from truepose.arrays import Array, Index, Mask
 from truepose.identification.leaves.fringes.excursions import Excursions, extremes
-from truepose.models.machine.fabry_perot import fringe
+from truepose.models.sensors.irradiance import fringe
 
 EVEN = 10
 """Excursions passed evenly that are enough to find levels."""

@@ -13,7 +13,7 @@ from numpy.polynomial import chebyshev
 
 from truepose.arrays import Array
 from truepose.identification.fit.leastsquares import minimise
-from truepose.models.machine.fabry_perot import fringe, fringe_slope
+from truepose.models.sensors.irradiance import fringe, fringe_slope
 
 _FAR = 0.6  # rad
 _STILL = 0.1  # rad a half of the samples: speed of a mirror that rests

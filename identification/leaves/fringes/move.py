@@ -17,7 +17,7 @@ from truepose.identification.leaves.fringes.count import Count, End, count_fring
 from truepose.identification.leaves.fringes.faults import Fault
 from truepose.identification.leaves.fringes.levels import Levels, noise_of
 from truepose.identification.leaves.fringes.scan import Scan, read_scan
-from truepose.models.machine.fabry_perot import Reflectivities, coupling
+from truepose.models.sensors.irradiance import Reflectivities, coupling
 
 _SURE = 16.0  # difference in chi2 between the signs
 _WRONG = 30.0  # chi2 of the length, or of a phase, that no noise makes

@@ -17,7 +17,7 @@ from truepose.identification.leaves.fringes.levels import Levels, Noise
 from truepose.identification.leaves.fringes.motions import Held
 from truepose.identification.leaves.fringes.rest import Rest, find_rest
 from truepose.identification.leaves.fringes.turns import Verdict, Visit, judge
-from truepose.models.machine.fabry_perot import folded_phase, fringe, phase_noise
+from truepose.models.sensors.irradiance import folded_phase, fringe, phase_noise
 
 MOST_JUDGED = 1000
 """Excursions that are worth judging one by one: a motion with more is too uneven to follow."""

@@ -14,7 +14,7 @@ import numpy as np
 from truepose.arrays import Array
 from truepose.identification.fit.leastsquares import minimise
 from truepose.identification.leaves.fringes.levels import Levels, rough_levels
-from truepose.models.machine.fabry_perot import fringe, fringe_slope
+from truepose.models.sensors.irradiance import fringe, fringe_slope
 
 _FEWEST = 16
 _BINS = 600

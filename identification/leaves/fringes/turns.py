@@ -16,7 +16,7 @@ import numpy as np
 from truepose.arrays import Array, Index, Mask
 from truepose.identification.leaves.fringes.levels import Noise
 from truepose.identification.leaves.fringes.motions import Held, Light, Motion, Problem
-from truepose.models.machine.fabry_perot import folded_phase
+from truepose.models.sensors.irradiance import folded_phase
 
 DECISIVE = 25.0
 """Difference in chi2 from which on a verdict stands."""

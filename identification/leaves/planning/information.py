@@ -22,12 +22,11 @@ from truepose.identification.fit.problem import prior_of
 from truepose.identification.prediction.predictor import Predictor, require_sensor
 from truepose.identification.recording.recording import Recording, frozen
 from truepose.models import lie
+from truepose.models.machine.closure import coordinate_scale
 from truepose.models.machine.couplings import coupling_matrix
-from truepose.models.machine.home import coordinate_scale
 from truepose.models.machine.kinematics import SymbolicModel
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.view import View
-from truepose.models.sensors.base import Sensor
+from truepose.models.machine.sensor import Sensor, View
 from truepose.models.sensors.pose import Pose
 
 UNKNOWN = 1e3

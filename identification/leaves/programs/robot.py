@@ -12,7 +12,7 @@ from truepose.identification.compensation.compiled import base_frame
 from truepose.identification.compensation.inverse import PoseSolver
 from truepose.identification.compensation.rows import ideal_constants, twists_between
 from truepose.models.file.driver import APPROACH, Driver
-from truepose.models.leaves.export.numbers import MM_PER_M, xyz_rpy
+from truepose.models.leaves.export.links import MM_PER_M, xyz_rpy
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import AXES
 from truepose.models.task import WHOLE

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from truepose.arrays import Array, Mask
-from truepose.models.leaves.export.tree import Tree, TreeJoint, tree_of, turn
+from truepose.models.leaves.export.links import Tree, TreeJoint, tree_of, turn
 from truepose.models.machine.machine import Machine
 
 

@@ -20,7 +20,7 @@ from truepose.identification.recording.names import in_known_case
 from truepose.identification.recording.table import Column, Table
 from truepose.identification.recording.times import read_times
 from truepose.models.file.driver import TEMPERATURE, VELOCITY
-from truepose.models.machine.column_names import OF_ROWS
+from truepose.models.machine.columns import OF_ROWS
 from truepose.models.units import compatible, convert
 from truepose.wording import joined, shortened
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.parameters import element_of
+from truepose.models.machine.mechanism import element_of
 from truepose.models.machine.skeleton import Piece
 
 

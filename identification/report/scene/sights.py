@@ -18,8 +18,7 @@ from truepose.identification.recording.recording import Recording
 from truepose.models import lie
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import AXES
-from truepose.models.machine.sensor import Sensor
-from truepose.models.machine.view import TOOL_IN_WORLD
+from truepose.models.machine.sensor import TOOL_IN_WORLD, Sensor
 
 FLAT = 1e-9
 """A direction that changes a reading by less than this share of the most is none."""

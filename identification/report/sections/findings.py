@@ -19,7 +19,7 @@ from truepose.identification.report.level_words import NAMES, known_words, lead_
 from truepose.identification.report.numbers import known, measure, percent, significant, uncertain
 from truepose.identification.report.row_words import excluded_words
 from truepose.identification.report.untestable_words import missing_words, untestable_lines
-from truepose.models.machine.parameters import vector_of
+from truepose.models.machine.mechanism import vector_of
 from truepose.wording import joined
 
 MANY = 12

@@ -15,7 +15,7 @@ from truepose.identification.report.document import Block, Charts, Section, Tabl
 from truepose.identification.report.figures import truth as figures
 from truepose.identification.report.formulas import coupling_matrix
 from truepose.identification.report.numbers import measure, significant
-from truepose.models.machine.parameters import vector_of
+from truepose.models.machine.mechanism import vector_of
 from truepose.shown.chart import Tone
 from truepose.wording import joined
 

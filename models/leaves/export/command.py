@@ -10,17 +10,14 @@ import typer
 from truepose.commands.common import JsonOption, MachineArg, check_file, finish, progress
 
 OutputOption = Annotated[
-    Path,
-    typer.Option(
-        "-o", "--output", metavar="FILE", help="File to write (.urdf, .xacro, .xml, .yaml or .csv)."
-    ),
+    Path, typer.Option("-o", "--output", metavar="FILE", help="File to write (.urdf, .xml, .yaml or .csv).")
 ]
 FormatOption = Annotated[
     str | None,
     typer.Option(
         "--format",
         help="Format; where not given, the file's suffix tells (.xml mjcf, .yaml ur-kinematics, .csv iso230).",
-        metavar="urdf|xacro|mjcf|ur-kinematics|iso230|isg-csv",
+        metavar="urdf|mjcf|ur-kinematics|iso230",
     ),
 ]
 
@@ -31,10 +28,10 @@ def export(
     format: FormatOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """The calibrated machine as URDF, xacro, MuJoCo's MJCF, a UR kinematics file, or a volumetric table after ISO 230-1.
+    """The calibrated machine as URDF, MuJoCo's MJCF, a UR kinematics file, or a volumetric table after ISO 230-1.
 
     Effects that are no constants fit in no description of links, and a table of axes holds none that couples them: what a
-    format leaves out is noted, with how far that moves the tool. isg-csv is the table as ISG kernels and TwinCAT CNC read it.
+    format leaves out is noted, with how far that moves the tool.
 
     Example: truepose export fit/calibrated.yaml -o arm.urdf
 

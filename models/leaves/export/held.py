@@ -15,8 +15,7 @@ import casadi as ca
 import numpy as np
 
 from truepose.arrays import Array
-from truepose.models.leaves.export.closing import closed_pose_function
-from truepose.models.leaves.export.tree import Tree
+from truepose.models.leaves.export.links import Tree
 from truepose.models.machine.assembly import symbols
 from truepose.models.machine.effect import Site
 from truepose.models.machine.kinematics import driver_default, symbolic_model
@@ -100,25 +99,6 @@ def loss(machine: Machine, tree: Tree, left: tuple[PlacedEffect, ...]) -> Loss:
         {label: _largest(at(p) - rigid) for label, p in each.items()},
         _largest(at(model.p_home) - np.array(linked)),
     )
-
-
-def closed_loss(machine: Machine, left: tuple[PlacedEffect, ...]) -> Loss:
-    """The same of a machine with closed loops, at those of the poses that it can be assembled at."""
-    model = symbolic_model(machine, machine.effects)
-    pose = closed_pose_function(model)
-
-    def at(q: Array, p: Array) -> Array:
-        return pose(q, p)[:3, 3]
-
-    of_effect = {e.label: np.isin(model.names, e.parameter_names) for e in left}
-    bare = np.where(np.any(list(of_effect.values()), axis=0), 0.0, model.p_home)
-    ways = [np.where(own, model.p_home, bare) for own in of_effect.values()]
-    apart = [np.zeros(len(ways) + 1)]
-    for q in sample_readings(machine):
-        rigid = at(q, bare)
-        apart.append(np.array([np.linalg.norm(at(q, p) - rigid) for p in (*ways, model.p_home)]))
-    *each, together = np.nanmax(apart, axis=0).tolist()
-    return Loss(dict(zip(of_effect, each, strict=True)), together)
 
 
 def sample_readings(machine: Machine) -> Array:

@@ -1,17 +1,248 @@
-"""All links of a description file: the machine's, flange, tool and world, with free names, and the masses that they carry."""
+"""A machine without loops as rigid links with numbers in place of parameters: what robot description formats hold.
+
+Poses are metres and roll, pitch, yaw in radians, and numbers texts that read back the same."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from truepose.arrays import Array
-from truepose.models.leaves.export.numbers import MM_PER_M
-from truepose.models.leaves.export.tree import Tree, TreeJoint, frames_of
+from truepose.errors import InputError
+from truepose.models import lie
+from truepose.models.machine.assembly import displacements, frame_of, placed_frame
 from truepose.models.machine.machine import Machine, Mass
-from truepose.models.machine.mechanism import BASE
+from truepose.models.machine.mechanism import AXES, BASE, COORDINATES, Actuator, Direction, Joint
+
+MM_PER_M = 1000.0
+_NOISE = 1e-15
+"""m or rad: what is smaller came from rounding a cosine of a right angle."""
+
+
+def xyz_rpy(pose: Array) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    """Position in m and (roll, pitch, yaw) in rad of a pose (4, 4) in mm: Trans(xyz) Rz(yaw) Ry(pitch) Rx(roll).
+
+    Roll is what the other two leave of the rotation, so that no digit is lost at pitch = +-90 deg.
+    """
+    rotation = pose[:3, :3]
+    yaw = math.atan2(rotation[1, 0], rotation[0, 0])
+    c, s = math.cos(yaw), math.sin(yaw)
+    pitch = math.atan2(-rotation[2, 0], c * rotation[0, 0] + s * rotation[1, 0])
+    roll = math.atan2(s * rotation[0, 2] - c * rotation[1, 2], c * rotation[1, 1] - s * rotation[0, 1])
+    x, y, z = (clean(float(v) / MM_PER_M) for v in pose[:3, 3])
+    return (x, y, z), (clean(roll), clean(pitch), clean(yaw))
+
+
+def clean(value: float) -> float:
+    """The value; zero (never minus zero) where it is rounding noise."""
+    return value if abs(value) > _NOISE else 0.0
+
+
+def cleaned(values: Array) -> list[float]:
+    """A list of clean values."""
+    return [clean(float(v)) for v in values]
+
+
+def quaternion(rotation: Array) -> list[float]:
+    """(w, x, y, z) of a rotation (3, 3), w >= 0."""
+    x, y, z, w = Rotation.from_matrix(rotation).as_quat()
+    return cleaned(np.array([w, x, y, z]) * (-1.0 if w < 0 else 1.0))
+
+
+def text(*values: float) -> str:
+    """Numbers with a space between, each the shortest that reads back as the same double."""
+    return " ".join(repr(float(v)).removesuffix(".0") for v in values)
+
+
+@dataclass(frozen=True)
+class TreeJoint:
+    """A joint from link to link: ``origin`` (4, 4) mm, then the motion by its reading about or along ``axis`` (3,).
+
+    ``kind`` is revolute, prismatic or fixed; ``range`` in mm or rad, None where the machine file states none. ``follows`` is
+    the joint whose reading moves it, with the ratio (1, mm/rad or rad/mm), where it has none of its own.
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    origin: Array
+    axis: Array
+    range: tuple[float, float] | None = None
+    follows: tuple[str, float] | None = None
+
+
+@dataclass(frozen=True)
+class Tree:
+    """Joints in an order in which parents come first, from the nominal frame of the base.
+
+    A link's frame is where its joint leaves it; ``offsets`` (4, 4) lead from there to the frame of the body of that
+    name. ``flange`` is the link that carries the tool, ``tool`` (4, 4) the tool frame in it, ``world`` (4, 4) the
+    base in the sensor's frame.
+    """
+
+    name: str
+    joints: tuple[TreeJoint, ...]
+    offsets: Mapping[str, Array]
+    flange: str
+    tool: Array
+    world: Array
+
+    def pose(self, readings: Mapping[str, float]) -> Array:
+        """Tool in the nominal frame of the base, (4, 4) mm, at readings in mm and rad by joint name."""
+        out: Array = self.links(readings)[self.flange] @ self.tool
+        return out
+
+    def links(self, readings: Mapping[str, float]) -> dict[str, Array]:
+        """Frames (4, 4) mm of all links in the nominal frame of the base, at readings in mm and rad by joint name."""
+        return frames_of(self.joints, readings)
+
+    def path(self) -> tuple[TreeJoint, ...]:
+        """The joints from the base to the flange, in order."""
+        above = {joint.child: joint for joint in self.joints}
+        out, link = [], self.flange
+        while link in above:
+            out.append(above[link])
+            link = out[-1].parent
+        return tuple(out[::-1])
+
+
+def tree_of(machine: Machine, values: Mapping[str, float], what: str) -> Tree:
+    """The links of a machine whose parameters and ports have these ``values`` (mm, rad).
+
+    Raises InputError, which ``what`` (the format) opens, where the machine is no tree of driven and fixed joints.
+    """
+    _check(machine, values, what)
+    mechanism = machine.mechanism
+    symbols = {name: ca.SX(value) for name, value in values.items()}
+    drives = {actuator.drives: actuator for actuator in mechanism.actuators}
+    still = dict.fromkeys(mechanism.readings, ca.SX(0))
+    zero = {name: float(value) for name, value in displacements(machine, symbols, still).items()}
+    follows = {f.joint: (f.terms[0][0], values[f.terms[0][1]]) for f in mechanism.followers if f.terms}
+    offsets = {BASE: _motion(symbols, BASE)}
+    joints = []
+    for joint in mechanism.tree:
+        placement = _number(placed_frame(joint, {joint.parent: ca.SX.eye(4)}, symbols))
+        origin = offsets[joint.parent] @ placement
+        offsets[joint.child] = np.eye(4)
+        axis, limits, name, kind = np.array([0.0, 0.0, 1.0]), None, joint.name, "fixed"
+        if joint.name in zero:
+            axis, kind = _axis(joint, values), joint.kind
+            if joint.name in drives:
+                limits, name = drives[joint.name].range, drives[joint.name].reading
+            start = TreeJoint(name, kind, joint.parent, joint.child, origin, axis)
+            origin = origin @ motion(start, zero[joint.name])
+            offsets[joint.child] = _motion(symbols, joint.name)
+        led = follows.get(joint.name)
+        joints.append(TreeJoint(name, kind, joint.parent, joint.child, origin, axis, limits, led))
+    at_flange = offsets[mechanism.flange] @ _motion(symbols, "tool") @ _number(frame_of(symbols, "tool"))
+    world = _number(frame_of(symbols, "base"))
+    return Tree(machine.name, tuple(joints), offsets, mechanism.flange, at_flange, world)
+
+
+def frames_of(joints: Sequence[TreeJoint], readings: Mapping[str, float]) -> dict[str, Array]:
+    """Return the frames (4, 4) mm of all links in the base, at readings in mm and rad; parents come first."""
+    links = {BASE: np.eye(4)}
+    for joint in joints:
+        reached = links[joint.parent] @ joint.origin
+        moved = readings.get(joint.name, 0.0)
+        if joint.follows is not None:
+            moved = joint.follows[1] * readings.get(joint.follows[0], 0.0)
+        links[joint.child] = reached @ motion(joint, moved)
+    return links
+
+
+def motion(joint: TreeJoint, displacement: float) -> Array:
+    """(4, 4) motion of a joint by mm or rad; the identity for a fixed one."""
+    out = np.eye(4)
+    if joint.kind == "prismatic":
+        out[:3, 3] = displacement * joint.axis
+    elif joint.kind == "revolute":
+        out[:3, :3] = turn(joint.axis, displacement)
+    return out
+
+
+def turn(axis: Array, angle: float) -> Array:
+    """(3, 3) rotation about a unit vector (3,), rad."""
+    return _number(lie.axis_rotation(ca.SX(ca.DM(axis)), ca.SX(angle)))
+
+
+def _check(machine: Machine, values: Mapping[str, float], what: str) -> None:
+    mechanism = machine.mechanism
+    closing: Sequence[str] = [*(j.name for j in mechanism.closing), *(rod.name for rod in mechanism.rods)]
+    if closing:
+        raise InputError(
+            f"{machine.name}: found loops, closed by {', '.join(closing)}, expected an open machine: "
+            f"{what} holds trees only"
+        )
+    passive = [joint for joint in mechanism.passive if COORDINATES[joint.kind]]
+    if passive:
+        raise InputError(
+            f"{machine.name}: joint {passive[0].name!r}: found a {passive[0].kind} joint that nothing drives, "
+            f"expected revolute and prismatic joints with `actuated: true` for {what}"
+        )
+    several = [follower.joint for follower in mechanism.followers if len(follower.terms) > 1]
+    if several:
+        raise InputError(
+            f"{machine.name}: joint {several[0]!r}: found a joint that follows several others, expected one for {what}"
+        )
+    computed = [follower.joint for follower in mechanism.followers if follower.law is not None]
+    if computed:
+        raise InputError(
+            f"{machine.name}: joint {computed[0]!r}: found a joint that a formula moves, expected a ratio to another for {what}"
+        )
+    check_links(machine, values, what)
+
+
+def check_links(machine: Machine, values: Mapping[str, float], what: str) -> None:
+    """Raises InputError, which ``what`` opens, for masses in further frames, readings in other units and coupled ones."""
+    held = {mount.name for mount in machine.mounts}
+    hung = [mass.name for mass in machine.masses if mass.body in held]
+    if hung:
+        raise InputError(
+            f"{machine.name}: masses.{hung[0]}: found a mass in a further frame, expected one in a body for {what}"
+        )
+    for actuator in machine.mechanism.actuators:
+        check_uncoupled(machine, actuator, what)
+        gain = values[actuator.gain] if actuator.gain else 1.0
+        if gain != 1.0 or actuator.reading_unit != actuator.unit:
+            raise InputError(
+                f"{machine.name}: joint {actuator.reading!r}: found a gain of {gain:g} {actuator.unit} per "
+                f"{actuator.reading_unit}, expected readings in mm and rad with gain 1 for {what}"
+            )
+
+
+def check_uncoupled(machine: Machine, actuator: Actuator, what: str) -> None:
+    """Raises InputError, which ``what`` closes, for a joint whose readings hold the motion of others."""
+    if any(actuator.coupled.values()):
+        raise InputError(
+            f"{machine.name}: joint {actuator.reading!r}: found readings coupled to {', '.join(actuator.coupled)}, expected "
+            f"the joint's own motion for {what}"
+        )
+
+
+def _axis(joint: Joint, values: Mapping[str, float]) -> Array:
+    if not isinstance(joint.axis, Direction):
+        return np.array(joint.axis)
+    known = [0.0 if name is None else values[name] for name in joint.axis.components]
+    third = joint.axis.sign * np.sqrt(1.0 - np.sum(np.square(known)))
+    pairs = zip(known, joint.axis.components, strict=True)
+    return np.array([third if name is None else value for value, name in pairs])
+
+
+def _motion(symbols: Mapping[str, ca.SX], frame: str) -> Array:
+    """(4, 4) error motion of a joint, of the base or of the tool's mount."""
+    xyz_rpy = [symbols[f"{frame}.motion.{axis}"] for axis in AXES]
+    return _number(lie.rpy_transform(xyz_rpy[:3], xyz_rpy[3:]))
+
+
+def _number(expression: ca.SX) -> Array:
+    return np.array(ca.evalf(expression).full(), dtype=float)
 
 
 @dataclass(frozen=True)
@@ -101,3 +332,17 @@ def lump_of(points: Sequence[tuple[float, Array]]) -> Lump:
         arm = (at - centre) / MM_PER_M
         spread += kg * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     return Lump(total, centre / MM_PER_M, spread)
+
+
+def following(joint: TreeJoint, slides: Mapping[str, bool]) -> tuple[str, float]:
+    """Return the joint that one follows, and the ratio in m and rad; ``slides``: of each joint whether it is prismatic."""
+    other, ratio = joint.follows or ("", 0.0)
+    unit = MM_PER_M if slides[joint.name] else 1.0
+    return other, ratio / unit * (MM_PER_M if slides[other] else 1.0)
+
+
+def in_comment(line: str) -> str:
+    """A line that may stand in an XML comment."""
+    while "--" in line:
+        line = line.replace("--", "- -")
+    return line.removesuffix("-")

@@ -12,7 +12,7 @@ ram), and what is curved between two positions of a table, it cannot hold: ``Tab
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -21,13 +21,12 @@ from scipy.spatial.transform import Rotation
 
 from truepose.arrays import Array
 from truepose.errors import InputError
-from truepose.models.leaves.export.tree import check_uncoupled
+from truepose.models.leaves.export.links import check_uncoupled
 from truepose.models.lie import exp_so3, inverse_pose, pose_of
 from truepose.models.machine.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import Actuator
 
-Poses = Callable[[Array, Array], Array]
 POINTS = 41
 """Positions of each axis in a table, evenly over its range: the 1 m of a machine tool every 25 mm, as it is measured."""
 CHECKED = 256
@@ -36,6 +35,24 @@ SLANT = np.radians(5.0)
 """Largest angle between an axis and the direction that it is named after."""
 _LINEAR, _ROTARY = "XYZ", "ABC"
 _SEED = 1
+
+
+@dataclass(frozen=True)
+class Poses:
+    """Poses (n, 4, 4) of the tool in the base at readings (n, nq) and constants (np,), drivers at their defaults."""
+
+    model: SymbolicModel
+    function: ca.Function
+
+    @classmethod
+    def of(cls, machine: Machine) -> Poses:
+        model = symbolic_model(machine, machine.effects)
+        return cls(model, ca.Function("pose", [model.q, model.z, model.p], [ca.vec(model.pose)]))
+
+    def __call__(self, q: Array, p: Array) -> Array:
+        z = np.tile(self.model.z_home[:, None], len(q))
+        rows = self.function.map(len(q))(q.T, z, np.tile(p[:, None], len(q)))
+        return np.array(rows).T.reshape(len(q), 4, 4).transpose(0, 2, 1)
 
 
 @dataclass(frozen=True)
@@ -87,29 +104,27 @@ class Table:
 def table_of(machine: Machine) -> Table:
     """The volumetric table of a machine, drivers of its effects at their defaults. Raises InputError where it can have none."""
     _check(machine)
-    model = symbolic_model(machine, machine.effects)
-    poses = _poses(model)
-    real, drawn = model.p_home, _drawn(machine, model)
+    poses = Poses.of(machine)
+    real, drawn = poses.model.p_home, _drawn(machine, poses.model)
     axes = _tabled(machine, poses, real, _axes(machine, poses, drawn))
-    home = poses(_reference(axes)[None], real)[0]
+    home = poses(references(axes)[None], real)[0]
     whole = Table(axes, home, (0.0, 0.0), (0.0, 0.0), {})
     q = _somewhere(machine)
     bare = [replace(axis, errors=np.zeros_like(axis.errors)) for axis in axes]
     ideal = replace(whole, axes=tuple(bare))
     lost, uncompensated = (_apart(poses(q, real), other.pose(q)) for other in (whole, ideal))
-    return Table(axes, home, lost, uncompensated, _each(machine, model, poses, axes, q))
+    return Table(axes, home, lost, uncompensated, _each(machine, poses, axes, q))
 
 
-def _each(
-    machine: Machine, model: SymbolicModel, poses: Poses, axes: Sequence[Axis], q: Array
-) -> dict[str, float]:
+def _each(machine: Machine, poses: Poses, axes: Sequence[Axis], q: Array) -> dict[str, float]:
     """By effect, how much (mm) what is lost of the machine differs with that effect alone and with none."""
+    model = poses.model
     of_effect = {e.label: np.isin(model.names, e.parameter_names) for e in machine.effects}
     every = np.any([*of_effect.values(), np.zeros(len(model.names), dtype=bool)], axis=0)
 
     def lost(p: Array) -> Array:
         tabled = _tabled(machine, poses, p, axes)
-        home = poses(_reference(tabled)[None], p)[0]
+        home = poses(references(tabled)[None], p)[0]
         return poses(q, p)[:, :3, 3] - Table(tabled, home, (0.0, 0.0), (0.0, 0.0), {}).pose(q)[:, :3, 3]
 
     none = lost(np.where(every, 0.0, model.p_home))
@@ -198,7 +213,7 @@ def _centre(motion: Array, turn: Array) -> Array:
 
 def _tabled(machine: Machine, poses: Poses, p: Array, axes: Sequence[Axis]) -> tuple[Axis, ...]:
     """Axes with the errors that constants ``p`` give them."""
-    reference = _reference(axes)
+    reference = references(axes)
     home = inverse_pose(poses(reference[None], p)[0])
     out = []
     for k, (axis, actuator) in enumerate(zip(axes, machine.mechanism.actuators, strict=True)):
@@ -209,11 +224,7 @@ def _tabled(machine: Machine, poses: Poses, p: Array, axes: Sequence[Axis]) -> t
         error = _told_at(-axis.centre, inverse_pose(_nominal(axis, positions)) @ poses(q, p) @ home)
         vector = Rotation.from_matrix(error[:, :3, :3]).as_rotvec()
         errors = np.hstack([error[:, :3, 3], vector])
-        out.append(
-            Axis(
-                axis.letter, axis.joint, axis.unit, axis.sign, axis.centre, axis.reference, positions, errors
-            )
-        )
+        out.append(replace(axis, positions=positions, errors=errors))
     return tuple(out)
 
 
@@ -240,7 +251,7 @@ def _start(actuator: Actuator) -> float:
     return 0.0 if low <= 0.0 <= high else (low + high) / 2
 
 
-def _reference(axes: Sequence[Axis]) -> Array:
+def references(axes: Sequence[Axis]) -> Array:
     return np.array([axis.reference for axis in axes])
 
 
@@ -255,17 +266,6 @@ def _apart(poses: Array, others: Array) -> tuple[float, float]:
     return float(np.max(np.linalg.norm(poses[:, :3, 3] - others[:, :3, 3], axis=1))), float(np.max(turn))
 
 
-def _poses(model: SymbolicModel) -> Poses:
-    """Poses (n, 4, 4) of the tool in the base at readings (n, nq) and constants (np,), drivers at their defaults."""
-    function = ca.Function("pose", [model.q, model.z, model.p], [ca.vec(model.pose)])
-
-    def at(q: Array, p: Array) -> Array:
-        rows = function.map(len(q))(q.T, np.tile(model.z_home[:, None], len(q)), np.tile(p[:, None], len(q)))
-        return np.array(rows).T.reshape(len(q), 4, 4).transpose(0, 2, 1)
-
-    return at
-
-
 def _drawn(machine: Machine, model: SymbolicModel) -> Array:
     """(np,) the drawing's joints and links with the calibrated frames, and no effect."""
     drawing = machine.file.nominal if machine.file else {}
@@ -275,6 +275,3 @@ def _drawn(machine: Machine, model: SymbolicModel) -> Array:
     return np.array(
         [0.0 if n in own else drawing.get(n, v) if n in mechanism else v for n, v in pairs], dtype=float
     )
-
-
-__all__ = ["CHECKED", "POINTS", "Axis", "Table", "table_of"]

@@ -1,55 +1,39 @@
-"""``export``: a calibrated machine as a file of another format, with what that format cannot hold said."""
+"""``export``: a calibrated machine as a file of another format, with what that format cannot hold said.
+
+A format is a file in ``truepose.models.leaves.export.formats``: a class with its writer and its reader, registered by
+``@formats.add("name")``. Each text is read back before it is published: it must hold the machine that was meant. What a format
+cannot hold is not compared.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Final
+from xml.etree.ElementTree import ParseError
 
-from truepose.errors import InputError
+import numpy as np
+import yaml
+
+from truepose.arrays import Array
+from truepose.errors import InputError, ReadBackError
 from truepose.files import atomic_write_text
 from truepose.models.given import MachineLike, as_machine
-from truepose.models.leaves.export.held import SAMPLES, Held, Loss, closed_loss, held, held_tools, loss
-from truepose.models.leaves.export.iso230 import isg_text, iso230_text
-from truepose.models.leaves.export.mjcf import mjcf_text
-from truepose.models.leaves.export.mjcf_loops import mjcf_loops_text
-from truepose.models.leaves.export.read_back import check_export
-from truepose.models.leaves.export.standing import standing
-from truepose.models.leaves.export.tree import tree_of
-from truepose.models.leaves.export.ur_kinematics import ur_kinematics_text
-from truepose.models.leaves.export.urdf import urdf_text
-from truepose.models.leaves.export.volumetric import CHECKED, Table, table_of
-from truepose.models.leaves.export.xacro import xacro_text
-from truepose.models.machine.kinematics import driver_default
+from truepose.models.leaves.export.held import SAMPLES, Loss, held, loss, sample_readings
+from truepose.models.leaves.export.links import Tree, tree_of
 from truepose.models.machine.machine import Machine
+from truepose.models.registry import Registry
 
-Format = Literal["urdf", "xacro", "mjcf", "ur-kinematics", "iso230", "isg-csv"]
-_SUFFIXES: Mapping[str, Format] = {
-    ".urdf": "urdf",
-    ".xacro": "xacro",
-    ".xml": "mjcf",
-    ".yaml": "ur-kinematics",
-    ".yml": "ur-kinematics",
-    ".csv": "iso230",
-}
-_LISTED = 5
+LISTED = 5
 """Effects that a note names; the file names all."""
-_ALL = 1_000_000
-_TITLES: Mapping[Format, str] = {
-    "urdf": "URDF",
-    "xacro": "xacro",
-    "mjcf": "MJCF",
-    "ur-kinematics": "ur-kinematics",
-    "iso230": "the volumetric table",
-    "isg-csv": "the volumetric table",
-}
-FORMATS: tuple[Format, ...] = tuple(_TITLES)
-_TABLES = ("iso230", "isg-csv")
-_KEPT = 1e-6
-"""mm; what a table loses of an effect less than this it holds."""
-_CLOSED = 1e-6
-"""mm; loops that lack less than this close."""
+ALL = 1_000_000
+ROWS = 10
+"""Rows of readings at which poses are compared."""
+SAME: Final = 1e-10
+"""Largest difference of a pose, as a share of the machine's reach or of a radian. Numbers are written as texts that read as
+the same doubles, and what is below 1e-15 m or rad as zero: a hundred frames one after the other lose a thousandth of this."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +44,7 @@ class Exported:
     that by all of them; ``frozen`` are the drivers' values at which other effects, and tools of recordings, are held.
     """
 
-    format: Format
+    format: str
     text: str
     left_out: Mapping[str, float] = field(default_factory=dict)
     lost: float = 0.0
@@ -68,123 +52,155 @@ class Exported:
     notes: tuple[str, ...] = ()
 
 
-def export(machine: MachineLike, path: Path | str, format: str | None = None) -> Exported:
-    """Write ``machine`` to ``path`` in one of ``FORMATS``, by the path's suffix where ``format`` is None.
+class Format(ABC):
+    """A format: its name, what sentences call it, the suffixes of its files, its writer and its reader."""
 
-    In descriptions of links (``urdf``, ``xacro``, ``mjcf``, ``ur-kinematics``) constants, and effects that are constants, are
-    held exactly; in volumetric tables (``iso230``, ``isg-csv``) all that each axis does by itself. What else is left out is in
-    the result, in ``notes`` and, in full, in a comment of the file. The same machine gives the same bytes.
+    name: ClassVar[str]
+    title: ClassVar[str]
+    suffixes: ClassVar[tuple[str, ...]]
+
+    @abstractmethod
+    def render(self, machine: Machine) -> Exported:
+        """Return the text of a machine, and what it lacks. Raises InputError as ``export`` does."""
+
+    @abstractmethod
+    def differences(self, text: str, machine: Machine) -> Iterator[str]:
+        """Yield in words what a text and a machine do not share."""
+
+    def frozen_lines(self, frozen: Mapping[str, Mapping[str, float]], most: int) -> list[str]:
+        """Return the line that says at which values of their drivers effects are held, if any are."""
+        named = [
+            f"{label} ({', '.join(f'{name} = {value:.12g}' for name, value in drivers.items())})"
+            for label, drivers in frozen.items()
+        ]
+        return (
+            [f"{self.title} holds only at these values of their drivers: {_listed(named, most)}"]
+            if named
+            else []
+        )
+
+
+class LinkFormat(Format):
+    """A format of rigid links: constants, and effects that are constants, are held exactly."""
+
+    @abstractmethod
+    def text(self, machine: Machine, tree: Tree, notes: Sequence[str]) -> str:
+        """Return the text of a machine's tree; ``notes`` stand in comments at its head."""
+
+    @abstractmethod
+    def compare(self, text: str, machine: Machine, meant: Tree) -> Iterator[str]:
+        """Yield how what a text holds differs from a tree."""
+
+    def render(self, machine: Machine) -> Exported:
+        holding = held(machine)
+        tree = tree_of(machine, holding.values, self.title)
+        missing = loss(machine, tree, holding.left) if holding.left else Loss({}, 0.0)
+        every, few = (
+            (*self._lines(missing, most), *self.frozen_lines(holding.frozen, most)) for most in (ALL, LISTED)
+        )
+        text = self.text(machine, tree, every)
+        return Exported(self.name, text, missing.each, missing.together, holding.frozen, few)
+
+    def differences(self, text: str, machine: Machine) -> Iterator[str]:
+        return self.compare(text, machine, tree_of(machine, held(machine).values, self.name))
+
+    def _lines(self, missing: Loss, most: int) -> list[str]:
+        """Return the line of what is left out, largest first; so many effects are named."""
+        if not missing.each:
+            return []
+        return [
+            f"{self.title} cannot hold, and leaves out: {listed_sizes(missing.each, most)}; together up to "
+            f"{missing.together:.3g} mm at the tool ({SAMPLES} poses, drivers at their defaults)"
+        ]
+
+
+formats: Registry[type[Format]] = Registry("export format", "truepose.models.leaves.export.formats")
+
+
+def export(machine: MachineLike, path: Path | str, format: str | None = None) -> Exported:
+    """Write ``machine`` to ``path`` in a format, by the path's suffix where ``format`` is None.
+
+    In descriptions of links (``urdf``, ``mjcf``, ``ur-kinematics``) constants, and constant effects, are held exactly; in
+    volumetric tables (``iso230``) all that each axis does by itself. What else is left out is in the result, in ``notes``
+    and, in full, in a comment of the file. The same machine gives the same bytes.
 
     Raises InputError for an unknown format, the machine's own file, a machine with loops or passive joints, for
     ``ur-kinematics`` where the machine is no chain of six revolute joints, and for a table where it has no linear axis. Raises
     ReadBackError, and writes nothing, where the text would not be read as the machine.
     """
     machine = as_machine(machine)
-    chosen = format_of(path, format)
+    chosen = formats.get(format_of(path, format), "format")()
     if machine.file is not None and Path(path).resolve() == machine.file.path.resolve():
         raise InputError(f"{path}: found the machine file itself, expected another file to write")
-    done = render(machine, chosen)
-    check_export(done.text, machine, chosen, str(path))
+    done = chosen.render(machine)
+    check_export(chosen, done.text, machine, str(path))
     atomic_write_text(path, done.text)
     return done
 
 
-def format_of(path: Path | str, format: str | None) -> Format:
-    """The format that is named, or that a path's suffix means. Raises InputError where there is none."""
-    if format is None:
-        found: Format | None = _SUFFIXES.get(Path(path).suffix.lower())
-        if found is None:
-            expected = f"{', '.join(_SUFFIXES)}, or --format {'|'.join(FORMATS)}"
-            raise InputError(f"{path}: found the suffix {Path(path).suffix!r}, expected {expected}")
-        return found
-    for known in FORMATS:
-        if format == known:
-            return known
-    raise InputError(f"format: found {format!r}, expected {' or '.join(FORMATS)}")
+def render(machine: Machine, format: str) -> Exported:
+    """Return the text of a machine in a format, and what it lacks. Raises InputError as ``export`` does."""
+    return formats.get(format, "format")().render(machine)
 
 
-def render(machine: Machine, format: Format) -> Exported:
-    """The text of a machine in a format, and what it lacks. Raises InputError as ``export`` does."""
-    if format in _TABLES:
-        return _tabled(machine, format)
-    holding = held(machine)
-    if format == "mjcf" and (machine.mechanism.rods or machine.mechanism.closing):
-        return _looped(machine, holding)
-    tree = tree_of(machine, holding.values, _TITLES[format])
-    missing = loss(machine, tree, holding.left) if holding.left else Loss({}, 0.0)
-    title = _TITLES[format]
-    lines = _lines(holding, missing, title, _ALL)
-    if format == "ur-kinematics":
-        text = ur_kinematics_text(tree, lines)
-    else:
-        text = {"urdf": urdf_text, "xacro": xacro_text, "mjcf": mjcf_text}[format](machine, tree, lines)
-    notes = _lines(holding, missing, title, _LISTED)
-    return Exported(format, text, missing.each, missing.together, holding.frozen, notes)
+def format_of(path: Path | str, format: str | None) -> str:
+    """Return the format that is named, or that a path's suffix means. Raises InputError where there is none."""
+    if format is not None:
+        return formats.get(format, "format").name
+    by_suffix = {suffix: name for name in formats for suffix in formats.get(name, "format").suffixes}
+    suffix = Path(path).suffix
+    if suffix.lower() not in by_suffix:
+        expected = f"{', '.join(by_suffix)}, or --format {'|'.join(formats)}"
+        raise InputError(f"{path}: found the suffix {suffix!r}, expected {expected}")
+    return by_suffix[suffix.lower()]
 
 
-def _looped(machine: Machine, holding: Held) -> Exported:
-    """A machine with closed loops as MJCF."""
-    at = standing(machine, holding.values, _TITLES["mjcf"])
-    missing = closed_loss(machine, holding.left) if holding.left else Loss({}, 0.0)
-    strained = [
-        f"loops are strained: at home {at.gap:.3g} mm are left, which MuJoCo's constraints share out in their own way"
-    ] * (at.gap > _CLOSED)
-    lines = (*strained, *_lines(holding, missing, _TITLES["mjcf"], _ALL))
-    text = mjcf_loops_text(machine, at, lines)
-    notes = (*strained, *_lines(holding, missing, _TITLES["mjcf"], _LISTED))
-    return Exported("mjcf", text, missing.each, missing.together, holding.frozen, notes)
+def check_export(format: Format, text: str, machine: Machine, name: str) -> None:
+    """Raise ReadBackError, which ``name`` opens, unless a text in a format holds a machine: a fault of truepose."""
+    try:
+        difference = next(format.differences(text, machine), None)
+    except (InputError, ParseError, yaml.YAMLError, LookupError, ValueError) as exc:
+        told = f"found no {exc}" if isinstance(exc, KeyError) else " ".join(str(exc).split())
+        raise ReadBackError(f"{name}: what was to be written cannot be read: {told}") from exc
+    if difference is not None:
+        raise ReadBackError(f"{name}: what was to be written reads as another machine: {difference}")
 
 
-def _tabled(machine: Machine, format: Format) -> Exported:
-    """A volumetric table; it holds effects of one axis by itself, between positions as straight lines."""
-    table = table_of(machine)
-    left = {label: size for label, size in table.each.items() if size > _KEPT}
-    frozen = held_tools(machine) | {
-        placed.label: {name: driver_default(machine, name) for name in placed.drivers}
-        for placed in machine.effects
-        if placed.drivers
-    }
-    write = iso230_text if format == "iso230" else isg_text
-    title = _TITLES[format]
-    text = write(machine.name, table, _table_lines(table, left, frozen, title, _ALL))
-    notes = _table_lines(table, left, frozen, title, _LISTED)
-    return Exported(format, text, left, table.lost[0], frozen, notes)
+def sample_rows(machine: Machine) -> Iterator[dict[str, float]]:
+    """Yield readings, mm and rad by joint name, at which a text is compared with its machine."""
+    for row in sample_readings(machine)[:ROWS].tolist():
+        yield dict(zip(machine.mechanism.readings, row, strict=True))
 
 
-def _table_lines(
-    table: Table, left: Mapping[str, float], frozen: Mapping[str, Mapping[str, float]], title: str, most: int
-) -> tuple[str, ...]:
-    sizes = sorted(left.items(), key=lambda item: -item[1])
-    listed = _listed([f"{label} ({size:.3g} mm)" for label, size in sizes], most)
-    out = [
-        f"{title} leaves up to {table.lost[0]:.3g} mm and {table.lost[1] * 1e6:.3g} urad at the tool, of "
-        f"{table.uncompensated[0]:.3g} mm and {table.uncompensated[1] * 1e6:.3g} urad ({CHECKED} places)"
-        + (f"; it cannot wholly hold: {listed}" if left else "")
-    ]
-    return (*out, *_frozen_lines(frozen, title, most))
+def compare_ranges(read: Machine, machine: Machine) -> Iterator[str]:
+    """Yield what joints differ, or their ranges (mm, rad); where the machine states none a format may have a wide one."""
+    found, stated = ({a.reading: a.range for a in one.mechanism.actuators} for one in (read, machine))
+    if found.keys() != stated.keys():
+        yield f"its joints are {', '.join(found)}, expected {', '.join(stated)}"
+    for name, ends in stated.items():
+        if ends and not np.allclose(found.get(name) or (np.inf, np.inf), ends, rtol=SAME, atol=0.0):
+            yield f"the range of {name} is {found.get(name)}, expected {ends} (mm, rad)"
 
 
-def _lines(holding: Held, missing: Loss, title: str, most: int) -> tuple[str, ...]:
-    """What is left out, largest first, and what is held at its drivers' defaults; so many effects are named."""
-    out = []
-    if missing.each:
-        sizes = sorted(missing.each.items(), key=lambda item: -item[1])
-        listed = _listed([f"{label} ({size:.3g} mm)" for label, size in sizes], most)
-        out.append(
-            f"{title} cannot hold, and leaves out: {listed}; together up to {missing.together:.3g} mm at the tool "
-            f"({SAMPLES} poses, drivers at their defaults)"
-        )
-    return (*out, *_frozen_lines(holding.frozen, title, most))
+def compare_frames(found: Mapping[str, Array], meant: Mapping[str, Array]) -> Iterator[str]:
+    """Yield which frames (4, 4) mm are missing or elsewhere."""
+    reach = max(1.0, *(float(np.max(np.abs(pose[:3, 3]))) for pose in meant.values()))
+    for name, pose in meant.items():
+        if name not in found:
+            yield f"the frame {name} is missing"
+            continue
+        away = float(np.max(np.abs(found[name] - pose) / [1.0, 1.0, 1.0, reach]))
+        if not away <= SAME:
+            yield f"the frame {name} is off by {away:.1e} of its reach"
 
 
-def _frozen_lines(frozen: Mapping[str, Mapping[str, float]], title: str, most: int) -> list[str]:
-    named = [
-        f"{label} ({', '.join(f'{name} = {value:.12g}' for name, value in drivers.items())})"
-        for label, drivers in frozen.items()
-    ]
-    return [f"{title} holds only at these values of their drivers: {_listed(named, most)}"] if named else []
+def listed_sizes(sizes: Mapping[str, float], most: int) -> str:
+    """Return labels with their sizes (mm), largest first, and how many more there are."""
+    ordered = sorted(sizes.items(), key=lambda item: -item[1])
+    return _listed((f"{label} ({size:.3g} mm)" for label, size in ordered), most)
 
 
-def _listed(items: list[str], most: int) -> str:
-    more = [f"and {len(items) - most} more"] if len(items) > most else []
-    return ", ".join(items[:most] + more)
+def _listed(items: Iterable[str], most: int) -> str:
+    named = list(items)
+    more = [f"and {len(named) - most} more"] if len(named) > most else []
+    return ", ".join(named[:most] + more)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,6 +11,7 @@ import typer
 from truepose.commands.common import JsonOption, check_file, finish
 from truepose.errors import InputError
 from truepose.models.file.limits import within
+from truepose.wording import joined
 
 if TYPE_CHECKING:
     from truepose.models.leaves.starting.start import Start
@@ -41,9 +42,7 @@ MjcfOption = Annotated[
     Path | None, typer.Option(metavar="FILE", help="MJCF (MuJoCo) to read the machine from.")
 ]
 TipOption = Annotated[str, typer.Option(metavar="BODY", help="Last body of the MJCF's machine.")]
-ArmOption = Annotated[
-    str, typer.Option(metavar="NAME", help="Bundled machine (see --list), or a name of robot_descriptions.")
-]
+ArmOption = Annotated[str, typer.Option(metavar="NAME", help="Bundled machine (see --list).")]
 ListOption = Annotated[bool, typer.Option("--list", help="List the bundled machines and leave.")]
 SensorOption = Annotated[
     str,
@@ -61,6 +60,29 @@ ToolOption = Annotated[
     typer.Option(metavar="X,Y,Z[,R,P,Y]", help="Tool in the flange's frame, mm and deg. Left out: unknown."),
 ]
 ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite a machine file that is there.")]
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where the mechanism comes from, and what is asked of it; empty where nothing was said."""
+
+    table: Path | None = None
+    convention: str = ""
+    urdf: Path | None = None
+    mjcf: Path | None = None
+    arm: str = ""
+    base: str = ""
+    tip: str = ""
+    written_out: bool = False
+
+    @property
+    def kind(self) -> str:
+        """Which of the four, empty for none. Raises InputError for several."""
+        named = {"--table": self.table, "--urdf": self.urdf, "--mjcf": self.mjcf, "--arm": self.arm}
+        given = [option for option, value in named.items() if value]
+        if len(given) > 1:
+            raise InputError(f"found {joined(given)}, expected one of them")
+        return given[0] if given else ""
 
 
 def init(
@@ -83,14 +105,13 @@ def init(
 ) -> None:
     """A commented machine file to start from, and an empty recording beside it with the columns it needs.
 
-    The mechanism comes from a table, a URDF, an MJCF or a bundled machine; on a terminal without any of them, from
-    questions. Base and tool are unknown unless told. What the machine file leaves out of its source is listed.
+    The mechanism comes from a table, a URDF, an MJCF or a bundled machine. Base and tool are unknown unless told. What the
+    machine file leaves out of its source is listed.
 
     Example: truepose init --arm ur5e --sensor position -o cell3.yaml
 
     Example: truepose init --table kr10.csv --convention standard -o kr10.yaml
     """
-    from truepose.models.leaves.starting.sources import Source, start_from
     from truepose.models.leaves.starting.written import Asked
 
     if list_:
@@ -99,8 +120,7 @@ def init(
     path = _machine_path(output, force)
     asked = Asked(_frame(base, "--base"), _frame(tool, "--tool"), sensor)
     source = Source(table, convention, urdf, mjcf, arm, base_link, tip_link or tip, expand)
-    start = start_from(source, path) if source.kind or not sys.stdin.isatty() else _from_questions()
-    _write(start, asked, path, as_json)
+    _write(_start_from(source, path), asked, path, as_json)
 
 
 def _write(start: Start, asked: Asked, path: Path, as_json: bool) -> None:
@@ -131,7 +151,7 @@ def _write(start: Start, asked: Asked, path: Path, as_json: bool) -> None:
 
 
 def _list(as_json: bool) -> None:
-    from truepose.models.leaves.starting.arms import bundled
+    from truepose.models.leaves.starting.start import bundled
 
     titles = bundled()
     width = max(map(len, titles))
@@ -163,10 +183,33 @@ def _frame(text: str, option: str) -> tuple[float, ...] | None:
     return values
 
 
-def _from_questions() -> Start:
-    from truepose.models.leaves.starting.asked import asked_start
+def _start_from(source: Source, output: Path) -> Start:
+    """The start of a source for a machine file ``output``. Raises InputError where the source is none or says nothing.
 
-    return asked_start(lambda question, default: str(typer.prompt(question, default=default, err=True)))
+    Readers are imported when they are needed: most of them take longer to load than to run.
+    """
+    kind = source.kind
+    if source.convention and kind != "--table":
+        raise InputError(
+            "--convention: found it without --table, expected a table that it is the convention of"
+        )
+    if source.table is not None:
+        from truepose.models.leaves.starting.table import table_start
+
+        return table_start(source.table, source.convention)
+    if source.urdf is not None:
+        from truepose.models.leaves.starting.urdf import urdf_start
+
+        return urdf_start(source.urdf, output, source.base, source.tip, written_out=source.written_out)
+    if source.mjcf is not None:
+        from truepose.models.leaves.starting.mjcf import mjcf_start
+
+        return mjcf_start(source.mjcf, source.tip)
+    if not source.arm:
+        raise InputError("found no source of the mechanism, expected --table, --urdf, --mjcf or --arm")
+    from truepose.models.leaves.starting.start import bundled_start
+
+    return bundled_start(source.arm)
 
 
 COMMANDS = (init,)

@@ -79,6 +79,3 @@ def _told(path: Path) -> tuple[dict[str, Any], bytes]:
         reason = str(told["error"]).replace(str(Path(words[1]).parent) + os.sep, "")
         raise InputError(f"{path}: cannot read the MJCF: {cut(reason, 600)}")
     return told, binary
-
-
-__all__ = ["MIB_MOST", "PATIENCE", "SECONDS_MOST", "Compiled", "compiled"]

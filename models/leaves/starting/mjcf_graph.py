@@ -7,8 +7,8 @@ its origin there.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -16,11 +16,281 @@ import numpy as np
 
 from truepose.arrays import Array
 from truepose.errors import InputError
-from truepose.models.leaves.starting.mjcf_choice import Choice, Follow
-from truepose.models.leaves.starting.mjcf_parts import PartJoint, Tie, Tip
 from truepose.models.lie import exp_so3, inverse_pose, pose_of
-from truepose.models.machine.mechanism import BASE
-from truepose.wording import cut
+from truepose.models.machine.mechanism import BASE, JointKind
+from truepose.wording import cut, shortened
+
+
+@dataclass(frozen=True, eq=False)
+class PartJoint:
+    """A joint of a body: its axis and a point of it (3,) in the body, and its reading (mm or rad) where the file has it."""
+
+    name: str
+    kind: JointKind
+    axis: Array
+    anchor: Array
+    reference: float = 0.0
+    range: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class PartBody:
+    """A body, its frame in its parent's, and its joints, one after the other."""
+
+    name: str
+    parent: int
+    frame: Array
+    joints: tuple[PartJoint, ...] = ()
+
+    @property
+    def free(self) -> bool:
+        """Whether nothing but constraints holds it."""
+        return any(joint.kind == "free" for joint in self.joints)
+
+
+@dataclass(frozen=True, eq=False)
+class Tie:
+    """A constraint between frames in two bodies: ``spherical``: their origins are one point; ``fixed``: they are one frame."""
+
+    name: str
+    kind: JointKind
+    bodies: tuple[int, int]
+    frames: tuple[Array, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Tip:
+    """Where a machine ends: the frame (4, 4) mm in a body, that of a ``site`` or, where its name is empty, the body's."""
+
+    body: int
+    site: str = ""
+    frame: Array = field(default_factory=lambda: np.eye(4))
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """A joint's displacement (mm or rad) as a polynomial of another's; ``lead`` is empty where it is a constant."""
+
+    joint: str
+    lead: str
+    coefficients: tuple[float, ...]
+
+    @property
+    def linear(self) -> bool:
+        """Whether no power above the first has a coefficient."""
+        return not any(self.coefficients[2:])
+
+    def inverted(self) -> Coupling:
+        """Return what the lead does where the joint is what is driven; of a linear coupling."""
+        shift, ratio = self.coefficients[:2]
+        return Coupling(self.lead, self.joint, (-shift / ratio, 1.0 / ratio))
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """Bodies by their number, the world first and parents before children; ``driven`` is None where the file has no actuator.
+
+    ``sites`` are the named ones. ``unread`` are in words the constraints and actuators that are none of these.
+    """
+
+    bodies: tuple[PartBody, ...]
+    ties: tuple[Tie, ...] = ()
+    couplings: tuple[Coupling, ...] = ()
+    driven: frozenset[str] | None = None
+    unread: tuple[str, ...] = ()
+    sites: tuple[Tip, ...] = ()
+
+    @cached_property
+    def places(self) -> Mapping[str, int]:
+        """The body of each joint."""
+        return {joint.name: k for k, body in enumerate(self.bodies) for joint in body.joints}
+
+    @cached_property
+    def poses(self) -> Array:
+        """(nbody, 4, 4) of every body in the world as the file places them."""
+        out = [self.bodies[0].frame]
+        for body in self.bodies[1:]:
+            out.append(out[body.parent] @ body.frame)
+        return np.array(out)
+
+    def way(self, body: int) -> list[int]:
+        """Return the bodies from the world, or from a free body, to this one."""
+        out = [body]
+        while out[-1] and not self.bodies[out[-1]].free:
+            out.append(self.bodies[out[-1]].parent)
+        return out[::-1]
+
+    def loop(self, tie: Tie) -> frozenset[int]:
+        """Return the bodies with joints that move the two ends of a tie against each other."""
+        one, other = (frozenset(self.way(body)) for body in tie.bodies)
+        return frozenset(body for body in one ^ other if self.bodies[body].joints)
+
+    def led_by_drives(self) -> Parts:
+        """Return the same with couplings turned round whose joint is driven and whose lead is not."""
+        driven = self.driven or frozenset()
+        turned = [
+            c.inverted()
+            if c.joint in driven and c.lead and c.lead not in driven and c.linear and c.coefficients[1]
+            else c
+            for c in self.couplings
+        ]
+        return replace(self, couplings=tuple(turned))
+
+
+_NAMED = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Follow:
+    """A joint's displacement: ``offset`` + ``ratio`` times that of the joint ``lead``, which none leads; mm and rad."""
+
+    lead: str
+    ratio: float
+    offset: float
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """The machine's parts: its base, its other bodies, parents first, the ties among them, and joints that others lead."""
+
+    parts: Parts
+    base: int
+    bodies: tuple[int, ...]
+    ties: tuple[Tie, ...]
+    follows: Mapping[str, Follow]
+
+    @cached_property
+    def looped(self) -> frozenset[int]:
+        """Bodies whose joints a loop moves."""
+        return frozenset(body for tie in self.ties for body in self.parts.loop(tie))
+
+    @cached_property
+    def joints(self) -> list[tuple[int, PartJoint]]:
+        """All joints that move a body against another one of the machine, with their bodies."""
+        return [(body, joint) for body in self.bodies for joint in self.parts.bodies[body].joints]
+
+    def drives(self, body: int, joint: PartJoint) -> bool:
+        """Return whether a joint has a reading: it leads itself, and is driven or in no loop."""
+        driven = self.parts.driven or frozenset()
+        return joint.name not in self.follows and (body not in self.looped or joint.name in driven)
+
+    def left_out(self) -> tuple[str, ...]:
+        """Return in words what the file has and the machine has not."""
+        parts, kept = self.parts, {self.base, *self.bodies}
+        ties = [f"{tie.name!r}" for tie in parts.ties if tie not in self.ties]
+        known = {joint.name for _, joint in self.joints}
+        ties += [f"of joint {c.joint!r}" for c in parts.couplings if c.joint not in known]
+        kept |= {0, *parts.way(self.base)}
+        off = [cut(body.name, 60) for k, body in enumerate(parts.bodies) if k not in kept]
+        lines = [f"bodies that are not on the way to the tip: {shortened(off, _NAMED)}"] if off else []
+        lines += [f"equality constraints that move none of these: {shortened(ties, _NAMED)}"] if ties else []
+        lines += [shortened(list(parts.unread), _NAMED)] if parts.unread else []
+        base = parts.bodies[self.base]
+        if base.free:
+            lines.append(
+                f"the free joint of the body {base.name!r}, which is the base: frames.base says where it stands"
+            )
+        return tuple(lines)
+
+
+def choose(parts: Parts, tips: Sequence[int], where: str) -> Choice:
+    """Return the machine that ends at the bodies ``tips``. Raises InputError, which ``where`` opens, where there is none."""
+    kept, ties = _closed_over(parts, tips)
+    base = _base(parts, kept, ties, tips[0])
+    if not any(parts.bodies[b].joints for b in kept - {base}):
+        name = cut(parts.bodies[tips[0]].name)
+        raise InputError(f"{where}: found no joint on the way to {name!r}, expected another --tip")
+    bodies = sorted(
+        b for b in kept if b != base and (base in parts.way(b) or parts.bodies[parts.way(b)[0]].free)
+    )
+    choice = Choice(parts, base, tuple(bodies), tuple(ties), _follows(parts, kept, where))
+    _check(choice, where)
+    return choice
+
+
+def _closed_over(parts: Parts, tips: Sequence[int]) -> tuple[set[int], list[Tie]]:
+    """Return the bodies on the way to the tips, with all that moves them through ties and couplings, and these ties."""
+    kept, size = {body for tip in tips for body in parts.way(tip)}, 0
+    ties: list[Tie] = []
+    while size < len(kept) + len(ties):
+        size = len(kept) + len(ties)
+        ties = [tie for tie in parts.ties if tie in ties or parts.loop(tie) & kept]
+        leads = [c.lead for c in parts.couplings if c.lead and parts.places[c.joint] in kept]
+        ends = [*(body for tie in ties for body in tie.bodies), *(parts.places[lead] for lead in leads)]
+        kept |= {body for end in ends for body in parts.way(end)}
+    return kept, ties
+
+
+def _base(parts: Parts, kept: set[int], ties: Sequence[Tie], tip: int) -> int:
+    """Return the last body that all ways to joints, and to ties, begin with; what a free body carries begins there."""
+    tied = {body for tie in ties for body in tie.bodies}
+    ways = [parts.way(body) for body in kept | tied]
+    fixed = [way for way in ways if not parts.bodies[way[0]].free]
+    starts = []
+    for way in fixed or [way for way in ways if way[0] == parts.way(tip)[0]]:
+        moving = next((k for k, body in enumerate(way) if k and parts.bodies[body].joints), len(way))
+        starts += [way[:moving]] if moving < len(way) or way[-1] in tied else []
+    shared = [bodies[0] for bodies in zip(*starts, strict=False) if len(set(bodies)) == 1]
+    return shared[-1] if shared else tip
+
+
+def _follows(parts: Parts, kept: Iterable[int], where: str) -> dict[str, Follow]:
+    """Return what the joints of these bodies follow. Raises InputError for a polynomial, two leads, and a ring."""
+    own = [c for c in parts.couplings if parts.places[c.joint] in kept]
+    direct: dict[str, Coupling] = {}
+    for c in own:
+        said = f"{where}: equality of joint {cut(c.joint)!r}"
+        if not c.linear:
+            numbers = " ".join(f"{value:g}" for value in c.coefficients)
+            raise InputError(
+                f"{said}: found the polynomial {numbers} (mm, rad) of {cut(c.lead)!r}, expected a linear one; type: graph "
+                "has others by `computed`"
+            )
+        if c.joint in direct:
+            raise InputError(f"{said}: found a second one, expected one joint that it follows")
+        direct[c.joint] = c
+    out = {}
+    for name in direct:
+        ratio, offset, here, seen = 1.0, 0.0, name, set[str]()
+        while here in direct:
+            if here in seen:
+                found = f"that it follows {cut(here)!r}, which follows itself"
+                raise InputError(
+                    f"{where}: equality of joint {cut(name)!r}: found {found}, expected a joint that leads"
+                )
+            seen.add(here)
+            shift, slope = (*direct[here].coefficients, 0.0)[:2]
+            ratio, offset, here = ratio * slope, offset + ratio * shift, direct[here].lead
+        out[name] = Follow(here, ratio, offset)
+    return out
+
+
+def _check(choice: Choice, where: str) -> None:
+    """Refuse joints that nothing determines. Raises InputError naming them."""
+    read = {joint.name for body, joint in choice.joints if choice.drives(body, joint)}
+    for body, joint in choice.joints:
+        if joint.kind in ("spherical", "free") and body not in choice.looped:
+            raise InputError(
+                f"{where}: joint {cut(joint.name)!r}: found a ball or free joint, expected hinges and slides on the way from "
+                "the base to the tip, or a loop that moves it"
+            )
+    if choice.ties and choice.parts.driven is None:
+        names = shortened([cut(repr(tie.name)) for tie in choice.ties], _NAMED)
+        raise InputError(
+            f"{where}: found loops, closed by the equality constraints {names}, and no actuator, expected an actuator for "
+            "each joint that is driven"
+        )
+    for name, follow in choice.follows.items():
+        if follow.lead and follow.lead not in read:
+            raise InputError(
+                f"{where}: equality of joint {cut(name)!r}: found {cut(follow.lead)!r}, which no actuator drives, expected "
+                "a joint with a reading"
+            )
+    if not read:
+        raise InputError(
+            f"{where}: found no joint that an actuator drives on the way to the tip, expected one"
+        )
+
 
 _SAME = 1e-9
 """mm; points that are no further apart are one."""

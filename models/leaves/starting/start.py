@@ -1,13 +1,20 @@
-"""What a machine file starts from: a mechanism with what its source says of it."""
+"""What a machine file starts from: a table, a URDF, an MJCF or a bundled machine, with what its source says of it.
+
+A bundled machine is a file in ``bundled_arms``: constants as their makers publish them, each with its source. It has
+``title``, ``sources``, ``notes``, ``mechanism`` (a section of a machine file, mm and deg), and what its source says beyond:
+``gravity``, ``masses``, ``tolerances``, ``frames``, ``sensor``."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
-from truepose.models.file.machine_name import nearest_name
-from truepose.wording import shortened
+from truepose.errors import InputError
+from truepose.models.file.names import nearest_name
+from truepose.models.file.yaml_document import read_document
+from truepose.wording import close_matches, shortened
 
 UPRIGHT = (0.0, 0.0, -9.80665)
 """Gravity in a base frame whose z points up, m/s^2."""
@@ -77,3 +84,39 @@ def tidy(value: Any) -> Any:
     rounded = float(f"{value:.14g}")
     rounded = 0.0 if abs(rounded) < 1e-13 else rounded
     return int(rounded) if rounded.is_integer() and abs(rounded) < 1e15 else rounded
+
+
+_FOLDER = Path(__file__).parent / "bundled_arms"
+
+
+def bundled() -> Mapping[str, str]:
+    """Titles of the bundled machines by name, sorted."""
+    return {path.stem: str(read_document(path)["title"]) for path in sorted(_FOLDER.glob("*.yaml"))}
+
+
+def bundled_names() -> tuple[str, ...]:
+    """Names of the bundled machines, sorted."""
+    return tuple(sorted(path.stem for path in _FOLDER.glob("*.yaml")))
+
+
+def bundled_start(name: str) -> Start:
+    """The start of a bundled machine. Raises InputError with the names meant, or those there are."""
+    names = bundled_names()
+    own = "".join(letter for letter in name.lower() if letter not in " _.")
+    if own not in names:
+        raise InputError(f"--arm: found {name!r}, expected a bundled machine; {close_matches(own, names)}")
+    document: dict[str, Any] = read_document(_FOLDER / f"{own}.yaml")
+    about = [f"Source: {source}" for source in document["sources"]]
+    gravity = document.get("gravity")
+    return Start(
+        name=own,
+        title=document["title"],
+        mechanism=document["mechanism"],
+        about=(*about, *(f"Note: {note}" for note in document.get("notes", ()))),
+        gravity=None if gravity is None else (gravity[0], gravity[1], gravity[2]),
+        masses=document.get("masses", {}),
+        tolerances=document.get("tolerances", dict(TOLERANCES)),
+        frames=document.get("frames", {}),
+        sensor=document.get("sensor", "pose"),
+        tested=True,
+    )

@@ -1,15 +1,23 @@
 """Denavit-Hartenberg tables from a CSV: the columns a, alpha, d, theta (and r, beta for Khalil's), one row a joint
-or a fixed frame (``truepose.models.leaves.starting.row_kinds``).
+or a fixed frame (``truepose.models.leaves.starting.table``).
 
 Optional columns: name (or joint), kind, offset (added to theta), min and max, or range. A unit may stand in a header
 (``a [m]``, ``alpha (rad)``) or in a cell (``pi/2``, ``90°``); without one lengths are mm and angles deg, and what looks
 like metres or radians is refused rather than guessed.
+
+Which rows of a Denavit-Hartenberg table are joints: a row is driven where the table says so, and fixed where it does not.
+
+A table says it by a column ``kind``, by the joint's variable in theta, or in d where theta has none, and by a range. If it says
+so of one turning joint, it is taken to say it of all. If it says it of none, names decide: of rows that are counted (q1 to q7)
+one without a number is fixed, and so is a flange. What only names say is listed, so that nothing is driven in silence.
 """
 
 from __future__ import annotations
 
 import csv
+import math
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,10 +25,202 @@ from typing import Any
 
 from truepose.bounded import check_input
 from truepose.errors import InputError
-from truepose.models.leaves.starting.cells import UNITS, Cell, cell, interval, variable_in
-from truepose.models.leaves.starting.row_kinds import row_kinds
 from truepose.models.leaves.starting.start import Start, unranged
-from truepose.wording import close_matches
+from truepose.wording import close_matches, shortened
+
+_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 1e-3, "µm": 1e-3, "in": 25.4, "inch": 25.4}
+_DEG = {
+    "deg": 1.0,
+    "°": 1.0,
+    "degree": 1.0,
+    "degrees": 1.0,
+    "rad": 180.0 / math.pi,
+    "radian": 180.0 / math.pi,
+}
+UNITS = {"length": _MM, "angle": _DEG}
+"""Factors to mm and to deg."""
+_NUMBER = r"(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][-+]?\d+)?"
+_PI = re.compile(rf"^([-+]?)({_NUMBER})?\*?(?:pi|π)(?:/({_NUMBER}))?$", re.IGNORECASE)
+_PLAIN = re.compile(rf"^[-+]?{_NUMBER}$")
+_UNIT = re.compile(r"^(.*?[\d.,iπ])\s*(mm|cm|m|um|µm|inch|in|deg|°|degrees?|rad|radian)$", re.IGNORECASE)
+_LETTER = r"(?:θ|theta|th|q|d|var)_?\{?\d*\}?\*?"
+_VARIABLE = re.compile(rf"^([-+]?)({_LETTER})", re.IGNORECASE)
+_VARIABLE_LAST = re.compile(rf"^(.*?)\s*\+\s*({_LETTER})$", re.IGNORECASE)
+_PRINTED = str.maketrans("−–º˚₀₁₂₃₄₅₆₇₈₉", "--°°0123456789")
+_RADIANS = (math.pi / 4, math.pi / 2, math.pi, 3 * math.pi / 2)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A number in mm or deg, and whether its text (or its column) says in which unit it stood."""
+
+    value: float
+    unit_said: bool
+
+
+def cell(text: str, dimension: str, unit: str, where: str, *, variable: bool = False) -> Cell:
+    """A number of ``dimension`` (length, angle) in mm or deg; ``unit`` is the column's, empty where it names none.
+
+    With ``variable`` the joint's own variable may stand before it (``θ1 - 90``). Empty text and a dash are 0.
+    Raises InputError, opened by ``where``, for what is no number, and for an angle that looks like radians although
+    nothing says so.
+    """
+    plain = _normal(text)
+    if variable:
+        plain = _without_variable(plain, where, text)
+    if plain in ("", "-"):
+        return Cell(0.0, unit_said=True)
+    found = _UNIT.match(plain)
+    own = found[2].lower() if found else ""
+    said = own or unit
+    if said and said not in UNITS[dimension]:
+        raise InputError(f"{where}: found {text!r}, expected {_expected(dimension)}")
+    number = found[1].strip() if found else plain
+    turned = _PI.match(number) if dimension == "angle" else None
+    if turned:
+        sign = -1.0 if turned[1] == "-" else 1.0
+        return Cell(sign * _float(turned[2] or "1") * 180.0 / _float(turned[3] or "1"), unit_said=True)
+    if not _PLAIN.match(number):
+        raise InputError(f"{where}: found {text!r}, expected {_expected(dimension)}")
+    value = _float(number)
+    if dimension == "angle" and not said and any(abs(abs(value) - r) < 5e-4 * r for r in _RADIANS):
+        raise InputError(
+            f"{where}: found {text!r} without a unit, which looks like radians, expected a header such as "
+            "`alpha [rad]` or `alpha [deg]`"
+        )
+    return Cell(
+        value * UNITS[dimension][said or ("mm" if dimension == "length" else "deg")], unit_said=bool(said)
+    )
+
+
+def interval(text: str, dimension: str, unit: str, where: str) -> tuple[float, float]:
+    """A range in mm or deg: ``-170..170``, ``-170 to 170``, ``±170``, ``[-170, 170]``. Raises InputError otherwise."""
+    plain = _normal(text).strip("[]()")
+    symmetric = re.match(r"^(?:±|\+/-|\+-)(.*)$", plain)
+    if symmetric:
+        high = cell(symmetric[1], dimension, unit, where).value
+        return -high, high
+    parts = [part for part in re.split(r"\s*(?:\.\.\.?|\bto\b|;|,(?=\s)|/)\s*", plain) if part]
+    if len(parts) != 2:
+        raise InputError(f"{where}: found {text!r}, expected two numbers such as -170..170, or ±170")
+    ends = [cell(part, dimension, unit, where).value for part in parts]
+    return min(ends), max(ends)
+
+
+def variable_in(text: str) -> str:
+    """Return the joint's variable that a cell names, as in ``θ1``, ``q2 - 90``, ``90 + q2``; empty where it names none."""
+    plain = _normal(text)
+    found = _VARIABLE.match(plain) or _VARIABLE_LAST.match(plain)
+    return found[2].lower() if found else ""
+
+
+def _without_variable(text: str, where: str, found: str) -> str:
+    last = _VARIABLE_LAST.match(text)
+    match = _VARIABLE.match(text)
+    if last and not match:
+        return last[1]
+    if not match:
+        return text
+    if match[1] == "-":
+        raise InputError(
+            f"{where}: found {found!r}, a joint that turns against its axis, expected a positive variable: turn its "
+            "axis round in the table (alpha + 180)"
+        )
+    rest = text[match.end() :].strip()
+    return re.sub(r"^([-+])\s+", r"\1", rest).removeprefix("+")
+
+
+def _normal(text: str) -> str:
+    """Text with plain minus signs and digits, without spaces at its ends."""
+    return text.strip().translate(_PRINTED)
+
+
+def _float(text: str) -> float:
+    return float(text.replace(",", "."))
+
+
+def _expected(dimension: str) -> str:
+    return (
+        "a length such as 425, 0.425 m or 425 mm"
+        if dimension == "length"
+        else "an angle such as 90, -pi/2 or 90 deg"
+    )
+
+
+Cells = Mapping[str, str]
+_KINDS = {
+    "": "", "revolute": "revolute", "r": "revolute", "rotary": "revolute", "rotational": "revolute",
+    "prismatic": "prismatic", "p": "prismatic", "linear": "prismatic", "t": "prismatic",
+    "fixed": "fixed", "f": "fixed", "none": "fixed", "static": "fixed", "constant": "fixed", "-": "fixed",
+}  # fmt: skip
+_ENDS = {"flange", "tool", "tcp", "ee", "eef", "effector", "endeffector"}
+_NAMED = 10
+
+
+def row_kinds(rows: Sequence[Cells], places: Sequence[str]) -> tuple[list[str], tuple[str, ...]]:
+    """Return each row's kind (revolute, prismatic, fixed), and notes on what the table leaves open.
+
+    ``places`` open messages. Raises InputError for an unknown kind, and for a row that is fixed and moves.
+    """
+    stated = [_stated_kind(row, where) for row, where in zip(rows, places, strict=True)]
+    labels = [row.get("name", "").strip() for row in rows]
+    complete = any(_states_turning(row) for row in rows)
+    kinds, assumed, still = [], [], []
+    for label, kind, fixed, place in zip(labels, stated, _fixed_by_name(labels), places, strict=True):
+        shown = repr(label) if label else place.rpartition(": ")[2]
+        if kind:
+            kinds.append(kind)
+        elif complete or fixed:
+            kinds.append("fixed")
+            still.append(shown)
+        else:
+            kinds.append("revolute")
+            assumed += [shown] if not re.search(r"\d", label) else []
+    notes = []
+    if still:
+        why = "have no variable, as others have" if complete else "are not named as joints"
+        notes.append(f"CHECK rows that {why}, and are fixed here: {shortened(still, _NAMED)}.")
+    if assumed:
+        notes.append(
+            f"CHECK rows that do not say whether they are driven, and are here: {shortened(assumed, _NAMED)}. One that is not "
+            "has kind fixed."
+        )
+    return kinds, tuple(notes)
+
+
+def _stated_kind(row: Cells, where: str) -> str:
+    """Return the kind that a row states, empty where it states none."""
+    found = row.get("kind", "").strip().lower()
+    if found not in _KINDS:
+        raise InputError(f"{where}, column 'kind': found {found!r}, expected revolute, prismatic or fixed")
+    moves = next((column for column in ("theta", "d", "r") if variable_in(row.get(column, ""))), "")
+    ranged = next((column for column in ("range", "min", "max") if row.get(column, "").strip()), "")
+    if _KINDS[found] == "fixed" and (moves or ranged):
+        column = moves or ranged
+        raise InputError(
+            f"{where}, column {column!r}: found {row[column].strip()!r} in a fixed row, expected a joint's row"
+        )
+    if _KINDS[found]:
+        return _KINDS[found]
+    if moves:
+        return "revolute" if moves == "theta" else "prismatic"
+    return "revolute" if ranged else ""
+
+
+def _states_turning(row: Cells) -> bool:
+    """Return whether a row says, by its kind or its variable, that it is a turning joint's."""
+    return _KINDS[row.get("kind", "").strip().lower()] == "revolute" or bool(
+        variable_in(row.get("theta", ""))
+    )
+
+
+def _fixed_by_name(labels: Sequence[str]) -> list[bool]:
+    """Return for each name whether it is a flange's or a tool's, or one without a number among rows that are counted."""
+    stems = [re.sub(r"\d+", "", label.lower()) if re.search(r"\d", label) else None for label in labels]
+    counted = any(2 * n > len(labels) for stem, n in Counter(stems).items() if stem is not None)
+    ends = [bool(_ENDS & set(re.split(r"[^a-z]+", label.lower()))) for label in labels]
+    return [end or (counted and stem is None) for end, stem in zip(ends, stems, strict=True)]
+
 
 CONVENTIONS = ("standard", "modified", "khalil")
 FIELDS: Mapping[str, tuple[str, ...]] = {

@@ -10,8 +10,7 @@ from xml.etree.ElementTree import Element
 
 from truepose.errors import InputError
 from truepose.models.builders.urdf import Urdf, expanded
-from truepose.models.builders.urdf_file import KINDS, Robot
-from truepose.models.builders.urdf_inertials import gravity_in, inertials_of
+from truepose.models.builders.urdf_file import KINDS, Robot, gravity_in, inertials_of
 from truepose.models.leaves.starting.start import UPRIGHT, Start, readings_of, unranged
 from truepose.models.machine.mechanism import BASE
 from truepose.models.units import UnitSystem

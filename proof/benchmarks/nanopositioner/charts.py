@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from figures import Series, write_chart
-from truepose.models.machine.fabry_perot import irradiance
+from truepose.models.sensors.irradiance import irradiance
 
 from .drift import Day
 from .recordings import WAVELENGTH

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from telescope_simulator import nominal_machine
 
 from figures import Series, write_bars, write_chart
-from truepose.models.machine.flexure import SHAPE, gain
+from truepose.models.machine.assembly import SHAPE, flexure_gain
 
 from .campaign import Array
 from .fits import PLATFORMS, Outcome
@@ -38,7 +38,9 @@ def parasitic_shift(folder: Path) -> Array:
     ball = LENGTH / 2 * (1 - np.cos(d))
     printed = LENGTH * ((d * np.sqrt(1 + d**2) + np.arcsinh(d)) / (2 * d) - 1)
     arc = LENGTH * (1 - np.sin(d) / d)
-    grown = np.array([float(ca.evalf(gain(ca.SX(LENGTH), ca.SX(SHAPE), ca.SX(np.cos(v))))) for v in d])
+    grown = np.array(
+        [float(ca.evalf(flexure_gain(ca.SX(LENGTH), ca.SX(SHAPE), ca.SX(np.cos(v))))) for v in d]
+    )
     model = LENGTH / 2 - (LENGTH / 2 + grown) * np.cos(d)
     rows = 1e3 * np.column_stack([ball, printed, arc, model])
     names = ("ball joint in the middle", "eq. 12", "exact arc", "model: beta = 1/4")

@@ -22,7 +22,7 @@ from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine.closure import closed
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import COORDINATES
-from truepose.models.sensors.base import Channel
+from truepose.models.machine.sensor import Channel
 from truepose.models.sensors.pose import Pose
 
 Array = NDArray[np.float64]

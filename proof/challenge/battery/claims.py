@@ -10,7 +10,7 @@ from challenge.battery.parts import of_whole
 from challenge.drivers import agree
 from challenge.findings import FORM
 from challenge.statements import SURE
-from truepose.models.effects.of_rows import OF_ROWS
+from truepose.models.effects.common import OF_ROWS
 
 Json = Mapping[str, Any]
 LOST = 0.5

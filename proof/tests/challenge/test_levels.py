@@ -23,7 +23,7 @@ from challenge.solutions import Truth
 from challenge.table_document import document
 from proof_support.challenge_replies import BEAT, BEND, PLAY, finding, key, leveled, nameless, reply
 from truepose.models.effects.base import effects
-from truepose.models.effects.of_rows import OF_ROWS
+from truepose.models.effects.common import OF_ROWS
 
 SURE, FAINT = 0.95, 0.6
 DRIVERS = {

@@ -25,8 +25,8 @@ from support.telescope_models import (
 )
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models import lie
-from truepose.models.machine.elastic import Ends, strain_energy
 from truepose.models.machine.mechanism import ElasticChain
+from truepose.models.machine.near_home import Ends, strain_energy
 
 Array = NDArray[np.float64]
 simulator, campaigns = import_module("telescope_simulator"), import_module("telescope_models.campaign")

@@ -21,7 +21,7 @@ from support.examples import by_day, examples
 from support.generated_c import needs_compiler
 from truepose.codegen.evaluation import compiled, engine, rowwise
 from truepose.codegen.evaluation.batch import BatchFunction
-from truepose.codegen.evaluation.cache import library_cache
+from truepose.codegen.evaluation.compiled import library_cache
 from truepose.identification.fit.calibrate import calibrate
 
 Array = NDArray[np.float64]

@@ -18,10 +18,9 @@ import pytest
 from support.built_machines import manufactured, read_machines, simulated
 from support.engines import compile_all
 from support.generated_c import COMPILER, needs_compiler
-from truepose.codegen.evaluation import compiler, engine
+from truepose.codegen.evaluation import compiled, engine
 from truepose.codegen.evaluation.batch import BatchFunction
-from truepose.codegen.evaluation.cache import library_cache
-from truepose.codegen.evaluation.compiled import NotCompiledError, load
+from truepose.codegen.evaluation.compiled import NotCompiledError, library_cache, load
 from truepose.identification.fit.calibrate import calibrate
 
 SOURCE = "int three(void);\nint three(void) { return 3; }\n"
@@ -40,8 +39,8 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 @pytest.fixture
 def impatient(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A second to compile; a version has its usual time."""
-    monkeypatch.setattr(compiler, "TO_START", 1.0)
-    monkeypatch.setattr(compiler, "A_LETTER", 0.0)
+    monkeypatch.setattr(compiled, "TO_START", 1.0)
+    monkeypatch.setattr(compiled, "A_LETTER", 0.0)
 
 
 def named(folder: Path, script: str) -> Path:
@@ -93,7 +92,7 @@ def test_a_broken_compiler_makes_one_note_and_the_numbers_come(
     if kind == "no end":
         request.getfixturevalue("impatient")
     if kind == "no answer":
-        monkeypatch.setattr(compiler, "TO_ANSWER", 1.0)
+        monkeypatch.setattr(compiled, "TO_ANSWER", 1.0)
     monkeypatch.setenv("TRUEPOSE_CC", str(named(tmp_path, script)))
     x = ca.SX.sym("x")
     with caplog.at_level(logging.WARNING):
@@ -147,13 +146,13 @@ def test_a_compiler_that_hung_is_not_asked_again(
 
 @needs_compiler
 def test_long_texts_have_more_time(cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(compiler, "TO_START", 0.5)
-    monkeypatch.setattr(compiler, "A_LETTER", 2e-3)
+    monkeypatch.setattr(compiled, "TO_START", 0.5)
+    monkeypatch.setattr(compiled, "A_LETTER", 2e-3)
     slow = f'{ANSWERS}sleep 1; exec {COMPILER} "$@"\n'
     monkeypatch.setenv("TRUEPOSE_CC", str(named(tmp_path, slow)))
     long = f"{SOURCE}/* {'x' * 100_000} */\n"  # 200 s more
     assert load(long, ["three"]).three() == 3
-    monkeypatch.setattr(compiler, "A_LETTER", 0.0)
+    monkeypatch.setattr(compiled, "A_LETTER", 0.0)
     assert "found no end" in said()
 
 

@@ -21,7 +21,7 @@ from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.summary import rms_by_kind
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
-from truepose.models.sensors.base import Channel
+from truepose.models.machine.sensor import Channel
 
 Array = NDArray[np.float64]
 Case = tuple[Estimate, Recording]

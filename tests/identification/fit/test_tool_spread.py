@@ -27,7 +27,7 @@ from truepose.identification.fit.tool_spread import (
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine
-from truepose.models.sensors.base import Channel, Sensor
+from truepose.models.machine.sensor import Channel, Sensor
 
 Array = NDArray[np.float64]
 SMALL = """

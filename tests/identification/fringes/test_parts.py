@@ -27,7 +27,7 @@ from truepose.identification.leaves.fringes.levels import (
 from truepose.identification.leaves.fringes.rest import find_rest
 from truepose.identification.leaves.fringes.scan import Scan, read_scan
 from truepose.identification.leaves.fringes.turns import Verdict
-from truepose.models.machine.fabry_perot import folded_phase, fringe
+from truepose.models.sensors.irradiance import folded_phase, fringe
 
 Array = NDArray[np.float64]
 G = 0.2

@@ -23,7 +23,7 @@ from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine
-from truepose.models.machine.home import slides_of
+from truepose.models.machine.closure import slides_of
 from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]

@@ -30,7 +30,7 @@ from truepose.models.effects.base import effects
 from truepose.models.effects.common import sensor_names
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.parameters import element_of
+from truepose.models.machine.mechanism import element_of
 from truepose.models.machine.skeleton import skeleton
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from support.moving_machines import FRAMED, POSE
 from support.telescope_legs import UNEVEN, leg_rows
-from truepose.models.file.machine_name import nearest_name
+from truepose.models.file.names import nearest_name
 from truepose.models.load import load_machine
 from truepose.models.machine.kinematics import SymbolicModel
 from truepose.models.machine.machine import Machine

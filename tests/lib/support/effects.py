@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from support.effect_machines import READINGS
 from truepose.models.effects.base import Place, PlacedEffect, Settings, Site, effects
+from truepose.models.machine.assembly import load_scale
 from truepose.models.machine.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.statics import load_scale
 
 Array = NDArray[np.float64]
 DRIVERS = {"time": 5000.0, "payload": 4.0, "temperature": 27.0, "approach": -1.0, "session": 1.0}

@@ -11,9 +11,9 @@ import pytest
 from support import ROOT
 from support.generated_machines import BODIES, machine_of
 from truepose.codegen.c import generate
-from truepose.codegen.leaves.embedded.measure import Measurement, measure, missing
-from truepose.codegen.leaves.embedded.source import read_source
-from truepose.codegen.leaves.embedded.targets import Target
+from truepose.codegen.leaves.embedded.measure import Measurement, measure
+from truepose.codegen.leaves.embedded.program import read_source
+from truepose.codegen.leaves.embedded.toolchain import Target, missing
 from truepose.codegen.printer import Real
 from truepose.models.load import load_machine
 

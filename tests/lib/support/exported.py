@@ -1,4 +1,4 @@
-"""Exported machines read by others: by this package's own URDF, xacro and MuJoCo, and by a few lines of numpy."""
+"""Exported machines read by others: by this package's own URDF and MuJoCo, and by a few lines of numpy."""
 
 from __future__ import annotations
 
@@ -35,15 +35,11 @@ def tool_of(machine: Machine, file: Path, format: str) -> Pose:
     if format == "mjcf":
         model = mujoco_module().MjModel.from_xml_path(str(file))
         return lambda q: site_pose(closed_in_mujoco(model, machine, q).site(0))
-    if format in ("iso230", "isg-csv"):
+    if format == "iso230":
         table, turns = read_table(text), [a.unit == "rad" for a in machine.mechanism.actuators]
         return lambda q: table.pose(np.where(turns, np.degrees(q), q))
     if format == "ur-kinematics":
         return lambda q: ur_pose(text, q)
-    if format == "xacro":
-        xacro: Any = pytest.importorskip("xacro")
-        file = file.with_suffix(".urdf")
-        file.write_text(xacro.process_file(str(file.with_suffix(".xacro"))).toxml(), encoding="utf-8")
     chain = {"type": "urdf", "file": file.name, "base_link": "base", "tip_link": "tool"}
     document = {"schema": SCHEMA, "name": "read", "mechanism": chain}
     solver = PoseSolver(build_machine(checked_machine(file, document)))

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from truepose.identification.leaves.fringes.levels import Levels, Noise
 from truepose.identification.leaves.fringes.passages import Series, normalised
 from truepose.identification.recording.recording import Recording
-from truepose.models.machine.fabry_perot import fringe
+from truepose.models.sensors.irradiance import fringe
 
 Array = NDArray[np.float64]
 G, RATE, EVERY = 0.2, 7.0, 200.0

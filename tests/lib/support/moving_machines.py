@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from support.telescope_legs import UNEVEN, leg_rows
 from truepose.identification.recording.recording import Recording
-from truepose.models.file.machine_name import nearest_name
+from truepose.models.file.names import nearest_name
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 

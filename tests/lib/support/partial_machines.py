@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.parameters import Parameter
+from truepose.models.machine.mechanism import Parameter
 
 Array = NDArray[np.float64]
 

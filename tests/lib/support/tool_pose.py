@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.machine.home import closed_home, coordinate_scale
+from truepose.models.machine.closure import closed_home, coordinate_scale
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine
 

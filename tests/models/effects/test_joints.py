@@ -11,7 +11,7 @@ from support.effect_machines import READINGS, read_machines
 from support.effects import Campaign, position, shift_slopes, with_effect
 from truepose.errors import InputError
 from truepose.models.effects.base import effects
-from truepose.models.effects.series import FADE
+from truepose.models.effects.transmission_error import FADE
 from truepose.models.machine.machine import Machine
 
 

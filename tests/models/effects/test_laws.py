@@ -22,10 +22,10 @@ from truepose.models.effects.base import (
     Site,
     effects,
 )
-from truepose.models.effects.of_rows import OF_ROWS
-from truepose.models.file.setting_range import check_settings
+from truepose.models.effects.common import OF_ROWS
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.placed import check_settings
 from truepose.models.units import parse_unit
 
 LOADED = ("arm", "telescope", "gough", "hybrid", "planar", "graph", "mount", "encoded")

@@ -11,7 +11,7 @@ from support.effect_machines import read_machines
 from support.effects import position, shift_slopes, with_effect
 from truepose.models.effect_text import parse_effect
 from truepose.models.effects.base import effects
-from truepose.models.effects.thermometers import others
+from truepose.models.effects.sights import others
 from truepose.models.machine.machine import Machine
 
 CLOCK = np.linspace(0.0, 7200.0, 40)

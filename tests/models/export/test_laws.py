@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from support.exported import frame
 from support.moving_machines import written
-from truepose.models.leaves.export.numbers import text, xyz_rpy
+from truepose.models.leaves.export.links import text, xyz_rpy
 from truepose.models.leaves.export.write import render
 
 Array = NDArray[np.float64]

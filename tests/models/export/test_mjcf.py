@@ -9,9 +9,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from support.exported import closed_in_mujoco, mujoco_module, site_pose
+from support.exported import mujoco_module
 from support.generated_machines import BODIES, HEAD, machine_of
-from truepose.identification.compensation.inverse import PoseSolver
 from truepose.models.leaves.export.write import export, render
 from truepose.models.load import load_machine
 from truepose.models.machine.kinematics import symbolic_model
@@ -38,22 +37,9 @@ gravity: [0, 0, -9.80665]
 """
 
 
-STEWART = re.sub(r", gain: [\d.]+|, range: \[-1.5, 1.5\]|units: .*", "", BODIES["turns"])
-FLAT = re.sub(
-    r", rpy: \[0(\.1)?, 0(\.05)?, 0\]|(?<=, )0\.[12](?=\])",
-    lambda m: "" if "rpy" in m[0] else "0",
-    BODIES["planar"],
-)
-HEXAPOD = STEWART + "masses: {payload: {kg: 30, com: [20, 0, 90], in: platform}}\n"
-
-
 def written(where: Path, name: str) -> Machine:
     if name in BODIES:
         return machine_of(where, name)
-    if name in ("hexapod", "flat"):
-        body = HEXAPOD if name == "hexapod" else FLAT
-        (where / f"{name}.yaml").write_text(HEAD.format(name=name) + body)
-        return load_machine(where / f"{name}.yaml")
     body = {"mounted": BODIES["nano"].split("frames")[0] + MOUNTED, "following": FOLLOWING + MOUNTED}[name]
     head = HEAD.replace("gravity: [0, 0, -9.80665]\n", "") if name == "following" else HEAD
     if name == "following":
@@ -92,43 +78,6 @@ def test_mujoco_puts_the_tool_where_the_machine_does(tmp_path: Path, name: str) 
         pose = np.array(at(q, own.z_home, own.p_home))
         assert np.max(np.abs(data.site("tool").xpos - pose[:3, 3] / 1000.0)) < 1e-9
         assert np.max(np.abs(data.site("tool").xmat.reshape(3, 3) - pose[:3, :3])) < 1e-12
-
-
-@pytest.mark.parametrize("name", ["rails", "hybrid", "flat", "hexapod"])
-def test_loops_that_mujoco_closes_put_the_tool_where_the_machine_does(tmp_path: Path, name: str) -> None:
-    """Driven joints stand at readings; the others are moved by Newton's method until MuJoCo's own constraints hold."""
-    machine = written(tmp_path, name)
-    export(machine, tmp_path / "out.xml")
-    model = mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml"))
-    solver = PoseSolver(machine.with_effects(()))
-    home = solver.model.q_home
-    ranges = [a.range or (h - 40.0, h + 40.0) for a, h in zip(machine.mechanism.actuators, home, strict=True)]
-    low, high = np.transpose(ranges)
-    rows = [home, *(home + 0.3 * (np.random.default_rng(4).uniform(low, high, (6, len(low))) - home))]
-    poses, good = solver.forward(np.array(rows))
-    assert good.all()
-    for q, pose in zip(rows, poses, strict=True):
-        data = closed_in_mujoco(model, machine, q)
-        apart = np.abs(site_pose(data.site("tool")) - pose)
-        assert np.max(apart / [1.0, 1.0, 1.0, 1000.0]) < 1e-9
-    assert np.ptp(poses[:, :3, 3], axis=0).max() > 1.0  # mm
-
-
-def test_loops_that_cannot_close_are_said_to_be_strained(tmp_path: Path) -> None:
-    """The planar machine as built: its axes are a little askew, and its loops have more equations than coordinates."""
-    done = render(machine_of(tmp_path, "planar"), "mjcf")
-    (note,) = done.notes
-    assert re.match(r"loops are strained: at home [\d.]+ mm are left", note) and note in done.text
-    assert render(written(tmp_path, "flat"), "mjcf").notes == ()
-    mujoco.MjModel.from_xml_string(done.text)
-
-
-def test_a_machine_with_loops_says_what_it_leaves_out(tmp_path: Path) -> None:
-    done = render(machine_of(tmp_path, "hybrid"), "mjcf")
-    assert set(done.left_out) == {"actuator-scale@q3"}
-    assert done.frozen == {"thermal-expansion@leg2": {"temperature.leg2": 20.0}}
-    # 8e-4 of a limb of 740 mm
-    assert 0.1 < done.lost < 3.0 and f"together up to {done.lost:.3g} mm" in done.text
 
 
 def test_masses_and_gravity_are_the_machines(tmp_path: Path) -> None:

@@ -30,7 +30,7 @@ from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.fit.summary import rms_by_kind
 from truepose.identification.prediction.predictor import Predictor
-from truepose.models.sensors.base import Rows
+from truepose.models.machine.sensor import Rows
 from truepose.models.sensors.socket import Seats, Socket
 
 Array = NDArray[np.float64]

@@ -20,10 +20,9 @@ from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.leaves.check.run import check_files
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
-from truepose.models.file.schema_line import SCHEMA_LINE
-from truepose.models.leaves.starting.arms import bundled_names
-from truepose.models.leaves.starting.asked import asked_start
-from truepose.models.leaves.starting.sensors import PRESETS
+from truepose.models.file.names import SCHEMA_LINE
+from truepose.models.leaves.starting.start import bundled_names
+from truepose.models.leaves.starting.written import PRESETS
 from truepose.models.load import load_machine
 
 
@@ -250,35 +249,3 @@ def test_json_and_the_list(tmp_path: Path) -> None:
     said = json.loads(run("--arm", "panda", "-o", tmp_path / "m.yaml", "--json").output)
     assert said["columns"][:2] == ["q1", "q2"]
     assert said["files"] == [str(tmp_path / "m.yaml"), str(tmp_path / "m_recording.csv")]
-
-
-def answering(*answers: str) -> Any:
-    left = list(answers)
-    return lambda question, default: left.pop(0) or default
-
-
-def test_questions_describe_a_table() -> None:
-    """An empty answer takes what the question offers."""
-    rows = ("0 pi/2 0.3 0 -170 170", "0.4 0 0 -90", "0 0 d3+0.1 0 prismatic 0 0.2")
-    start = asked_start(answering("scara", "", "3", "m", "", *rows))
-    assert start.name == "scara"
-    assert start.mechanism["convention"] == "standard"
-    first, second, third = start.mechanism["joints"]
-    assert (first["alpha"], first["d"], first["range"]) == (90.0, 300.0, [-170.0, 170.0])
-    assert (second["a"], second["theta"]) == (400.0, -90.0)
-    assert (third["kind"], third["d"], third["range"]) == ("prismatic", pytest.approx(100.0), [0.0, 200.0])
-
-
-@pytest.mark.parametrize(
-    ("answers", "message"),
-    [
-        (("a", "craig"), "convention: found 'craig'"),
-        (("a", "", "none"), "number of joints: found 'none'"),
-        (("a", "", "1", "feet", "deg"), "lengths: found the unit 'feet'"),
-        (("a", "", "1", "", "", "0 90 100"), "joint 1: found '0 90 100', expected a alpha d theta"),
-        (("a", "", "1", "", "", "0 ninety 100 0"), "joint 1, column 'alpha': found 'ninety'"),
-    ],
-)
-def test_answers_that_are_none_are_refused(answers: tuple[str, ...], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        asked_start(answering(*answers))

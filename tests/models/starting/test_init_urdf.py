@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -182,36 +181,3 @@ def test_joints_without_limits_are_read_and_listed(tmp_path: Path, limit: str) -
         "# CHECK joints without a range, which `plan` asks for: q1.\n" in (tmp_path / "m.yaml").read_text()
     )
     assert listed == ("lower" not in limit)
-
-
-def test_names_of_robot_descriptions_are_understood(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With a package of that name, which says where its files are."""
-    package = tmp_path / "robot_descriptions"
-    package.mkdir()
-    (package / "__init__.py").write_text("")
-    (tmp_path / "arm.urdf").write_text(HEAVY)
-    (package / "mine_description.py").write_text(f"URDF_PATH = {str(tmp_path / 'arm.urdf')!r}\n")
-    (package / "bare_description.py").write_text("XACRO_PATH = 'a.xacro'\n")
-    (package / "far_description.py").write_text("raise OSError('no network')\n")
-    for name in [name for name in sys.modules if name.split(".")[0] == "robot_descriptions"]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.syspath_prepend(str(tmp_path))
-    assert run("--arm", "mine_description", "-o", tmp_path / "m.yaml").exit_code == 0
-    assert load_machine(tmp_path / "m.yaml").mechanism.readings == ("q1", "q2")
-    for name, message in (
-        ("bare_description", "no URDF or MJCF in 'bare_description'"),
-        ("far_description", "could not fetch 'far_description': no network"),
-        ("no_description", "expected a name that robot_descriptions knows"),
-    ):
-        done = run("--arm", name, "-o", tmp_path / "n.yaml")
-        assert done.exit_code == 2
-        assert message in done.output
-
-
-def test_the_extra_is_named_where_robot_descriptions_is_missing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
-    done = run("--arm", "ur5e_description", "-o", tmp_path / "m.yaml")
-    assert done.exit_code == 2
-    assert "pip install 'truepose[descriptions]'" in done.output

@@ -20,8 +20,8 @@ import mujoco
 
 from truepose.errors import InputError
 from truepose.models.leaves.starting import compiled_mjcf, mjcf
+from truepose.models.machine.assembly import Statics
 from truepose.models.machine.kinematics import symbolic_model
-from truepose.models.machine.statics import Statics
 
 Array = NDArray[np.float64]
 HEAD = """<mujoco model="arm"> <compiler angle="radian" autolimits="true" eulerseq="zyx"/> <option gravity="0 0 -9.7"/>

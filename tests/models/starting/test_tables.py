@@ -12,9 +12,8 @@ from typer.testing import CliRunner
 
 from truepose.cli import app
 from truepose.errors import InputError
-from truepose.models.leaves.starting.cells import cell, interval
 from truepose.models.leaves.starting.start import readings_of, tidy
-from truepose.models.leaves.starting.table import table_start
+from truepose.models.leaves.starting.table import cell, interval, table_start
 from truepose.models.load import load_machine
 
 

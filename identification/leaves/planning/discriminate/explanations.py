@@ -20,8 +20,8 @@ from truepose.identification.diagnosis.result import UNNAMED
 from truepose.identification.identifiability.note import Note
 from truepose.models.effect_text import parse_effect
 from truepose.models.effects.base import SERIES, PlacedEffect, effects
+from truepose.models.effects.common import OF_ROWS
 from truepose.models.effects.empirical import Empirical
-from truepose.models.effects.of_rows import OF_ROWS
 from truepose.models.load import resolve_place
 from truepose.models.machine.machine import Machine
 

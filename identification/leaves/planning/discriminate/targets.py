@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 from truepose.errors import InputError
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.parameters import Parameter
-from truepose.models.sensors.base import Sensor
+from truepose.models.machine.mechanism import Parameter
+from truepose.models.machine.sensor import Sensor
 from truepose.models.sensors.pose import Pose
 from truepose.models.sensors.targets import Targets
 from truepose.models.units import convert
