@@ -1,4 +1,7 @@
-"""What a diagnosis says, as data: everything that diagnosis.json and the report are written from."""
+"""What a diagnosis says, as data: everything that diagnosis.json and the report are written from.
+
+What an alarm is: a statistic, judged by what chance makes of it.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from truepose.identification.diagnosis.alarm import Alarm
 from truepose.identification.diagnosis.place_evidence import PlaceEvidence
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.fitted import Fitted
@@ -20,6 +22,25 @@ from truepose.models.file.driver import DriverKind
 from truepose.models.file.machine_file import NO_WORSE
 from truepose.models.machine.machine import Machine
 from truepose.shown.result import Shown, Written, frame
+
+RAISED = 0.01
+"""p below which an alarm is raised."""
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """A statistic, its p-value when nothing is missing, what it is about, and the share of the residual that this explains."""
+
+    statistic: float
+    p: float
+    about: str = ""
+    share: float = 0.0
+
+    @property
+    def raised(self) -> bool:
+        """p below 1 %."""
+        return self.p < RAISED
+
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -29,8 +29,7 @@ from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.selection_problem import design_with_forms
 from truepose.identification.posterior.marginal import marginal
 from truepose.identification.prior import FORM_ERROR, OFF_FORM, POOR
-from truepose.identification.signatures.forms import PAIR
-from truepose.identification.signatures.linearisation import Linearisation
+from truepose.identification.signatures.linearisation import PAIR, Linearisation
 from truepose.identification.signatures.signatures import Signatures
 from truepose.identification.signatures.untestable import GRAVITY, places_of
 from truepose.models.effects.base import PlacedEffect, effects

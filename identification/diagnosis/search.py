@@ -11,9 +11,11 @@ import numpy as np
 from truepose.arrays import Array, Mask
 from truepose.errors import ConvergenceError
 from truepose.identification import prior
-from truepose.identification.diagnosis.alone import weighed_alone
-from truepose.identification.diagnosis.finer_settings import refined
-from truepose.identification.diagnosis.selection_problem import SelectionProblem, selection_problem
+from truepose.identification.diagnosis.selection_problem import (
+    SelectionProblem,
+    selection_problem,
+    weighed_alone,
+)
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.posterior.mode import climbed
 from truepose.identification.posterior.posterior import ROUNDS, Posterior, Sampling, mode
@@ -21,7 +23,7 @@ from truepose.identification.posterior.spike_slab import LONG_SET, SpikeSlab
 from truepose.identification.posterior.state import State
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Linearisation
-from truepose.identification.signatures.lines import proposed
+from truepose.identification.signatures.lines import proposed, refined
 from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effects.base import PlacedEffect
 

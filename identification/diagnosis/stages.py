@@ -14,8 +14,7 @@ import numpy as np
 
 from truepose.arrays import Mask
 from truepose.errors import ConvergenceError
-from truepose.identification.diagnosis import outliers
-from truepose.identification.diagnosis.null_fits import Fits, refitted
+from truepose.identification.diagnosis.null_fits import Fits, outlying_rows, refitted
 from truepose.identification.diagnosis.search import (
     ROUGH,
     Expansion,
@@ -150,7 +149,7 @@ def _fitted(near: Expansion, recording: Recording) -> tuple[Mask, Estimate | Non
 
 def _far(fit: Estimate, recording: Recording) -> Mask:
     """Rows (n,) that were to be fitted and are far off."""
-    return outliers.outlying_rows(fit, recording, ~recording.validation)
+    return outlying_rows(fit, recording, ~recording.validation)
 
 
 __all__ = ["FITTING", "WEIGHING", "fewer_rows", "first", "further", "sizes", "stages"]

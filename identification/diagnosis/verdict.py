@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truepose.arrays import Array, Mask
-from truepose.identification.diagnosis.alarm import Alarm
 from truepose.identification.diagnosis.alarms import alarms_of, misfits
 from truepose.identification.diagnosis.averaging import averaged
 from truepose.identification.diagnosis.evidence import evidence
@@ -22,7 +21,7 @@ from truepose.identification.diagnosis.findings import (
     remainder_of_residuals,
 )
 from truepose.identification.diagnosis.holdout import Comparison
-from truepose.identification.diagnosis.naming import Summary, summarised
+from truepose.identification.diagnosis.naming import Summary, Supported, keep_supported, summarised
 from truepose.identification.diagnosis.null_fits import Fits
 from truepose.identification.diagnosis.posterior_summary import Named, Presence
 from truepose.identification.diagnosis.proof import flip_inflation, prove, replications
@@ -30,6 +29,7 @@ from truepose.identification.diagnosis.refit import Choice, Model, chosen_model,
 from truepose.identification.diagnosis.result import (
     NAMED,
     WHOLE,
+    Alarm,
     Alternative,
     Applied,
     Diagnosis,
@@ -39,7 +39,6 @@ from truepose.identification.diagnosis.result import (
     Remainder,
 )
 from truepose.identification.diagnosis.search import Found, chosen
-from truepose.identification.diagnosis.support import Supported, keep_supported
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.summary import FitSummary, summarise
 from truepose.identification.posterior.design import GridPoint

@@ -10,9 +10,8 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from truepose.identification.posterior.conditional import log_gains_together
 from truepose.identification.posterior.design import GridPoint
-from truepose.identification.posterior.marginal import Marginal
+from truepose.identification.posterior.marginal import Marginal, log_gains_together
 from truepose.identification.posterior.spike_slab import Member, Members, SpikeSlab
 from truepose.identification.posterior.state import State, best_point, log_posterior, slot_odds
 from truepose.identification.prior import Richness

@@ -1,23 +1,104 @@
-"""Evidence of sets of terms, and what a further slot may hold: remembered, for a chain comes back to the same sets."""
+"""Evidence of sets of terms, and what a further slot may hold: remembered, for a chain comes back to the same sets.
+
+Work that evidences took, counted in operations: a search that ends by it does the same steps on every processor.
+
+What was worked out and may be asked for again, within a limit of memory.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Generic, TypeVar
 
 import numpy as np
 from scipy.linalg import block_diag
 
 from truepose.arrays import Array, Index, Mask
-from truepose.identification.posterior.conditional import log_gains, plausibility
 from truepose.identification.posterior.design import Design, GridPoint, Unknowns
-from truepose.identification.posterior.large import map_large
-from truepose.identification.posterior.marginal import Marginal, marginal, nbytes
-from truepose.identification.posterior.memory import REMEMBERED, Memory
-from truepose.identification.posterior.terms import Term, Terms
-from truepose.identification.posterior.work import Work
+from truepose.identification.posterior.halves import map_large
+from truepose.identification.posterior.marginal import Marginal, log_gains, marginal, nbytes, plausibility
+from truepose.identification.posterior.terms import SameSize, Term, Terms
 from truepose.identification.prior import LONG, Sizes
+
+CALL, DENSE, SMALL = 1e5, 0.04, 3.0
+"""What counts for one: a call with what is around it, a multiplication among large matrices, one among many small ones.
+In nanoseconds of a processor of 2023, about."""
+
+
+class Work:
+    """Operations that were done."""
+
+    def __init__(self) -> None:
+        self.done = 0.0
+
+    def count_taken(self, columns: int, width: int) -> None:
+        """Add what it takes to take in some columns beside ``width`` others."""
+        self.done += CALL + DENSE * columns**2 * (columns / 3.0 + width)
+
+    def count_left(self, columns: int, taken: int, width: int) -> None:
+        """Add what it takes to leave some of the columns out again that were taken in beside ``width`` others."""
+        self.done += CALL + DENSE * columns * taken * (columns + width)
+
+    def count_weighed(self, groups: Sequence[SameSize], sizes: int) -> None:
+        """Add what it takes to weigh all terms at all sizes."""
+        for group in groups:
+            count, k = group.columns.shape
+            self.done += CALL + count * k**2 * sizes * (SMALL + DENSE * k)
+
+
+REMEMBERED = 80_000_000
+"""Bytes of values that take much memory which are kept."""
+Value = TypeVar("Value")
+
+
+class Memory(Generic[Value]):
+    """The latest so many values, and of those that take much memory no more than fit into ``REMEMBERED``."""
+
+    def __init__(self, limit: int, size: Callable[[Value], int] | None = None) -> None:
+        self._limit, self._values, self._size = max(limit, 4), OrderedDict[Hashable, Value](), size
+        self._sizes, self._total = dict[Hashable, int](), 0
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._values.clear()
+        self._sizes.clear()
+        self._total = 0
+
+    def get_or(self, key: Hashable, make: Callable[[], Value]) -> Value:
+        """The value of a key, made where it is not there."""
+        return self.get_all([key], lambda _: [make()])[0]
+
+    def get_all(
+        self, keys: Sequence[Hashable], make: Callable[[Sequence[int]], Sequence[Value]]
+    ) -> list[Value]:
+        """The values of keys; those that are not there, by their places, are made at once."""
+        new = [k for k, key in enumerate(keys) if key not in self._values]
+        made = dict(zip(new, make(new), strict=True)) if new else {}
+        found = [made[k] if k in made else self._values[key] for k, key in enumerate(keys)]
+        for key, value in zip(keys, found, strict=True):
+            self._values[key] = value
+            self._values.move_to_end(key)
+            self._measure(key, value)
+        while len(self._values) > self._limit or self._total > REMEMBERED:
+            if len(self._values) <= len(keys):
+                break  # what was asked for stays, however large
+            self._let_go()
+        return found
+
+    def _measure(self, key: Hashable, value: Value) -> None:
+        """Values grow while they are used: what one takes is asked anew whenever it is."""
+        if self._size is not None:
+            size = self._size(value)
+            self._total += size - self._sizes.get(key, 0)
+            self._sizes[key] = size
+
+    def _let_go(self) -> None:
+        key, _ = self._values.popitem(last=False)
+        self._total -= self._sizes.pop(key, 0)
+
 
 Member = tuple[int, int]
 """A term and the index of its size."""

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from truepose.files import atomic_directory, atomic_write_text
-from truepose.identification.diagnosis.outliers import far_rows
+from truepose.identification.diagnosis.null_fits import far_rows
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.tool_pose import calibrated_pose

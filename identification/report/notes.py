@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from truepose.identification.diagnosis.outliers import outlying_rows
+from truepose.identification.diagnosis.null_fits import outlying_rows
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.revisits import revisits

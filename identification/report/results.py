@@ -6,9 +6,8 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 from truepose.errors import InputError
-from truepose.identification.diagnosis.alarm import Alarm
-from truepose.identification.diagnosis.outliers import FarRow
-from truepose.identification.diagnosis.result import Applied, Diagnosis, PoseError, Proof, Remainder
+from truepose.identification.diagnosis.null_fits import FarRow
+from truepose.identification.diagnosis.result import Alarm, Applied, Diagnosis, PoseError, Proof, Remainder
 from truepose.identification.fit.absurd import judged
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.estimate import Estimate

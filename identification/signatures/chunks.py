@@ -19,9 +19,8 @@ from truepose.arrays import Index
 from truepose.errors import InputError
 from truepose.identification.prediction.predictor import BLOCK
 from truepose.identification.recording.recording import Recording
-from truepose.identification.signatures.forms import Forms
-from truepose.identification.signatures.point import Point
-from truepose.identification.signatures.row_columns import RowColumns, Sums
+from truepose.identification.signatures.linearisation import Forms
+from truepose.identification.signatures.row_columns import Point, RowColumns, Sums
 from truepose.models.file.driver import PAYLOAD
 from truepose.models.registry import load_once, loaded_plugins
 from truepose.pool import numbered, present

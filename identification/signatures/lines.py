@@ -4,12 +4,18 @@ A joint that errs by a sin(k q) + b cos(k q) moves the readings by its own deriv
 what chi2 falls by where one order is fitted by itself (Lomb 1976, Astrophys. Space Sci. 39:447; weights: Zechmeister and
 Kurster 2009, Astron. Astrophys. 496:577), for all whole orders at once, as sums over bins of a turn. It proposes what could
 pay its price, the prior; evidence judges.
+
+Finer values of continuous settings around those of the likeliest set.
+
+Some settings are points of a continuum (the lag of a warm part), of which the catalogue holds a few values. Where one of them
+is part of the likeliest set, values on both sides of it become candidates too, and the posterior is drawn among all of them;
+the next time half as far from the best one.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,6 +28,50 @@ from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.series import over_arc
 from truepose.models.effects.transmission_error import HIGHEST_ORDER, SERIES, TransmissionError
 from truepose.models.file.setting_range import HARMONIC
+from truepose.models.machine.machine import Machine
+
+PARTS, CLOSE = 4, 0.02
+"""Into how many parts the way to a neighbour is divided by new values, and the share of a value within which a neighbour is as
+good."""
+
+
+def refined(machine: Machine, cat: Catalogue, accepted: Iterable[int]) -> Catalogue:
+    """The catalogue with values around those of accepted candidates; the very same one where nothing is to be added."""
+    for index in [i for i in accepted if i not in cat.stated]:
+        for name in cat.candidates[index].effect.continuous:
+            added = _between(machine, cat, index, name)
+            if added:
+                cat = cat.with_more(added, [index])
+    return cat
+
+
+def _between(machine: Machine, cat: Catalogue, index: int, name: str) -> list[PlacedEffect]:
+    """Candidates with values of a setting between a candidate's own and its neighbours on both sides."""
+    here = cat.candidates[index]
+    if name not in here.settings_map:
+        return []
+    own, rest = float(here.settings_map[name]), dict(here.settings_map) | {name: 0.0}
+    values = [
+        float(c.settings_map[name])
+        for c in cat.candidates
+        if c.at_place == here.at_place and name in c.settings_map
+        if dict(c.settings_map) | {name: 0.0} == rest
+    ]
+    near = [
+        max((v for v in values if v < own), default=own),
+        min((v for v in values if v > own), default=own),
+    ]
+    new = [
+        float(f"{own + share * (other - own):.3g}")
+        for other in near
+        if abs(other - own) > CLOSE * max(abs(own), abs(other))
+        for share in np.arange(1, PARTS) / PARTS
+    ]
+    labels = {c.label for c in cat.candidates}
+    settings = [dict(here.settings_map) | {name: value} for value in dict.fromkeys(new)]
+    made = [PlacedEffect.at(here.effect, machine, here.place, one) for one in settings]
+    return [placed for placed in made if placed.label not in labels]
+
 
 FINEST = 4096
 """Highest order that is looked for: 2^12, twenty cycles of a motor behind a gear of 200."""
@@ -167,6 +217,3 @@ def _with(cat: Catalogue, joint: str, new: list[tuple[PlacedEffect, float]]) -> 
     added, shares = zip(*new, strict=True)
     log_prior = (*cat.log_prior, *(one + float(np.log(w)) for w in shares))
     return replace(cat, candidates=(*cat.candidates, *added), log_prior=log_prior)
-
-
-__all__ = ["Spectrum", "proposed", "spectrum"]

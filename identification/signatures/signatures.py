@@ -17,12 +17,9 @@ from truepose.identification.fit.tolerance_classes import part_classes
 from truepose.identification.fit.turn import seen_directions
 from truepose.identification.posterior.spike_slab import UNSEEN
 from truepose.identification.prediction.sensor_rows import Block
-from truepose.identification.signatures.arcs import series_ports
 from truepose.identification.signatures.chunks import summed
-from truepose.identification.signatures.forms import Forms
-from truepose.identification.signatures.linearisation import Linearisation
-from truepose.identification.signatures.point import Point
-from truepose.identification.signatures.row_columns import RowColumns, parted
+from truepose.identification.signatures.linearisation import Forms, Linearisation
+from truepose.identification.signatures.row_columns import Point, RowColumns, parted, series_ports
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine.placed import EffectAtPlace
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 import truepose.models
 from support.effects import with_effect
 from support.exact_fits import fit_at, read
-from truepose.identification.diagnosis.outliers import outlying_rows
+from truepose.identification.diagnosis.null_fits import outlying_rows
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording

@@ -11,7 +11,7 @@ from scipy.special import expit
 
 from truepose.arrays import Array, Mask
 from truepose.identification.leaves.drift.movement_problem import Kinds, Stack, movement_problem
-from truepose.identification.posterior.conditional import log_gains
+from truepose.identification.posterior.marginal import log_gains
 from truepose.identification.posterior.mode import climbed, nearest_top
 from truepose.identification.posterior.posterior import Posterior, class_probability, mode, sample
 from truepose.identification.posterior.spike_slab import Member, SpikeSlab

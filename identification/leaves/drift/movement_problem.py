@@ -25,8 +25,7 @@ from truepose.identification.fit.tolerance_classes import PartClass, part_classe
 from truepose.identification.leaves.drift.sessions import Linear
 from truepose.identification.posterior.design import Always, Design, Unknowns
 from truepose.identification.posterior.spike_slab import SpikeSlab
-from truepose.identification.posterior.terms import Term, Terms
-from truepose.identification.posterior.urn import Urn
+from truepose.identification.posterior.terms import Term, Terms, Urn
 from truepose.models.machine.machine import FRAME_OF, Machine
 from truepose.models.machine.parameters import like_parts, vector_of
 

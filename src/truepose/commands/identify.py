@@ -143,7 +143,7 @@ def _calibration_written(
     result: Calibration, caution: Caution, output: Path, say: Callable[[str], None]
 ) -> tuple[dict[str, Any], list[str]]:
     """Write the results into ``output``; what is told of them, for --json and in lines."""
-    from truepose.identification.diagnosis.outliers import far_rows
+    from truepose.identification.diagnosis.null_fits import far_rows
     from truepose.identification.fit.tool_pose import calibrated_pose
     from truepose.identification.report.files import write_calibration
     from truepose.identification.report.lines import caution_lines

@@ -17,7 +17,7 @@ from scipy.stats import binom, kstest
 
 from support.shifting_bench import Bench, clock, the_only
 from truepose.identification.diagnosis import alarms
-from truepose.identification.diagnosis.conflict import conflict_with_tolerances
+from truepose.identification.diagnosis.alarms import conflict_with_tolerances
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import FREE_WIDENING, estimate, prior_of
 from truepose.identification.recording.load import load_recording

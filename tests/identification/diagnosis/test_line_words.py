@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from support.sensor_bench import ARM, HEAD
-from truepose.identification.diagnosis.line_words import common_ratio, line_words
+from truepose.identification.diagnosis.findings import common_ratio, line_words
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine

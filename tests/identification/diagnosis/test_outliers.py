@@ -15,7 +15,7 @@ from scipy.stats import chi2
 
 from support.recordings import rows_of
 from support.sensor_bench import Bench
-from truepose.identification.diagnosis.outliers import (
+from truepose.identification.diagnosis.null_fits import (
     clustered,
     far_rows,
     outlying_rows,

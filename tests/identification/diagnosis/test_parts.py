@@ -14,7 +14,8 @@ from scipy.stats import chi2, kstest
 from scipy.stats import f as fisher
 
 from support.sensor_bench import Bench
-from truepose.identification.diagnosis import alarms, structure_sums
+from truepose.identification.diagnosis import alarms
+from truepose.identification.diagnosis import alarms as structure_sums
 from truepose.identification.diagnosis.alarms import replicate_noise, residual_alarm, structure_alarm
 from truepose.identification.diagnosis.findings import remainder_of_residuals
 from truepose.identification.fit.estimate import Estimate, estimate

@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 from support.effect_machines import read_machines
 from support.effects import with_effect
 from support.sensor_bench import Bench
-from truepose.identification.diagnosis import black_box as black_box_module
-from truepose.identification.diagnosis.black_box import Waves, black_box, linear_test
+from truepose.identification.diagnosis import proof as black_box_module
 from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks, ratio_interval
-from truepose.identification.diagnosis.proof import injected_recovered
+from truepose.identification.diagnosis.proof import Waves, black_box, injected_recovered, linear_test
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.selection_problem import selection_problem
 from truepose.identification.fit.estimate import Estimate, estimate

@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import chi2, kstest
 
-from truepose.identification.diagnosis import structure_sums
-from truepose.identification.diagnosis.structure_sums import Functions, StructureSums
+from truepose.identification.diagnosis import alarms as structure_sums
+from truepose.identification.diagnosis.alarms import Functions, StructureSums
 
 Array = NDArray[np.float64]
 ROWS, CHANNELS = 57, 2

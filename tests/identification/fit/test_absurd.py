@@ -16,7 +16,7 @@ from typer.testing import CliRunner, Result
 import truepose
 from support.examples import examples
 from truepose.cli import app
-from truepose.identification.diagnosis.outliers import far_rows
+from truepose.identification.diagnosis.null_fits import far_rows
 from truepose.identification.fit.absurd import GROSS, judged, judged_diagnosis
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.estimate import Estimate, estimate, wrapped

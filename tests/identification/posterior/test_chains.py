@@ -25,15 +25,13 @@ from support.linear_problems import (
     single,
     spike_slab,
 )
-from truepose.identification.posterior import plausible as finding
 from truepose.identification.posterior import posterior as chains
+from truepose.identification.posterior import sampler as finding
 from truepose.identification.posterior import sampler as sampling
-from truepose.identification.posterior.chains import Chains
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.mode import climbed
-from truepose.identification.posterior.plausible import plausible
-from truepose.identification.posterior.posterior import Posterior, class_probability, mode, sample
-from truepose.identification.posterior.sampler import Chain, Reach
+from truepose.identification.posterior.posterior import Chains, Posterior, class_probability, mode, sample
+from truepose.identification.posterior.sampler import Chain, Reach, plausible
 from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.posterior.state import State, best_point, log_posterior
 from truepose.identification.posterior.terms import Term, Terms

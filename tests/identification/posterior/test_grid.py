@@ -25,9 +25,8 @@ from support.linear_problems import (
 from truepose.identification.posterior import posterior as chains
 from truepose.identification.posterior.design import Always, Axis, GridPoint, Unknowns
 from truepose.identification.posterior.mode import climbed, nearest_top
-from truepose.identification.posterior.plausible import CERTAIN, HOPELESS, Plausible, plausible
 from truepose.identification.posterior.posterior import sample
-from truepose.identification.posterior.sampler import Chain, Reach
+from truepose.identification.posterior.sampler import CERTAIN, HOPELESS, Chain, Plausible, Reach, plausible
 from truepose.identification.posterior.spike_slab import Members, SpikeSlab
 from truepose.identification.posterior.state import State, log_posterior
 from truepose.identification.posterior.terms import Term, Terms

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from support.reports import NAN, gear_finding, of, rows, summary
-from truepose.identification.diagnosis.alarm import Alarm
 from truepose.identification.diagnosis.result import (
     UNNAMED,
+    Alarm,
     Alternative,
     Applied,
     Diagnosis,

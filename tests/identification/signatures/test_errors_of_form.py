@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from support.sensor_bench import Bench
 from truepose.identification.prior import FORM_ERROR
 from truepose.identification.recording.recording import Recording
-from truepose.identification.signatures.forms import Forms
+from truepose.identification.signatures.linearisation import Forms
 from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from support.sensor_bench import Bench
 from truepose.identification.diagnosis.engine import diagnose
-from truepose.identification.diagnosis.line_words import common_ratio
+from truepose.identification.diagnosis.findings import common_ratio
 from truepose.identification.diagnosis.null_fits import null_fits
 from truepose.identification.fit.estimate import Estimate, estimate
 from truepose.identification.prediction.simulate import simulate

@@ -14,8 +14,7 @@ from scipy.special import logsumexp
 
 from truepose.identification.posterior.design import Always, Axis, Design, GridPoint, Unknowns
 from truepose.identification.posterior.spike_slab import NOTICED, Members, SpikeSlab
-from truepose.identification.posterior.terms import Term, Terms
-from truepose.identification.posterior.urn import Urn
+from truepose.identification.posterior.terms import Term, Terms, Urn
 from truepose.identification.prior import Richness, Sizes
 
 Array = NDArray[np.float64]

@@ -11,8 +11,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from truepose.identification.diagnosis.alarm import Alarm
 from truepose.identification.diagnosis.result import (
+    Alarm,
     Alternative,
     BlockProof,
     Diagnosis,
