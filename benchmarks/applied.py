@@ -27,7 +27,7 @@ from challenge.battery.recorded import compared, read
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.diagnosis.refit import DRAWING, ORDINARY, Choice, Model
 from truepose.identification.diagnosis.result import WHOLE, Diagnosis
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine
 

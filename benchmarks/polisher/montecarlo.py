@@ -1,7 +1,7 @@
 """Least squares against Liu over many noise draws (eqs. 11-14, 17, 18), with the estimate under tolerances beside them.
 
 One robot's displacements come from the simulator, noise from 10^4 draws; each estimator is a handful of matrix
-products on one decomposition (``truepose.identification.fit.biased``).
+products on one decomposition (``truepose.identification.fit.relinearised``).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from functools import cache, partial
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from truepose.identification.fit import biased
+from truepose.identification.fit import relinearised as biased
 
 from . import ranks, regression
 from . import workspace as ws

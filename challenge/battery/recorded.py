@@ -20,7 +20,7 @@ from challenge.examinee import DIAGNOSIS
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from truepose.identification.fit.estimate import Estimate
+    from truepose.identification.fit.estimated import Estimate
     from truepose.identification.fit.tool_pose import ToolPoints
     from truepose.identification.recording.recording import Recording
     from truepose.models.machine.machine import Machine

@@ -16,7 +16,8 @@ import casadi as ca
 import numpy as np
 
 from truepose.arrays import Array
-from truepose.codegen.evaluation.compiled import NotCompiledError, load
+from truepose.codegen.evaluation.compiled import load
+from truepose.codegen.evaluation.compiler import NotCompiledError
 from truepose.codegen.evaluation.engine import Engine, engine_for, without_compiler
 from truepose.codegen.evaluation.rowinputs import RowInputs, pointers, rows_of, scratch
 from truepose.codegen.evaluation.rowwise import RowWise, rowwise
@@ -172,6 +173,3 @@ def _stores(sizes: Sequence[int]) -> str:
 
 def _memory(item: Array) -> memoryview[float]:
     return memoryview(item.data).cast("B").cast("d")
-
-
-__all__ = ["BatchFunction", "Engine"]

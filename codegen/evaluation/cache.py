@@ -155,6 +155,3 @@ def _loaded(path: Path, functions: Sequence[str]) -> ctypes.CDLL:
 
 def _digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()[:32]
-
-
-__all__ = ["LibraryCache", "library_cache"]

@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 
 from truepose.codegen.evaluation.cache import library_cache
-from truepose.codegen.evaluation.compiler import Compiler, NotCompiledError, compiler_of
+from truepose.codegen.evaluation.compiler import NotCompiledError, compiler_of
 
 FLAGS = ("-std=c99", "-O2", "-march=native", "-fno-math-errno", "-shared", "-fPIC")
 FUSED = {False: "-ffp-contract=off", True: "-ffp-contract=fast"}
@@ -53,6 +53,3 @@ def _processor() -> str:
             {line for line in lines if line.startswith(("flags", "Features", "model name", "CPU part"))}
         )
     return "\n".join(told)
-
-
-__all__ = ["Compiler", "NotCompiledError", "load"]

@@ -179,6 +179,3 @@ def _end(program: subprocess.Popen[bytes]) -> None:
 def _one_line(text: str) -> str:
     """A text of others as it may stand in a message."""
     return "".join(letter if letter.isprintable() else "?" for letter in text.strip())[:_LONGEST]
-
-
-__all__ = ["COMPILERS", "Compiler", "NotCompiledError", "compiler_of"]

@@ -51,6 +51,3 @@ def log_once(why: str) -> None:
     logging.getLogger(__name__).warning(
         "%s: large recordings are evaluated by CasADi's virtual machine, more slowly", why
     )
-
-
-__all__ = ["Engine", "engine_for", "log_once", "without_compiler"]

@@ -17,7 +17,8 @@ import numpy as np
 
 from truepose.arrays import Array, Index
 from truepose.codegen.evaluation.batch import BatchFunction, loads
-from truepose.codegen.evaluation.compiled import NotCompiledError, load
+from truepose.codegen.evaluation.compiled import load
+from truepose.codegen.evaluation.compiler import NotCompiledError
 from truepose.codegen.evaluation.engine import Engine, engine_for, without_compiler
 from truepose.codegen.evaluation.rowinputs import RowInputs, pointers, rows_of, scratch
 from truepose.codegen.evaluation.rowwise import RowWise, rowwise
@@ -269,6 +270,3 @@ static __attribute__((noinline)) void {_name(*kind)}(const lanes *a, const lanes
 {add}    }}
 {end}}}
 """
-
-
-__all__ = ["Gram", "GramFunction"]

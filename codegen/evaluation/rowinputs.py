@@ -75,6 +75,3 @@ def scratch(lanes: int, reals: int = 0) -> Array:
     raw = np.empty(WIDEST * (lanes + 1) + reals)
     first = (-raw.ctypes.data % (8 * WIDEST)) // 8
     return raw[first:]
-
-
-__all__ = ["RowInputs", "pointers", "rows_of", "scratch"]

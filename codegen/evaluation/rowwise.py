@@ -92,6 +92,3 @@ def _functions(
     if local:
         calls = f"    real {local[0].split('*')[-1]}[{max(local[1], 1)}];\n{calls}"
     return f"{text}\nstatic void {name}({', '.join(arguments)})\n{{\n{calls}}}\n"
-
-
-__all__ = ["RowWise", "rowwise"]

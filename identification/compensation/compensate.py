@@ -17,19 +17,14 @@ from dataclasses import replace
 import numpy as np
 
 from truepose.arrays import Array, Mask
+from truepose.codegen.evaluation.compiled import NotCompiledError
 from truepose.errors import InputError
-from truepose.identification.compensation.compiled import (
-    CompiledKinematics,
-    NotCompiledError,
-    base_frame,
-    shared_out,
-)
+from truepose.identification.compensation.compiled import CompiledKinematics, base_frame, shared_out
 from truepose.identification.compensation.inverse import MET
 from truepose.identification.compensation.rows import (
     Compensation,
     Follower,
     Method,
-    ideal_constants,
     twists_between,
 )
 from truepose.identification.recording.load import Sources, as_recording
@@ -154,6 +149,3 @@ class _Way:
         out: Array = self._base[:3, :3] @ poses
         out[:, :, 3] += self._base[:3, 3]
         return out
-
-
-__all__ = ["COMPILED_FROM", "METHODS", "Compensation", "Method", "compensate", "ideal_constants"]

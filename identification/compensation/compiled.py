@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from truepose.arrays import Array, Mask
 from truepose.codegen.c import render
-from truepose.codegen.evaluation.compiled import NotCompiledError, load
+from truepose.codegen.evaluation.compiled import load
+from truepose.codegen.evaluation.compiler import NotCompiledError
 from truepose.errors import InputError
 from truepose.models import lie
 from truepose.models.machine.machine import Machine
@@ -111,6 +112,3 @@ def shared_out(part: Callable[[slice], None], count: int, block: int) -> None:
 
 def _rows(array: Array) -> Array:
     return np.ascontiguousarray(array, dtype=np.float64)
-
-
-__all__ = ["CompiledKinematics", "NotCompiledError", "base_frame", "shared_out"]

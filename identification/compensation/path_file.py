@@ -30,6 +30,3 @@ def csv_text(frame: pd.DataFrame) -> str:
 
 def _is_plain(column: pd.Series[Any]) -> bool:
     return column.dtype in (np.float64, np.int64, np.object_) or isinstance(column.dtype, pd.StringDtype)
-
-
-__all__ = ["csv_text"]

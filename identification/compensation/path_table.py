@@ -15,16 +15,12 @@ import numpy as np
 import pandas as pd
 
 from truepose.arrays import Array, Index, Mask
+from truepose.codegen.evaluation.compiled import NotCompiledError
 from truepose.errors import InputError
-from truepose.identification.compensation.compensate import COMPILED_FROM, Compensation, ideal_constants
-from truepose.identification.compensation.compiled import (
-    CompiledKinematics,
-    NotCompiledError,
-    base_frame,
-    shared_out,
-)
+from truepose.identification.compensation.compensate import COMPILED_FROM
+from truepose.identification.compensation.compiled import CompiledKinematics, base_frame, shared_out
 from truepose.identification.compensation.inverse import MET, Inverse, PoseSolver, Reach
-from truepose.identification.compensation.rows import twists_between
+from truepose.identification.compensation.rows import Compensation, ideal_constants, twists_between
 from truepose.identification.recording.angle_range import unfold_readings
 from truepose.identification.recording.joint_column import JointColumn, column_unit
 from truepose.identification.recording.load import joint_columns
@@ -189,6 +185,3 @@ def _check_reach(table: Table, rows: Index, found: Inverse) -> None:
         f"{table.file}: row {rows[row] + 1}: found a pose that the nominal machine cannot take ({why}), "
         "expected one within reach"
     )
-
-
-__all__ = ["POSE", "commands", "load_path", "whole_turns"]

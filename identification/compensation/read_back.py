@@ -34,6 +34,3 @@ def check_commands(file: Path, machine: Machine, command: Array, name: str) -> N
             f"{name}: what was to be written reads as another path: row {row + 1}: {machine.mechanism.readings[k]} is "
             f"{float(found[row, k])!r}, expected {float(command[row, k])!r} (mm, rad)"
         )
-
-
-__all__ = ["check_commands"]

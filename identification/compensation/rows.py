@@ -260,6 +260,3 @@ def _displaced(poses: Array, twist: Array) -> Array:
     out[:, :3, 3] += twist[:, :3]
     out[:, :3, :3] = lie.exp_so3(twist[:, 3:]) @ poses[:, :3, :3]
     return out
-
-
-__all__ = ["Compensation", "Follower", "Index", "Method", "ideal_constants", "joined", "twists_between"]

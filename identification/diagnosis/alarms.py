@@ -34,9 +34,10 @@ from scipy.stats import f as fisher
 from truepose.arrays import Array, Index
 from truepose.identification.diagnosis.null_fits import CHANCE
 from truepose.identification.diagnosis.result import Alarm
-from truepose.identification.fit.estimate import FREE_WIDENING, Estimate
-from truepose.identification.prediction.blocks import TOGETHER
+from truepose.identification.fit.estimate import FREE_WIDENING
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.prediction.sensor_rows import TOGETHER
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.linearisation import Linearisation
 from truepose.models.machine.smooth import orthonormal, powers, scaled, waves

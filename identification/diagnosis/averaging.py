@@ -22,8 +22,9 @@ from truepose.arrays import Array, Mask
 from truepose.identification.diagnosis.posterior_summary import LEADING
 from truepose.identification.diagnosis.refit import FEW
 from truepose.identification.diagnosis.search import Found, chosen, start_from
-from truepose.identification.fit.bounded import coefficient_bounds
-from truepose.identification.fit.estimate import Estimate, result
+from truepose.identification.fit.bounds import coefficient_bounds
+from truepose.identification.fit.estimate import result
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.problem import Prior, Problem, prior_of
 from truepose.identification.posterior.state import State, moments, typical
 from truepose.identification.prediction.predictor import FIT, Predictor

@@ -25,7 +25,7 @@ from truepose.identification.diagnosis.result import (
     Remainder,
     Replication,
 )
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.models.effects.base import PlacedEffect, effects

@@ -14,7 +14,8 @@ from scipy.stats import norm
 from truepose.arrays import Array, Mask
 from truepose.errors import ConvergenceError, InputError
 from truepose.identification.diagnosis.result import BlockProof, PoseError
-from truepose.identification.fit.estimate import Estimate, Minimum, fit_without
+from truepose.identification.fit.estimate import Minimum, fit_without
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.tool_pose import tool_points
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.recording import Recording

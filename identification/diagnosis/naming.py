@@ -35,7 +35,7 @@ from truepose.identification.diagnosis.posterior_summary import (
 from truepose.identification.diagnosis.result import NAMED, Replication
 from truepose.identification.diagnosis.rivals import beside_untested, forms_hold, without_untested
 from truepose.identification.diagnosis.search import Found, chosen
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.posterior.state import slot_odds, supports
 from truepose.identification.signatures.untestable import Untestable
 from truepose.models.effects.empirical import Empirical

@@ -20,9 +20,9 @@ from truepose.arrays import Array, Index, Mask
 from truepose.errors import ConvergenceError
 from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.calibrate import Calibration
-from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, estimate
-from truepose.identification.prediction.lost import told
-from truepose.identification.prediction.predictor import FIT, Predictor
+from truepose.identification.fit.estimate import FREE_WIDENING, estimate
+from truepose.identification.fit.estimated import Estimate
+from truepose.identification.prediction.predictor import FIT, Predictor, told
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine
 from truepose.models.sensors.distance import Distance

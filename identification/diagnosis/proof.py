@@ -25,7 +25,7 @@ from truepose.identification.diagnosis.posterior_summary import Named
 from truepose.identification.diagnosis.result import NAMED, Proof, Replication
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.selection_problem import selection_problem, weighed_alone
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.posterior.design import Design
 from truepose.identification.posterior.mode import nearest_top
 from truepose.identification.posterior.spike_slab import SpikeSlab

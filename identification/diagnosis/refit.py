@@ -28,8 +28,9 @@ from truepose.identification.diagnosis.holdout import (
 from truepose.identification.diagnosis.null_fits import Fits
 from truepose.identification.diagnosis.result import WHOLE
 from truepose.identification.diagnosis.search import Found, noise_at, start_from
-from truepose.identification.fit.bounded import within_bounds
-from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.bounds import within_bounds
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.problem import Prior, prior_of
 from truepose.identification.fit.summary import worst_allowed
 from truepose.identification.fit.tolerance_classes import WEIGHED, part_classes

@@ -10,8 +10,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from truepose.identification.diagnosis.place_evidence import PlaceEvidence
-from truepose.identification.fit.estimate import Estimate
-from truepose.identification.fit.fitted import Fitted
+from truepose.identification.fit.estimated import Estimate, Fitted
 from truepose.identification.fit.summary import FitSummary
 from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.recording.recording import Recording

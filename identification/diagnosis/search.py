@@ -16,7 +16,8 @@ from truepose.identification.diagnosis.selection_problem import (
     selection_problem,
     weighed_alone,
 )
-from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.posterior.mode import climbed
 from truepose.identification.posterior.posterior import ROUNDS, Posterior, Sampling, mode
 from truepose.identification.posterior.spike_slab import LONG_SET, SpikeSlab

@@ -24,7 +24,8 @@ from truepose.identification.diagnosis.search import (
     settled,
     start_from,
 )
-from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.prior import STATED
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue
@@ -150,6 +151,3 @@ def _fitted(near: Expansion, recording: Recording) -> tuple[Mask, Estimate | Non
 def _far(fit: Estimate, recording: Recording) -> Mask:
     """Rows (n,) that were to be fitted and are far off."""
     return outlying_rows(fit, recording, ~recording.validation)
-
-
-__all__ = ["FITTING", "WEIGHING", "fewer_rows", "first", "further", "sizes", "stages"]

@@ -39,7 +39,7 @@ from truepose.identification.diagnosis.result import (
     Remainder,
 )
 from truepose.identification.diagnosis.search import Found, chosen
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.summary import FitSummary, summarise
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.prior import STATED

@@ -3,7 +3,7 @@
 ``map`` holds parameters by their tolerances; ``huber`` is ``map`` with a loss that bends for outliers.
 ``ols`` trusts readings alone (directions they do not see stay at the drawing); ``liu``, ``ridge`` and ``pcr``
 do so too, but give up a little of their unbiasedness where columns are nearly dependent
-(``truepose.identification.fit.biased``).
+(``truepose.identification.fit.relinearised``).
 
 ``gn`` starts undamped, ``lm`` damped; where one finds no minimum the other is tried, and a note says so.
 ``ipopt`` keeps bounds and takes the passive joints as unknowns (``truepose.identification.fit.simultaneous``).
@@ -21,18 +21,16 @@ import numpy as np
 
 from truepose.arrays import Array
 from truepose.errors import ConvergenceError, InputError
-from truepose.identification.fit.absurd import Judgement, judged
 from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.bounds import Bounds, bounds_of
-from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, blame, estimate, result
-from truepose.identification.fit.fitted import Fitted
-from truepose.identification.fit.only import held_but, kept_covariance, prior_but, with_zeros
+from truepose.identification.fit.estimate import FREE_WIDENING, blame, estimate, result, untied
+from truepose.identification.fit.estimated import Estimate, Fitted
 from truepose.identification.fit.problem import Prior, Problem, prior_of
 from truepose.identification.fit.reading_errors import estimate_reading_errors
 from truepose.identification.fit.relinearised import TUNING, Scaling, relinearised
-from truepose.identification.fit.set_ups import with_set_ups
+from truepose.identification.fit.set_ups import held_but, kept_covariance, prior_but, with_set_ups, with_zeros
 from truepose.identification.fit.simultaneous import simultaneous
-from truepose.identification.fit.widening import untied
+from truepose.identification.fit.summary import Judgement, judged
 from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.load import Sources, as_recording
@@ -108,7 +106,7 @@ def calibrate(
     """Fit the machine with the effects of its file; a path, a DataFrame or a dict of columns is a recording, too.
 
     ``only``: frames, parts or constants (``base``, ``q4``, ``q4.theta``), or the zeros of all joints (``offset``), that alone
-    are fitted; all else, effects included, is held as the file has it (``truepose.identification.fit.only``).
+    are fitted; all else, effects included, is held as the file has it (``truepose.identification.fit.set_ups``).
 
     ``scaling`` is the unit of the columns of ``liu``, ``ridge`` and ``pcr``, on which their bias depends, and
     ``tuning`` Liu's d, ridge's k or the number of components where it is not to be chosen by rule (see
@@ -296,6 +294,3 @@ def _left_out(fit: Estimate, recording: Recording) -> list[str]:
         f"{recording.where(k)}: the mechanism cannot be assembled there; the row was left out"
         for k in fit.unassembled
     ]
-
-
-__all__ = ["ESTIMATORS", "SCALINGS", "SOLVERS", "Calibration", "calibrate"]

@@ -107,6 +107,3 @@ def _inverse(slopes: Array) -> Array:
     size = np.sqrt(np.mean(np.sum(slopes**2, axis=1), axis=0))
     scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
     return np.asarray(scale[:, None] * np.linalg.pinv(slopes * scale, rcond=LEAST_MOVEMENT))
-
-
-__all__ = ["estimate_reading_errors"]

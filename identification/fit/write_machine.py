@@ -19,11 +19,10 @@ import numpy as np
 
 from truepose.errors import InputError
 from truepose.files import atomic_write_text
-from truepose.identification.fit.absurd import Judgement, judged
-from truepose.identification.fit.estimate import Estimate
-from truepose.identification.fit.estimated import check_estimate
+from truepose.identification.fit.estimated import Estimate, check_estimate
 from truepose.identification.fit.noise import unexplained
 from truepose.identification.fit.read_back import read_back
+from truepose.identification.fit.summary import Judgement, judged
 from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
@@ -284,13 +283,3 @@ def _unshared(value: Any) -> Any:
     if isinstance(value, Sequence) and not isinstance(value, str):
         return [_unshared(item) for item in value]
     return value
-
-
-__all__ = [
-    "calibrated_document",
-    "calibrated_text",
-    "covariance_of",
-    "effect_entry",
-    "in_file_units",
-    "write_calibrated",
-]

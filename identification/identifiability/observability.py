@@ -14,7 +14,8 @@ import numpy as np
 
 from truepose.arrays import Array, Mask
 from truepose.identification.fit.decomposition import TAKES_PART, Decomposition
-from truepose.identification.fit.estimate import Estimate, Prior
+from truepose.identification.fit.estimated import Estimate
+from truepose.identification.fit.problem import Prior
 from truepose.models.machine.machine import FRAME_OF
 
 LEAST_GAIN = 0.5

@@ -12,7 +12,7 @@ import numpy as np
 
 from truepose.arrays import Array
 from truepose.identification.fit.decomposition import ROUNDING, Decomposition
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 
 TIE = 1e-6
 """Columns whose lengths agree to this share are equal: the first in order is taken, whatever rounding says."""

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from truepose.arrays import Array, Index, Mask
 from truepose.codegen.evaluation.batch import BatchFunction
-from truepose.identification.prediction.blocks import TOGETHER
+from truepose.identification.prediction.sensor_rows import TOGETHER
 from truepose.models.machine.closure import ROUNDS, closed
 from truepose.models.machine.home import coordinate_scale, slides_of
 from truepose.models.machine.kinematics import SymbolicModel

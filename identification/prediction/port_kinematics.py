@@ -120,6 +120,3 @@ def twists_by(world: ca.SX, *variables: ca.SX) -> list[ca.SX]:
     """(6, v) derivatives of a pose (4, 4), as twists, by each vector of variables."""
     flat, turn = ca.vec(world[:3, :]), twist_rows(world)
     return [turn @ ca.jacobian(flat, by) for by in variables]
-
-
-__all__ = ["PortKinematics", "twist_rows", "twists_by"]

@@ -12,8 +12,13 @@ import pandas as pd
 from truepose.errors import InputError
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.calibrate import Calibration
-from truepose.identification.fit.estimate import Estimate
-from truepose.identification.fit.fitted import Fitted, machine_of, residual_figure, residual_frame
+from truepose.identification.fit.estimated import (
+    Estimate,
+    Fitted,
+    machine_of,
+    residual_figure,
+    residual_frame,
+)
 from truepose.identification.fit.tool_pose import calibrated_pose
 from truepose.identification.fit.write_machine import calibrated_text
 from truepose.identification.report.applied_words import expected_pose

@@ -8,8 +8,8 @@ import numpy as np
 
 from truepose.identification.diagnosis.null_fits import outlying_rows
 from truepose.identification.diagnosis.result import Diagnosis
-from truepose.identification.fit.estimate import Estimate
-from truepose.identification.fit.revisits import revisits
+from truepose.identification.fit.estimated import Estimate
+from truepose.identification.fit.repeatability import revisits
 from truepose.identification.fit.summary import rms_by_kind
 from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.identifiability.note import Note

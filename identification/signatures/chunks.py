@@ -124,6 +124,3 @@ def _worked_out(task: _Task) -> Sums:
 @lru_cache(maxsize=KEPT)
 def _built(alike: bytes) -> RowColumns:
     return RowColumns(*pickle.loads(alike))
-
-
-__all__ = ["CHUNK", "in_turn", "summed"]

@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from truepose.arrays import Array
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effects.base import PlacedEffect

@@ -36,9 +36,8 @@ from itertools import pairwise
 import numpy as np
 
 from truepose.arrays import Array, Index, Mask
-from truepose.identification.fit.estimate import Estimate
-from truepose.identification.prediction.by_ports import ByPorts, Part
-from truepose.identification.prediction.gram_sum import GramSum
+from truepose.identification.fit.estimated import Estimate
+from truepose.identification.prediction.by_ports import ByPorts, GramSum, Part
 from truepose.identification.prediction.predictor import BLOCK, Predictor
 from truepose.identification.prediction.sensor_rows import Block
 from truepose.identification.prior import LONG

@@ -12,7 +12,7 @@ from copy import copy
 import numpy as np
 
 from truepose.arrays import Array, Index
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.tolerance_classes import part_classes
 from truepose.identification.fit.turn import seen_directions
 from truepose.identification.posterior.spike_slab import UNSEEN

@@ -15,7 +15,7 @@ from truepose.cli import app
 from truepose.commands.judgement import refuse
 from truepose.commands.progress import quietly
 from truepose.errors import InputError
-from truepose.identification.fit.absurd import Judgement
+from truepose.identification.fit.summary import Judgement
 from truepose.identification.leaves.fleet.work import Options
 from truepose.pool import Cores
 from truepose.threads import cores

@@ -21,7 +21,8 @@ from support.generated_c import COMPILER, needs_compiler
 from truepose.codegen.evaluation import compiler, engine
 from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.codegen.evaluation.cache import library_cache
-from truepose.codegen.evaluation.compiled import NotCompiledError, load
+from truepose.codegen.evaluation.compiled import load
+from truepose.codegen.evaluation.compiler import NotCompiledError
 from truepose.identification.fit.calibrate import calibrate
 
 SOURCE = "int three(void);\nint three(void) { return 3; }\n"

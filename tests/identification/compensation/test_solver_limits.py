@@ -13,9 +13,10 @@ from scipy.spatial.transform import Rotation
 
 from support import MACHINES
 from support.calibrated_machines import POLISHER, SIX_AXES, calibrated, path_file
+from truepose.codegen.evaluation.compiled import NotCompiledError
 from truepose.errors import InputError
 from truepose.identification.compensation.compensate import compensate
-from truepose.identification.compensation.compiled import CompiledKinematics, NotCompiledError, shared_out
+from truepose.identification.compensation.compiled import CompiledKinematics, shared_out
 from truepose.identification.compensation.inverse import MET, PoseSolver, Reach, loop_scales, pose_gap
 from truepose.identification.compensation.path_file import csv_text
 from truepose.identification.compensation.path_table import commands, load_path

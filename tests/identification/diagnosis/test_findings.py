@@ -22,7 +22,7 @@ from truepose.identification.diagnosis.findings import (
 from truepose.identification.diagnosis.naming import as_named, told_once
 from truepose.identification.diagnosis.posterior_summary import Inclusion, Named, Rival
 from truepose.identification.diagnosis.result import UNNAMED, Alarm, Form, Replication
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.models.machine.machine import Machine

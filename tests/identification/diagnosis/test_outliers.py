@@ -22,7 +22,8 @@ from truepose.identification.diagnosis.null_fits import (
     recording_coordinates,
 )
 from truepose.identification.fit.calibrate import Calibration
-from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.signatures import Signatures
 

@@ -15,7 +15,8 @@ from truepose.identification.diagnosis.alarms import replicate_noise
 from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks
 from truepose.identification.diagnosis.null_fits import bridges, outlying_rows
 from truepose.identification.diagnosis.result import Alarm
-from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.prior import noise_log_prior
 from truepose.identification.recording.recording import Recording
 

@@ -27,8 +27,9 @@ from truepose.identification.diagnosis.refit import (
     refit,
 )
 from truepose.identification.diagnosis.result import WHOLE, Applied, BlockProof, PoseError
-from truepose.identification.fit.bounded import beyond, coefficient_bounds, within_bounds
-from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.bounds import beyond, coefficient_bounds, within_bounds
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.summary import worst_allowed
 from truepose.identification.fit.tool_pose import ToolPoints, tool_points
 from truepose.identification.fit.write_machine import write_calibrated

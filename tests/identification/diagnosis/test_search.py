@@ -24,7 +24,7 @@ from truepose.identification.diagnosis.selection_problem import (
     selection_problem,
     weighed_alone,
 )
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.posterior import Posterior
 from truepose.identification.posterior.state import State, slot_odds

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from truepose.errors import InputError
-from truepose.identification.fit.biased import (
+from truepose.identification.fit.relinearised import (
     LinearEstimate,
     Rule,
     Spectrum,

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose.identification.fit.align import base_by_bearings, base_of, station_of
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.estimated import Estimate
-from truepose.identification.fit.sighted import base_by_bearings, base_of, station_of
 from truepose.identification.leaves.check.run import check
 from truepose.identification.recording.load import load_recording
 from truepose.models import lie

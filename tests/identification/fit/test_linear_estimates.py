@@ -12,11 +12,10 @@ import pytest
 from numpy.typing import NDArray
 
 from truepose.identification.fit import leastsquares
-from truepose.identification.fit.biased import column_scale
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.leastsquares import WIDE_PROBLEM, Status
 from truepose.identification.fit.problem import Prior, Problem
-from truepose.identification.fit.relinearised import Scaling, Shrunk, relinearised
+from truepose.identification.fit.relinearised import Scaling, Shrunk, column_scale, relinearised
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine
 

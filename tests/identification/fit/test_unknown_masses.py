@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.fit.calibrate import calibrate
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.predict import predict
 from truepose.identification.prediction.predictor import Predictor

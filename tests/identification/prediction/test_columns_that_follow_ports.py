@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from truepose.identification.prediction.blocks import Block, joined, written_out
-from truepose.identification.prediction.by_ports import ByPorts, Part
-from truepose.identification.prediction.gram_sum import GramSum
-from truepose.identification.prediction.lost import told
+from truepose.identification.prediction.by_ports import ByPorts, GramSum, Part
+from truepose.identification.prediction.predictor import told
+from truepose.identification.prediction.sensor_rows import Block, joined, written_out
 
 Array = NDArray[np.float64]
 ROWS, CHANNELS, PORTS = 5, 3, 2

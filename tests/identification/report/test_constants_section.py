@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from support.reports import fitted, gear, of, recorded, rows, summary, synthetic
 from truepose.identification.diagnosis.result import Diagnosis
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.report.document import Charts, Fold, Table
 from truepose.identification.report.plain_names import plain_names
 from truepose.identification.report.sections.parameters import (

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.report.gauge import grouped, rank_words, still, weak_words
 from truepose.models.machine.machine import FRAMES
 from truepose.models.machine.mechanism import AXES

@@ -13,7 +13,7 @@ import pytest
 
 from truepose.identification.compensation.rows import Compensation
 from truepose.identification.diagnosis.result import Diagnosis
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.identifiability.analysis import Identifiability
 from truepose.identification.leaves.drift.analysis import Drift
 from truepose.identification.leaves.drift.showing import draw_movements

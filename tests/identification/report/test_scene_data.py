@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from support.effect_machines import read_machines
 from support.exact_fits import fit_at, posed, read
 from support.reports import arm, fitted, recorded
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.scene.scene import STEPS, error_words, scene_of, upright
 from truepose.identification.report.scene.sights import sights

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from support.reports import NAN, fitted, of, recorded
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.tolerance_classes import PartClass
-from truepose.identification.fit.tool_spread import READINGS, TOLERANCES, tool_spread, workspace
+from truepose.identification.fit.tool_pose import READINGS, TOLERANCES, tool_spread, workspace
 from truepose.identification.identifiability.note import Note
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.document import Charts, Table, Text

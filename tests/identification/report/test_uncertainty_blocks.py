@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from support.reports import arm, fitted, of, recorded, rows
 from truepose.errors import InputError
-from truepose.identification.fit.axis_positioning import AxisTest
-from truepose.identification.fit.estimate import Estimate
-from truepose.identification.fit.tool_spread import (
+from truepose.identification.fit.estimated import Estimate
+from truepose.identification.fit.repeatability import AxisTest
+from truepose.identification.fit.tool_pose import (
     EXPLANATIONS,
     READINGS,
     TOLERANCES,

@@ -18,7 +18,7 @@ from truepose.identification import prior
 from truepose.identification.diagnosis.null_fits import null_fits
 from truepose.identification.diagnosis.search import Expansion, Start, prepared
 from truepose.identification.fit.estimated import Estimate
-from truepose.identification.fit.tool_spread import tool_spread
+from truepose.identification.fit.tool_pose import tool_spread
 from truepose.identification.leaves.fleet.columns import Columns
 from truepose.identification.leaves.fleet.statistics import statistics
 from truepose.identification.leaves.fleet.summary import Summary

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from truepose.identification.diagnosis.search import Found, search
 from truepose.identification.diagnosis.selection_problem import selection_problem
-from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.posterior.mode import nearest_top
 from truepose.identification.posterior.posterior import Posterior
 from truepose.identification.posterior.state import State, best_point
