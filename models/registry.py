@@ -112,17 +112,5 @@ def load_plugin(path: Path) -> ModuleType:
     return module
 
 
-def load_once(path: Path) -> None:
-    """The same, unless it was loaded before."""
-    if _module_name(path) not in sys.modules:
-        load_plugin(path)
-
-
-def loaded_plugins() -> tuple[Path, ...]:
-    """Absolute paths of the files that were loaded, in their order."""
-    files = [module.__file__ for name, module in sys.modules.items() if name.startswith(PREFIX)]
-    return tuple(Path(file).resolve() for file in files if file is not None)
-
-
 def _module_name(path: Path) -> str:
     return f"{PREFIX}{hashlib.sha256(str(Path(path).resolve()).encode()).hexdigest()[:12]}_{Path(path).stem}"

@@ -18,7 +18,7 @@ from .inputs import write_inputs
 from .study import Row, study
 
 LIBRARIES = (
-    "truepose.identification.diagnosis.engine",
+    "truepose.identification.diagnosis.diagnose",
     "truepose.identification.fit.calibrate",
     "truepose.identification.leaves.drift.analysis",
     "truepose.identification.leaves.planning.plan",

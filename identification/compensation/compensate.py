@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from truepose.arrays import Array, Mask
-from truepose.codegen.evaluation.compiled import NotCompiledError
+from truepose.codegen.evaluation.compiler import NotCompiledError
 from truepose.errors import InputError
 from truepose.identification.compensation.compiled import CompiledKinematics, base_frame, shared_out
 from truepose.identification.compensation.inverse import MET

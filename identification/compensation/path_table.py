@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from truepose.arrays import Array, Index, Mask
-from truepose.codegen.evaluation.compiled import NotCompiledError
+from truepose.codegen.evaluation.compiler import NotCompiledError
 from truepose.errors import InputError
 from truepose.identification.compensation.compensate import COMPILED_FROM
 from truepose.identification.compensation.compiled import CompiledKinematics, base_frame, shared_out

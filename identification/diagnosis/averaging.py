@@ -19,8 +19,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from truepose.arrays import Array, Mask
+from truepose.identification.diagnosis.holdout import Comparison
 from truepose.identification.diagnosis.posterior_summary import LEADING
-from truepose.identification.diagnosis.refit import FEW
+from truepose.identification.diagnosis.refit import FEW, Choice, Model, chosen_model
+from truepose.identification.diagnosis.result import WHOLE, Applied
 from truepose.identification.diagnosis.search import Found, chosen, start_from
 from truepose.identification.fit.bounds import coefficient_bounds
 from truepose.identification.fit.estimate import result
@@ -52,6 +54,25 @@ class Averaged(Estimate):
         """(n_free, k) F: F F' is the covariance of what is determined, with sets that differ."""
         assert self.own is not None
         return self.own
+
+
+def deploy(
+    choice: Choice,
+    model: Model,
+    names: Model | None,
+    sure: Collection[int],
+    whole: Comparison,
+    firm: Collection[int],
+) -> tuple[Estimate, Applied]:
+    """Return what is deployed: averaged over sets with the ``firm`` candidates where that is all that was found."""
+    label, less, held = chosen_model(choice, model, names, sure, whole)
+    if less is None or label != WHOLE:
+        return choice.drawing if less is None else less.fit, choice.applied(label, held, whole)
+    after = averaged(choice.found, model.fit, firm)
+    seen = choice.as_it_is(after)
+    if seen is None or seen.worse:
+        return after if seen is None else model.fit, choice.applied(label, held, whole)
+    return after, choice.applied(label, seen, seen)
 
 
 def averaged(found: Found, likeliest: Estimate, firm: Collection[int] = ()) -> Estimate:

@@ -7,15 +7,20 @@ What a line is: whole cycles of a motor behind a gear, the lines of an encoder, 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import numpy as np
 from scipy.stats import binom
 
 from truepose.arrays import Array
+from truepose.identification.diagnosis.naming import Supported
 from truepose.identification.diagnosis.posterior_summary import Named, Rival
+from truepose.identification.diagnosis.proof import flip_inflation
 from truepose.identification.diagnosis.result import (
+    NAMED,
     UNNAMED,
     Alarm,
     Alternative,
@@ -25,6 +30,7 @@ from truepose.identification.diagnosis.result import (
     Remainder,
     Replication,
 )
+from truepose.identification.diagnosis.search import Found
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue
@@ -35,6 +41,7 @@ from truepose.models.file.driver import APPROACH, OF_THE_ORDER, STEP, Driver
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.parameters import element_of
 from truepose.models.machine.smooth import orthonormal, powers, scaled, waves
+from truepose.threads import in_order
 
 SLOWEST, FASTEST = 30.0, 320.0
 """Ratios of gears that are looked for where the file states none: those of strain wave gears."""
@@ -88,8 +95,6 @@ def _multiple(order: float, ratio: float) -> bool:
     return times >= 1 and abs(order - times * ratio) <= WITHIN
 
 
-NOTABLE = 3.0
-"""Log Bayes factor below which there is nothing to speak of: of a candidate alone, and between explanations as good."""
 _FROM_ORDER: Final = {
     APPROACH: "The side of arrival was taken from the order of the rows, as no `approach` column tells it.",
     STEP: "The last motions were taken from the order of the rows.",
@@ -97,6 +102,38 @@ _FROM_ORDER: Final = {
 """What a finding rests on that nobody recorded."""
 CYCLES = range(1, 9)
 """Cycles over a driver's range that a periodic form may have."""
+
+
+def findings_of(
+    found: Found, supported: Supported, likeliest: Estimate, after: Estimate
+) -> tuple[Finding, ...]:
+    """Return the findings; what is more probable than not has the size that the deployed fit has, where it has any."""
+    cat, names = found.catalogue, supported.summary.names
+    recording, deployed = found.signatures.recording, {e.label for e in after.effects}
+    out = []
+    for one, half, flip in zip(
+        names, supported.replications, in_order(partial(flip_inflation, found), names), strict=True
+    ):
+        firm = one.probability >= NAMED and {cat.candidates[i].label for i in one.candidates} <= deployed
+        fit = after if firm else likeliest
+        out.append(finding(found.signatures.machine, cat, fit, one, flip, half, recording.inferred))
+    return tuple(out)
+
+
+def remainder_of(
+    found: Found,
+    verdict: str,
+    nameless: Sequence[int],
+    after: Estimate,
+    structure: Alarm,
+    gain: Mapping[str, float],
+) -> Remainder | None:
+    """Return what has no name: the form that carries most of it; else what the structure tests say of the residuals."""
+    if nameless:
+        return replace(remainder_of_form(found.catalogue, nameless[0], after), gain=gain)
+    if verdict == "unknown" or structure.raised:
+        return remainder_of_residuals(after, found.signatures.recording, structure)
+    return None
 
 
 def finding(

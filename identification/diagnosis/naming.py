@@ -24,6 +24,7 @@ from truepose.identification.diagnosis.posterior_summary import (
     LEADING,
     LISTED,
     SHOWN,
+    SURE,
     Inclusion,
     Named,
     Presence,
@@ -204,6 +205,11 @@ class Summary:
     def laws(self) -> tuple[Named, ...]:
         """Findings with a name."""
         return tuple(n for n in self.names if not n.nameless)
+
+    def sure(self, probability: float = 0.0) -> tuple[int, ...]:
+        """Return candidates that act at their place by their driver for sure, of names as probable as that."""
+        sure = [n for n in self.laws if n.levels.driver >= SURE and n.probability >= probability]
+        return tuple(i for n in sure for i in n.candidates)
 
 
 def summarised(found: Found, fit: Estimate) -> Summary:

@@ -18,11 +18,10 @@ from scipy.linalg.lapack import dpotrf, dpotrs
 from scipy.stats import chi2
 
 from truepose.arrays import Array, Index, Mask
-from truepose.identification.diagnosis.findings import NOTABLE
 from truepose.identification.diagnosis.holdout import ROLE, Comparison, held_out_blocks, ratio_interval
 from truepose.identification.diagnosis.null_fits import CHANCE
 from truepose.identification.diagnosis.posterior_summary import Named
-from truepose.identification.diagnosis.result import NAMED, Proof, Replication
+from truepose.identification.diagnosis.result import NAMED, NOTABLE, Proof, Replication
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.selection_problem import selection_problem, weighed_alone
 from truepose.identification.fit.estimated import Estimate

@@ -26,16 +26,17 @@ from truepose.identification.diagnosis.holdout import (
     trial,
 )
 from truepose.identification.diagnosis.null_fits import Fits
-from truepose.identification.diagnosis.result import WHOLE
-from truepose.identification.diagnosis.search import Found, noise_at, start_from
+from truepose.identification.diagnosis.result import WHOLE, Applied
+from truepose.identification.diagnosis.search import Found, chosen, noise_at, start_from
 from truepose.identification.fit.bounds import within_bounds
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.problem import Prior, prior_of
-from truepose.identification.fit.summary import worst_allowed
+from truepose.identification.fit.summary import summarise, worst_allowed
 from truepose.identification.fit.tolerance_classes import WEIGHED, part_classes
 from truepose.identification.posterior.spike_slab import LONG_SET
 from truepose.identification.posterior.state import moments
+from truepose.identification.prior import STATED
 from truepose.models.effects.base import PlacedEffect
 
 Split = tuple[str, list[Block]]
@@ -169,6 +170,23 @@ def refit(
     return Model(accepted, shapes, fit)
 
 
+def likeliest_model(fits: Fits, found: Found) -> Model:
+    """Return the likeliest set's model; the fit of the last expansion point, and what it holds, where that has no minimum."""
+    accepted = dict.fromkeys(found.catalogue.stated, STATED) | chosen(found.problem, found.mode)
+    shapes = remainder_shapes(found)
+    if not accepted and not shapes:
+        return Model(accepted, (), fits.before)
+    return refit(found, accepted, shapes, fits.outliers) or Model(dict(found.accepted), (), found.fit)
+
+
+def model_of_names(fits: Fits, found: Found, model: Model) -> Model | None:
+    """Return the model with names alone; itself where it has nothing else, None where it has no names."""
+    own = {i: s for i, s in model.accepted.items() if found.catalogue.named(i)}
+    if not own:
+        return None
+    return refit(found, own, (), fits.outliers) if model.nameless(found) else model
+
+
 @dataclass(frozen=True)
 class Choice:
     """Held-out trials of both plain calibrations and of models beside them.
@@ -239,9 +257,24 @@ class Choice:
         recording, split = self.found.signatures.recording, (self.split[0], blocks)
         return trial(fit, recording, self.outliers, split, self._silent(fit))
 
-    def judged(self, fit: Estimate) -> Comparison:
-        """On validation rows where there are any, else on blocks held out in turn."""
-        return self.as_it_is(fit) or self.compared(fit)
+    def applied(self, label: str, held: Comparison, whole: Comparison) -> Applied:
+        """Return what is deployed and how it was held out; ``whole``: all that was found."""
+        held_out = held.split, held.pose, held.ratio
+        return Applied(label, *held_out, whole.pose, whole.ratio, self.baselines)
+
+    def gain_of_forms(self, names: Model | None, whole: Comparison) -> Mapping[str, float]:
+        """Return by how much forms without a name lower the rms of held-out rows beside the names, by kind (mm, rad).
+
+        Validation rows count where there are any, else blocks held out in turn.
+        """
+        without = 1.0
+        if names is not None:
+            without = (self.as_it_is(names.fit) or self.compared(names.fit)).ratio
+        if whole.ratio >= without:
+            return {}
+        summary = summarise(self.drawing, self.found.signatures.recording.validation)
+        rms = summary.validation_rms or summary.rms
+        return {kind: (without - whole.ratio) * value for kind, value in rms.items()}
 
     def _silent(self, fit: Estimate) -> set[str]:
         return {e.label for e in fit.effects if e.kind == "sensor" and e.label not in self.known}

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from truepose.arrays import Array, Mask
 from truepose.errors import ConvergenceError
@@ -18,6 +19,7 @@ from truepose.identification.diagnosis.selection_problem import (
 )
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.estimated import Estimate
+from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.mode import climbed
 from truepose.identification.posterior.posterior import ROUNDS, Posterior, Sampling, mode
 from truepose.identification.posterior.spike_slab import LONG_SET, SpikeSlab
@@ -58,6 +60,11 @@ class Found:
     linearisation_before: Linearisation
     halves: tuple[Linearisation, Linearisation] | None = None
     """Of the rows in two halves, where the same pass summed these up."""
+
+    def typical(self, value: Callable[[GridPoint], ArrayLike]) -> Array:
+        """Return the geometric mean over the posterior of what a point of the grid stands for."""
+        logs = [share * np.log(value(point)) for point, share in self.posterior.points]
+        return np.asarray(np.exp(sum(logs[1:], logs[0])))
 
 
 def search(

@@ -102,8 +102,7 @@ def require_sensor(machine: Machine) -> None:
 class Predictor:
     """Residuals, poses and loads of one machine with some effects over one recording of n rows.
 
-    ``visits``: how often each row will be evaluated (FIT in a fit), which decides whether compiling pays, with ``size``, the
-    number of rows if the recording is a part of them.
+    ``visits``: how often each row will be evaluated (FIT in a fit), which decides whether compiling pays.
     Everywhere ``p`` (np,) are parameters and ``x`` (n, nx) passive coordinates; lengths are in mm, angles in rad.
     """
 
@@ -115,14 +114,13 @@ class Predictor:
         *,
         ports: bool = False,
         visits: int = 1,
-        size: int | None = None,
     ) -> None:
         self.machine = machine
         weighed = recording.driver(PAYLOAD) is not None
         self.model = symbolic_model(machine, effects, ports=ports, weighed=weighed)
         self._read(recording)
         m = self.model
-        self.evaluations = visits * (len(self.q) if size is None else size)
+        self.evaluations = visits * len(self.q)
         self.sums: dict[tuple[int, ...], GramFunction] = {}
         """Normal equations by free entries of p, where a fit has asked for them."""
         self._built: dict[str, BatchFunction] = {}

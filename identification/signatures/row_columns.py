@@ -29,7 +29,6 @@ are weighed with masses as fitted, and what masses leave open shows in the 1-sig
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from copy import copy
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -198,10 +197,7 @@ Sums = tuple[tuple[Array, ...], list[int]]
 
 
 class RowColumns:
-    """Row-wise shifts of all candidates at one machine, and their effect on the readings.
-
-    size: rows of the recording of which these may be a part; it alone decides what is compiled.
-    """
+    """Row-wise shifts of all candidates at one machine, and their effect on the readings."""
 
     def __init__(
         self,
@@ -209,11 +205,9 @@ class RowColumns:
         recording: Recording,
         candidates: Sequence[PlacedEffect],
         turns: Turns | None = None,
-        size: int | None = None,
     ) -> None:
         self.machine, self.recording, self.candidates = machine, recording, tuple(candidates)
-        self.size = len(recording) if size is None else size
-        self.shifts = ShiftFunction(machine, recording, self.candidates, self.size)
+        self.shifts = ShiftFunction(machine, recording, self.candidates)
         self._predictors: dict[tuple[str, ...], Predictor] = {}
         self.turn({} if turns is None else turns)
 
@@ -226,13 +220,6 @@ class RowColumns:
         self.columns = tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
         self.width = int(ends[-1])
 
-    def over(self, recording: Recording) -> RowColumns:
-        """The same of other rows, with the functions that were built so far."""
-        other = copy(self)
-        other.recording, other.shifts = recording, self.shifts.over(recording)
-        other._predictors = {key: built.over(recording) for key, built in self._predictors.items()}
-        return other
-
     @property
     def by_row(self) -> bool:
         """Whether every reading stands for itself."""
@@ -242,9 +229,7 @@ class RowColumns:
         """The machine with these effects and every port; expressions are built once."""
         key = tuple(effect.label for effect in effects)
         if key not in self._predictors:
-            self._predictors[key] = Predictor(
-                self.machine, self.recording, effects, ports=True, size=self.size
-            )
+            self._predictors[key] = Predictor(self.machine, self.recording, effects, ports=True)
         return self._predictors[key]
 
     def sums(self, at: Point, forms: Forms, rows: Index, order: Index | None = None) -> Sums:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from copy import copy
 
 import casadi as ca
 import numpy as np
@@ -18,14 +17,9 @@ from truepose.models.machine.states import state_names
 
 
 class ShiftFunction:
-    """All candidates' shifts by their coefficients (in units of scale), as one function of a row.
+    """All candidates' shifts by their coefficients (in units of scale), as one function of a row."""
 
-    size: rows that will be evaluated, by which it is decided whether compiling pays; drivers: what rows are asked for.
-    """
-
-    def __init__(
-        self, machine: Machine, recording: Recording, candidates: Sequence[PlacedEffect], size: int
-    ) -> None:
+    def __init__(self, machine: Machine, recording: Recording, candidates: Sequence[PlacedEffect]) -> None:
         self._machine, self._recording = machine, recording
         self._names = [*(p.name for p in machine.parameters), *machine.ports]
         self.drivers = tuple(dict.fromkeys(name for c in candidates for name in c.drivers))
@@ -52,13 +46,7 @@ class ShiftFunction:
         groups = (q, z, values, loads, states)
         inputs = [ca.vertcat(*group.values()) if group else ca.SX(0, 1) for group in groups]
         together = ca.vertcat(*outputs) if outputs else ca.SX(0, 1)
-        self._function = BatchFunction("shifts", inputs, [together], rows=size)
-
-    def over(self, recording: Recording) -> ShiftFunction:
-        """The same function over other rows."""
-        other = copy(self)
-        other._recording = recording
-        return other
+        self._function = BatchFunction("shifts", inputs, [together])
 
     def __call__(
         self, names: Sequence[str], p: Array, loads: Mapping[str, Array], states: Mapping[str, Array],

@@ -16,12 +16,15 @@ from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.tolerance_classes import part_classes
 from truepose.identification.fit.turn import seen_directions
 from truepose.identification.posterior.spike_slab import UNSEEN
+from truepose.identification.prediction.predictor import BLOCK
 from truepose.identification.prediction.sensor_rows import Block
-from truepose.identification.signatures.chunks import summed
 from truepose.identification.signatures.linearisation import Forms, Linearisation
-from truepose.identification.signatures.row_columns import Point, RowColumns, parted, series_ports
+from truepose.identification.signatures.row_columns import Point, RowColumns, Sums, parted, series_ports
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine.placed import EffectAtPlace
+
+CHUNK = 32 * BLOCK
+"""Rows that are summed up before the next ones."""
 
 
 class Signatures(RowColumns):
@@ -29,7 +32,7 @@ class Signatures(RowColumns):
 
     def of(self, candidates: Sequence[PlacedEffect]) -> Signatures:
         """Signatures of other candidates on the same machine and recording; what was built for its fits is shared."""
-        other = Signatures(self.machine, self.recording, candidates, self.by_label, self.size)
+        other = Signatures(self.machine, self.recording, candidates, self.by_label)
         other._predictors = self._predictors
         return other
 
@@ -52,22 +55,34 @@ class Signatures(RowColumns):
         other.turn({**self.by_label, **directions})
         return other
 
+    def _summed(self, fit: Estimate, forms: Forms, rows: Index, order: Index | None = None) -> Sums:
+        """Return ``sums`` of fitted rows (k,), a chunk after the other: memory stays flat."""
+        step = CHUNK if self.by_row else max(len(rows), 1)
+        grams: tuple[Array, ...] = ()
+        for start in range(0, max(len(rows), 1), step):
+            more, further = self.sums(self._point(fit), forms, rows[start : start + step], order)
+            if not grams:
+                grams, counts = more, further
+                continue
+            for gram, other in zip(grams, more, strict=True):
+                np.add(gram, other, out=gram)
+            counts = [a + b for a, b in zip(counts, further, strict=True)]
+        return grams, counts
+
     def linearise(self, fit: Estimate, *, order: Index | None = None) -> Linearisation:
         """Gram matrices at a fit, whose effects must be among the candidates.
 
         ``order`` (n,) gives effects the drivers of other rows (a placebo).
         """
         forms = self._forms(fit)
-        return self._linearised(
-            fit, forms, *summed(self, self._point(fit), forms, np.flatnonzero(fit.used), order)
-        )
+        return self._linearised(fit, forms, *self._summed(fit, forms, np.flatnonzero(fit.used), order))
 
     def halved(self, fit: Estimate) -> tuple[Linearisation, tuple[Linearisation, Linearisation]]:
         """Of all fitted rows, and of each half of them in the order of acquisition, in one pass; errors of form are those of
         all."""
         forms = self._forms(fit)
         split = np.array_split(self.recording.in_time(fit.used), 2)
-        parts = [summed(self, self._point(fit), forms, np.sort(rows)) for rows in split]
+        parts = [self._summed(fit, forms, np.sort(rows)) for rows in split]
         (first, second), counts = (p[0] for p in parts), [p[1] for p in parts]
         whole = tuple(a + b for a, b in zip(first, second, strict=True))
         every = [(whole, [a + b for a, b in zip(*counts, strict=True)]), *parts]

@@ -14,7 +14,7 @@ if _typing.TYPE_CHECKING:
     from truepose.errors import ConvergenceError, InputError, TrueposeError
     from truepose.identification.compensation.compensate import compensate
     from truepose.identification.compensation.inverse import inverse
-    from truepose.identification.diagnosis.engine import diagnose
+    from truepose.identification.diagnosis.diagnose import diagnose
     from truepose.identification.fit.calibrate import calibrate
     from truepose.identification.fit.estimate import estimate
     from truepose.identification.fit.write_machine import write_calibrated
@@ -43,7 +43,7 @@ _HOMES = {
     "calibrate": "truepose.identification.fit.calibrate",
     "check": "truepose.identification.leaves.check.run",
     "compensate": "truepose.identification.compensation.compensate",
-    "diagnose": "truepose.identification.diagnosis.engine",
+    "diagnose": "truepose.identification.diagnosis.diagnose",
     "diagnosis_json": "truepose.identification.report.results",
     "drift": "truepose.identification.leaves.drift.analysis",
     "estimate": "truepose.identification.fit.estimate",

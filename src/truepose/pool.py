@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from uuid import uuid4
 
 import joblib
-from joblib.parallel import get_active_backend
 
 from truepose.errors import InputError
 from truepose.version import VERSION
@@ -166,23 +165,6 @@ def cluster(address: str) -> Iterator[Cluster]:
         yield _checked(client, f"--dask {address}")
 
 
-@contextlib.contextmanager
-def rows_on(address: str) -> Iterator[None]:
-    """Let passes over many rows run on this cluster, as ``joblib.parallel_config(backend="dask")`` does; empty: on cores."""
-    if not address:
-        yield
-        return
-    with cluster(address) as found, joblib.parallel_config(backend="dask", client=found.client):
-        yield
-
-
-def present() -> Cluster | None:
-    """The cluster that joblib has been told to work on here; None where it works on cores. Raises InputError where its workers
-    have another truepose."""
-    client = getattr(get_active_backend()[0], "client", None)
-    return None if client is None else _checked(client, "joblib's backend 'dask'")
-
-
 def _checked(client: Client, where: str) -> Cluster:
     for worker, (version, threads) in _states(client, where).items():
         if version != VERSION:
@@ -269,7 +251,5 @@ __all__ = [
     "each",
     "end_with",
     "numbered",
-    "present",
-    "rows_on",
     "several_threads",
 ]

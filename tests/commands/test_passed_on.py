@@ -212,9 +212,9 @@ def test_a_result_that_is_no_calibration_is_written_and_has_failed(
     fit = dict.fromkeys([*SHOWN, "beside"])
     for place, value in {
         "fit.calibrate.calibrate": result,
-        "diagnosis.engine.diagnose": result,
+        "diagnosis.diagnose.diagnose": result,
         "diagnosis.stages.sizes": (),
-        "diagnosis.outliers.far_rows": (),
+        "diagnosis.null_fits.far_rows": (),
         "fit.tool_pose.calibrated_pose": None,
         "report.results.calibration_json": fit,
         "report.files.write_calibration": ["a.yaml", "b.html"],

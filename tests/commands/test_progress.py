@@ -16,7 +16,7 @@ from support.searched_arm import Case
 from truepose.commands import identify, progress
 from truepose.commands.progress import EVERY, Course, Lines, lasting, quietly
 from truepose.identification.diagnosis import stages
-from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.diagnosis.diagnose import diagnose
 
 DELAY = 2.0
 FITTING = (

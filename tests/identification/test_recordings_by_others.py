@@ -16,7 +16,7 @@ from real_recordings.panda import SENSORS, panda_files, panda_scatter
 from support.examples import NIGHT, one_in
 from support.leg_errors import leg_errors
 from support.round_trips import check_round_trip
-from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.recording.load import load_recording

@@ -74,7 +74,7 @@ def test_a_circle_through_a_lazy_import_is_found(tmp_path: Path) -> None:
     assert house.circles(house.imports(known)) == [["a", "b"]]
 
 
-@pytest.mark.parametrize("product", ["cli", "models.load", "identification.diagnosis.engine", "codegen.c"])
+@pytest.mark.parametrize("product", ["cli", "models.load", "identification.diagnosis.diagnose", "codegen.c"])
 def test_the_product_may_not_import_the_examination(product: str, known: dict[str, Path]) -> None:
     proof = [name for name in known if name.partition(".")[0] == house.OUTSIDE]
     assert {"challenge", "challenge.cases", "challenge.simulator.base"} <= set(proof)

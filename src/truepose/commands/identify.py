@@ -92,15 +92,6 @@ PriorOption = Annotated[
         help="What a fleet of such machines says is likely: the prior.yaml of its statistics.",
     ),
 ]
-DaskOption = Annotated[
-    str,
-    typer.Option(
-        "--dask",
-        metavar="ADDRESS",
-        help="Scheduler of a Dask cluster (tcp://host:8786) that sums up the rows of a long recording. Its workers have this "
-        "version of truepose.",
-    ),
-]
 
 
 def calibrate(
@@ -174,7 +165,6 @@ def diagnose(
     prior: PriorOption = None,
     shuffled: ShuffledOption = False,
     anyway: GateOption = False,
-    dask: DaskOption = "",
     as_json: JsonOption = False,
     plugin: PluginOption = None,
 ) -> None:
@@ -186,12 +176,11 @@ def diagnose(
     Example: truepose diagnose machine.yaml recording.csv -o result
     """
     with reported(plugin):
-        from truepose.identification.diagnosis.engine import diagnose as run
+        from truepose.identification.diagnosis.diagnose import diagnose as run
         from truepose.identification.diagnosis.stages import sizes
         from truepose.identification.learned_prior import read_prior
         from truepose.identification.report.judgement_words import diagnosis_judgement
         from truepose.identification.report.notes import diagnosis_notes
-        from truepose.pool import rows_on
 
         learned = None if prior is None else read_prior(prior)
         check_directory(output, DIAGNOSIS)
@@ -201,7 +190,7 @@ def diagnose(
                 machine, recordings, irradiance=light, anyway=anyway, shuffled=shuffled, tried=tried
             )
             check_machine(output, DIAGNOSIS, loaded.name)
-        with progress("diagnosing", diagnosing(sizes(loaded, rows))) as say, rows_on(dask):
+        with progress("diagnosing", diagnosing(sizes(loaded, rows))) as say:
             with stopping.asked("" if quiet() else STOPPING) as stop:
                 result = run(loaded, rows, prior=learned, progress=say, stop=stop)
             say("writing the report")

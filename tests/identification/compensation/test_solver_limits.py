@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from support import MACHINES
 from support.calibrated_machines import POLISHER, SIX_AXES, calibrated, path_file
-from truepose.codegen.evaluation.compiled import NotCompiledError
+from truepose.codegen.evaluation.compiler import NotCompiledError
 from truepose.errors import InputError
 from truepose.identification.compensation.compensate import compensate
 from truepose.identification.compensation.compiled import CompiledKinematics, shared_out

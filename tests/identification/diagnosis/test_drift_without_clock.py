@@ -23,7 +23,7 @@ from drifting_arm.arm import (
 )
 from numpy.typing import NDArray
 
-from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.predict import predict, unheard

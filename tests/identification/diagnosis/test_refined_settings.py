@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 from numpy.typing import NDArray
 
-from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording

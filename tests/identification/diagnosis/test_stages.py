@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from support.searched_arm import ARM, SCALE
 from truepose.errors import ConvergenceError
 from truepose.identification.diagnosis import stages
-from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording

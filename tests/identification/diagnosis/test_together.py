@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
-from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.report.results import diagnosis_json
 from truepose.identification.report.terminal import diagnosis_lines
 from truepose.models.load import load_machine

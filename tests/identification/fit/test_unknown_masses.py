@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.write_machine import write_calibrated

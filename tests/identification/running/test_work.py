@@ -24,7 +24,7 @@ from truepose.pool import Pool
 
 T = TypeVar("T")
 R = TypeVar("R")
-DIAGNOSE = "truepose.identification.diagnosis.engine.diagnose"
+DIAGNOSE = "truepose.identification.diagnosis.diagnose.diagnose"
 
 
 class Here(Pool):
@@ -93,7 +93,7 @@ def test_a_diagnosis_is_given_what_the_options_say(
 ) -> None:
     seen = list[Any]()
 
-    def diagnose(*given: Any, prior: Any) -> None:
+    def diagnose(*given: Any, prior: Any, examine: Any) -> None:
         seen.extend([*given, prior])
         raise InputError("no more than that")
 
@@ -110,7 +110,7 @@ def test_a_diagnosis_is_given_what_the_options_say(
 def test_a_fault_of_the_program_is_told_with_its_kind(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def diagnose(*_: Any, prior: Any) -> None:
+    def diagnose(*_: Any, prior: Any, examine: Any) -> None:
         raise ZeroDivisionError(f"by {prior}")
 
     monkeypatch.setattr(DIAGNOSE, diagnose)
@@ -125,7 +125,7 @@ def test_files_that_do_not_belong_together_are_worked_with_where_it_is_asked_for
 ) -> None:
     """As long as there is something to work with: of a machine without a sensor there are no rows."""
 
-    def diagnose(*_: Any, prior: Any) -> None:
+    def diagnose(*_: Any, prior: Any, examine: Any) -> None:
         raise InputError(f"reached, {prior}")
 
     one = asked(tmp_path, "arm", anyway=anyway)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from support.sensor_bench import Bench
-from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.diagnosis.findings import common_ratio
 from truepose.identification.diagnosis.null_fits import null_fits
 from truepose.identification.fit.estimate import estimate
