@@ -25,7 +25,7 @@ from truepose.identification.fit.write_machine import write_calibrated
 from truepose.models import lie
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.mechanism import POSE
+from truepose.models.machine.mechanism import AXIS_UNITS as POSE
 
 from . import bundle, montecarlo, regression
 from . import workspace as ws

@@ -48,7 +48,8 @@ def expected(case: Path) -> Expected:
     """Expectations under the posterior of a case."""
     machine = load_machine(case / "machine.yaml")
     rows = load_recording(machine, [case / "recording.csv"])
-    return diagnose(machine, rows, examine=lambda found, _: _of(found)).examined
+    found: Expected = diagnose(machine, rows, examine=lambda found, _: _of(found)).examined
+    return found
 
 
 def _of(found: Found) -> Expected:

@@ -22,7 +22,7 @@ from truepose.identification.compensation.rows import ideal_constants
 from truepose.models import lie
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.mechanism import POSE
+from truepose.models.machine.mechanism import AXIS_UNITS as POSE
 
 Array = NDArray[np.float64]
 Planner = Callable[[Machine, int], Array]

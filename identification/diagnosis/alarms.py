@@ -156,9 +156,7 @@ class _Seen:
         reduced = h[np.ix_(known, known)] - across @ solve @ across.T
         values, vectors = np.linalg.eigh(reduced / np.outer(weight[known], weight[known]))
         seen = values > max(1e-6, 1e-10 * float(np.max(values, initial=0.0)))
-        return cls(
-            lin, known, unknown, np.asarray(solve, dtype=float), weight[known], values[seen], vectors[:, seen]
-        )
+        return cls(lin, known, unknown, np.asarray(solve), weight[known], values[seen], vectors[:, seen])
 
     def squares(self, cross: Array, square: Array) -> tuple[Array, Array]:
         """(b, m) squared components of J'e in each combination over its h, and (b,) squared length left of e."""
@@ -281,9 +279,12 @@ def structure_alarm(fit: Estimate, recording: Recording) -> Alarm:
     r = _standard(fit.residual[fit.used])
     order = _order(fit, recording) if recording.ordered else None
     by_rows = fit.n_observations * len(fit.prior.free) <= LARGEST_PROJECTION
-    observed, draws, explained = (
-        _by_rows(fit, recording, r) if by_rows else _by_sums(fit, recording, r, order)
-    )
+    if by_rows:
+        observed, draws, explained = _by_rows(fit, recording, r)
+    else:  # of so many rows that what a fit takes of noise is nothing beside it
+        sums = StructureSums.of(r, _functions(fit, recording), order)
+        observed, draws = sums.tests(), sums.null(DRAWS, SEED)
+        explained = {name: float(np.sum(sums.along[span] ** 2)) for name, span in sums.spans.items()}
     worst = max(observed, key=lambda name: observed[name])
     largest = observed[worst]
     p = (1 + int(np.sum(draws >= largest))) / (1 + len(draws))
@@ -318,15 +319,6 @@ def _by_rows(
     return {name: float(value[0]) for name, value in observed.items()}, np.concatenate(largest), along
 
 
-def _by_sums(
-    fit: Estimate, recording: Recording, r: Array, order: Index | None
-) -> tuple[dict[str, float], Array, dict[str, float]]:
-    """The same of so many rows that what a fit takes of noise is nothing beside it."""
-    sums = StructureSums.of(r, _functions(fit, recording), order)
-    along = {name: float(np.sum(sums.along[span] ** 2)) for name, span in sums.spans.items()}
-    return sums.tests(), sums.null(DRAWS, SEED), along
-
-
 def _standard(residual: Array) -> Array:
     """Channels of unit rms, far values pulled in: heavy tails are no structure."""
     scale = np.sqrt(np.mean(residual**2, axis=0))
@@ -335,7 +327,7 @@ def _standard(residual: Array) -> Array:
 
 def draws_for(r: Array) -> int:
     """How many random draws judge residuals (n, m): fewer of many readings."""
-    return DRAWS if r.size < 50_000 else 60
+    return DRAWS if r.size < 50_000 else DRAWS // 5
 
 
 def _order(fit: Estimate, recording: Recording) -> Index:

@@ -87,17 +87,13 @@ def averaged(found: Found, likeliest: Estimate, firm: Collection[int] = ()) -> E
         states = [one for one in found.posterior.states if set(firm) <= chosen(found.problem, one[0]).keys()]
         if not states:
             return likeliest
-        found = replace(found, posterior=replace(found.posterior, states=_shared(states)))
+        total = sum(share for _, share in states)
+        shared = tuple((state, share / total) for state, share in states)  # they add up to one
+        found = replace(found, posterior=replace(found.posterior, states=shared))
     further = _open(found, held, {found.catalogue.cause(i) for i in firm})
     candidates = found.catalogue.candidates
     terms = (*likeliest.effects, *(replace(candidates[i], spread=spread) for i, spread in further.items()))
     return _moved(found, likeliest, terms, _mixture(found, (*held, *further)))
-
-
-def _shared(states: Sequence[tuple[State, float]]) -> tuple[tuple[State, float], ...]:
-    """Return states with shares that add up to one."""
-    total = sum(share for _, share in states)
-    return tuple((state, share / total) for state, share in states)
 
 
 def _open(found: Found, held: Collection[int], firm: Collection[EffectAtPlace]) -> dict[int, float]:
@@ -113,12 +109,9 @@ def _open(found: Found, held: Collection[int], firm: Collection[EffectAtPlace]) 
         for i, size in chosen(found.problem, state).items():
             share[i] += weight
             spread[i] = max(spread[i], size)
-    named = [
-        i
-        for i in share
-        if found.catalogue.named(i) and i not in gone and found.catalogue.cause(i) not in firm
-    ]
-    wanted = sorted((i for i in named if i not in held and share[i] >= LEADING), key=lambda i: -share[i])
+    cat, out = found.catalogue, {*gone, *held}
+    named = [i for i in share if cat.named(i) and i not in out and cat.cause(i) not in firm]
+    wanted = sorted((i for i in named if share[i] >= LEADING), key=lambda i: -share[i])
     return {i: spread[i] for i in wanted[:FEW]}
 
 
@@ -135,10 +128,6 @@ class _Mixture:
     def shift(self) -> Array:
         """(n,) from the likeliest state to the mean."""
         return np.asarray(self.shares @ self.means)
-
-    def lifted(self, turn: sp.csr_array) -> _Mixture:
-        """In other unknowns, to which ``turn`` (n', n) turns these."""
-        return _Mixture((turn @ self.means.T).T, self.shares, turn @ self.wider)
 
     def of(self, kept: Mask) -> _Mixture:
         """Of some of the n alone."""
@@ -166,14 +155,11 @@ def _mixture(found: Found, kept: Sequence[int]) -> _Mixture:
     mode = moments(spike_slab, _kept(found, found.mode, kept))
     own = turn[:, mode.at]
     wider = _positive_root(within - own @ (own @ mode.covariance).T, np.sqrt(np.diag(within)))
-    return _Mixture(np.array(means) - own @ mode.mean, np.array(shares), wider).lifted(_lift(found, kept))
-
-
-def _lift(found: Found, kept: Sequence[int]) -> sp.csr_array:
-    """(n, k) from free geometry and the columns of candidates ``kept`` to it and their coefficients; sparse."""
-    lin = found.linearisation
-    turns = [sp.csr_array(lin.turn(i)) for i in kept]
-    return sp.csr_array(sp.block_diag([sp.eye_array(lin.free), *turns], format="csr"))
+    # from the columns of candidates to their coefficients
+    turns = [sp.csr_array(found.linearisation.turn(i)) for i in kept]
+    lift = sp.csr_array(sp.block_diag([sp.eye_array(found.linearisation.free), *turns], format="csr"))
+    means = (lift @ (np.array(means) - own @ mode.mean).T).T
+    return _Mixture(means, np.array(shares), lift @ wider)
 
 
 def _without_rare(found: Found, kept: Collection[int]) -> list[tuple[State, float]]:
@@ -182,11 +168,8 @@ def _without_rare(found: Found, kept: Collection[int]) -> list[tuple[State, floa
     What is rare may stand in for what is not: a state is better left out than robbed of it.
     """
     every = [(_kept(found, state, kept), share) for state, share in found.posterior.states]
-    whole = [
-        one
-        for one, (state, _) in zip(every, found.posterior.states, strict=True)
-        if len(one[0].members) == len(state.members)
-    ]
+    pairs = zip(every, found.posterior.states, strict=True)
+    whole = [one for one, (state, _) in pairs if len(one[0].members) == len(state.members)]
     return whole if sum(share for _, share in whole) >= ENOUGH else every
 
 

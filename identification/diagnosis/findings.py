@@ -111,9 +111,8 @@ def findings_of(
     cat, names = found.catalogue, supported.summary.names
     recording, deployed = found.signatures.recording, {e.label for e in after.effects}
     out = []
-    for one, half, flip in zip(
-        names, supported.replications, in_order(partial(flip_inflation, found), names), strict=True
-    ):
+    flips = in_order(partial(flip_inflation, found), names)
+    for one, half, flip in zip(names, supported.replications, flips, strict=True):
         firm = one.probability >= NAMED and {cat.candidates[i].label for i in one.candidates} <= deployed
         fit = after if firm else likeliest
         out.append(finding(found.signatures.machine, cat, fit, one, flip, half, recording.inferred))
@@ -189,21 +188,16 @@ def _explanation(
     if one.nameless and not one.tested:
         return ""
     first = cat.candidates[one.candidates[0]]
+    waves = [e.settings_map for e in after.effects if e.kind == "position-periodic"]  # of all joints
+    orders = [wave["order"] for wave in waves if "order" in wave]
     said = [first.effect.explain_term(machine, one.cause.place, first.settings_map)]
     for placed in (cat.candidates[i] for i in one.candidates):
         fitted = _fitted(after, placed)
         said.append(placed.effect.found(*({n: q[k] for n, q in fitted.items()} for k in (0, 1))))
-        said.append(line_words(machine, placed, _lines(after)))
+        said.append(line_words(machine, placed, orders))
     kinds = {Driver.of(n).kind for i in one.candidates for n in cat.candidates[i].drivers if inferred(n)}
-    return " ".join(
-        text for text in (*said, *(_FROM_ORDER[kind] for kind in OF_THE_ORDER if kind in kinds)) if text
-    )
-
-
-def _lines(after: Estimate) -> list[float]:
-    """Orders of single waves of all joints."""
-    waves = (e.settings_map.get("order") for e in after.effects if e.kind == "position-periodic")
-    return [order for order in waves if order is not None]
+    said += [_FROM_ORDER[kind] for kind in OF_THE_ORDER if kind in kinds]
+    return " ".join(text for text in said if text)
 
 
 def _fitted(after: Estimate, placed: PlacedEffect) -> dict[str, tuple[float, float]]:
@@ -219,12 +213,11 @@ def _twins(cat: Catalogue, one: Named) -> list[Alternative]:
     for placed in (cat.candidates[i] for i in one.candidates):
         for slug, ratio in placed.effect.twins(placed.settings_map).items():
             likely.setdefault(slug, ratio)
-    total = 1.0 + sum(likely.values())
-    place, share, gain = one.cause.place, one.probability / total, one.gain
-    return [
-        Alternative(slug, place, share * ratio, gain, effects.get(slug, "twin").experiment)
-        for slug, ratio in likely.items()
-    ]
+    share, out = one.probability / (1.0 + sum(likely.values())), list[Alternative]()
+    for slug, ratio in likely.items():
+        experiment = effects.get(slug, "twin").experiment
+        out.append(Alternative(slug, one.cause.place, share * ratio, one.gain, experiment))
+    return out
 
 
 def _parameters(cat: Catalogue, after: Estimate, candidates: Sequence[int]) -> dict[str, Quantity]:
@@ -241,10 +234,8 @@ def ranked_alternatives(cat: Catalogue, gain: Array) -> tuple[Alternative, ...]:
     odds = np.append(gain + np.array(cat.log_prior), 0.0)
     share = np.exp(odds - np.logaddexp.reduce(odds))
     order = [i for i in np.argsort(-odds[:-1]).tolist() if cat.named(i) and np.isfinite(gain[i])]
-    return tuple(
-        Alternative(*cat.cause(i), float(share[i]), float(gain[i]), cat.candidates[i].effect.experiment)
-        for i in order
-    )
+    every = ((*cat.cause(i), float(share[i]), float(gain[i]), cat.candidates[i]) for i in order)
+    return tuple(Alternative(*told, placed.effect.experiment) for *told, placed in every)
 
 
 def evidence_map(cat: Catalogue, gain: Array) -> dict[str, float]:

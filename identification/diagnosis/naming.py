@@ -58,13 +58,10 @@ def named(found: Found, said: Inclusion) -> tuple[Named, ...]:
     causes = dict.fromkeys(int(problem.spike_slab.terms.cause[term]) for term, _ in found.mode.members)
     single = [_single(found, k) for k in causes if problem.causes[k].effect != Empirical.slug]
     presence = Presence(found.signatures.machine, found.catalogue, problem, found.posterior)
-    names = [
-        replace(
-            n,
-            levels=presence.levels(*n.cause, found.catalogue.candidates[n.candidates[0]].kind, n.probability),
-        )
-        for n in _supported(found, said, single)
-    ]
+    names, candidates = list[Named](), found.catalogue.candidates
+    for n in _supported(found, said, single):
+        levels = presence.levels(*n.cause, candidates[n.candidates[0]].kind, n.probability)
+        names.append(replace(n, levels=levels))
     own = {n.cause for n in names if n.said}
     told = sorted((told_once(n, said, own) for n in names), key=lambda n: -n.gain)
     of_effect = Counter(cause.effect for cause in own)
@@ -110,10 +107,8 @@ def _supported(found: Found, said: Inclusion, names: Sequence[Named]) -> list[Na
     alone = supports(found.problem.spike_slab, found.mode, [_places(found, n.candidates) for n in names])
     gains = [max(gain, _least(found, n)) for gain, n in zip(alone, names, strict=True)]
     held = forms_hold(found, said.nameless, [n.candidates for n in names])
-    return [
-        replace(_beside_alike(name, gain, like.itself), tested=like.tested)
-        for name, gain, like in zip(names, gains, held, strict=True)
-    ]
+    every = zip(names, gains, held, strict=True)
+    return [replace(_beside_alike(n, gain, itself), tested=tested) for n, gain, (itself, tested) in every]
 
 
 def _least(found: Found, one: Named) -> float:
@@ -138,13 +133,8 @@ def _beside_alike(one: Named, gain: float, held: float) -> Named:
     if alike > SHOWN:
         cause = EffectAtPlace(Empirical.slug, one.cause.place)
         members.append(Rival(cause, alike, gain + float(np.log((1.0 - held) / held))))
-    return replace(
-        one,
-        probability=held * one.probability,
-        certainty=held * one.certainty,
-        gain=gain,
-        equivalents=tuple(members),
-    )
+    own, whole = held * one.probability, held * one.certainty
+    return replace(one, probability=own, certainty=whole, gain=gain, equivalents=tuple(members))
 
 
 def told_once(one: Named, said: Inclusion, own: Collection[EffectAtPlace]) -> Named:
@@ -154,12 +144,8 @@ def told_once(one: Named, said: Inclusion, own: Collection[EffectAtPlace]) -> Na
     """
     others = [m for m in one.equivalents if m.cause not in own]
     twice = sum(m.probability for m in one.equivalents if m.cause in own)
-    as_told = [
-        replace(
-            m, probability=max(m.probability, 0.0 if m.cause.effect == Empirical.slug else said.of(m.cause))
-        )
-        for m in others
-    ]
+    at_all = [0.0 if m.cause.effect == Empirical.slug else said.of(m.cause) for m in others]
+    as_told = [replace(m, probability=max(m.probability, p)) for m, p in zip(others, at_all, strict=True)]
     ranked = tuple(sorted(as_told, key=lambda m: -m.probability))
     return replace(one, certainty=max(one.certainty - twice, one.probability), equivalents=ranked)
 
@@ -173,14 +159,8 @@ def _single(found: Found, number: int) -> Named:
     # all that may be in the slot, what has no name included
     certainty = min(1.0, own + sum(row[k] for k in rivals if problem.causes[k].effect != Empirical.slug))
     kept = float(min(1.0, max(1.0 - own, 0.0) / others)) if others > 0.0 else 1.0
-    shown = tuple(
-        Rival(
-            problem.causes[k],
-            kept * float(min(row[k], 1.0)),
-            float(np.log(min(row[k], 1.0) / max(row[number], 1e-9))),
-        )
-        for k in rivals
-    )
+    each = ((problem.causes[k], float(min(row[k], 1.0))) for k in rivals)
+    shown = tuple(Rival(cause, kept * p, float(np.log(p / max(row[number], 1e-9)))) for cause, p in each)
     terms = [t for t, _ in found.mode.members if int(problem.spike_slab.terms.cause[t]) == number]
     return Named(problem.causes[number], tuple(problem.candidates[t] for t in terms), own, certainty, shown)
 
@@ -217,10 +197,11 @@ def summarised(found: Found, fit: Estimate) -> Summary:
     said = inclusion(found.problem, found.posterior)
     cat = found.catalogue
     held = {effect.label for effect in fit.effects}
-    kept = [
-        (n, tuple(i for i in n.candidates if cat.candidates[i].label in held)) for n in named(found, said)
-    ]
-    every = beside_untested(found, [replace(n, candidates=own) for n, own in kept if own])
+    kept = list[Named]()
+    for n in named(found, said):
+        own = tuple(i for i in n.candidates if cat.candidates[i].label in held)
+        kept += [replace(n, candidates=own)] if own else []
+    every = beside_untested(found, kept)
     shown = without_untested(found, every)
     names = _told(found, [n for n in shown if n.said])
     rest = [n for n in shown if n not in names and max(n.levels.driver, n.certainty) >= LEADING]
@@ -273,10 +254,8 @@ def keep_supported(summary: Summary, found: Found, fit: Estimate, halves: Replic
         if statistic >= 1.0:
             kept.append(one)
         elif share >= UNSEEN:
-            where = "+".join(one.cause.place)
-            unseen.append(
-                Untestable(one.cause.effect, f"{where}: no reading tells it apart from the geometry")
-            )
+            why = f"{'+'.join(one.cause.place)}: no reading tells it apart from the geometry"
+            unseen.append(Untestable(one.cause.effect, why))
         else:
             open_.append(one)
     replicated = halves(kept)
@@ -320,10 +299,8 @@ def cap_law(one: Named, half: Replication | None) -> Named:
     """Return the name with the probability of its law that both halves of the rows allow."""
     if one.nameless or half is None or half.replicated or one.probability <= UNREPLICATED:
         return one
-    rest = Rival(EffectAtPlace(Empirical.slug, one.cause.place), one.probability - UNREPLICATED, one.gain)
-    others = [m for m in one.equivalents if m.cause != rest.cause]
-    same = sum(m.probability for m in one.equivalents if m.cause == rest.cause)
-    ranked = sorted(
-        (*others, replace(rest, probability=rest.probability + same)), key=lambda m: -m.probability
-    )
+    cause = EffectAtPlace(Empirical.slug, one.cause.place)
+    others = [m for m in one.equivalents if m.cause != cause]
+    rest = one.probability - UNREPLICATED + sum(m.probability for m in one.equivalents if m.cause == cause)
+    ranked = sorted((*others, Rival(cause, rest, one.gain)), key=lambda m: -m.probability)
     return replace(one, probability=UNREPLICATED, equivalents=tuple(ranked))

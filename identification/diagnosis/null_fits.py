@@ -149,7 +149,11 @@ def miscounted_fringes(fit: Estimate, recording: Recording, far: Mask) -> dict[i
     the first. A reading is the change since its own row of origin: rows counted on from a miscounted one without
     a new start share its k, and are found as long as they are few.
     """
-    channels = _half_waves(fit.nominal)
+    waves = [
+        (s.wavelength if isinstance(s, Distance) else None, len(s.channels)) for s in fit.nominal.sensors
+    ]
+    # half the wavelength of each channel, mm; infinite where it is no interferometer's
+    channels = np.concatenate([np.full(count, wave / 2 if wave else np.inf) for wave, count in waves])
     rows = np.flatnonzero(far & np.isfinite(fit.residual).all(axis=1))
     if not len(rows) or not np.isfinite(channels).any():
         return {}
@@ -159,16 +163,8 @@ def miscounted_fringes(fit: Estimate, recording: Recording, far: Mask) -> dict[i
     rest = fit.residual[rows] + counts * np.where(np.isfinite(step), step, 0.0)
     told = (2 * NEAR * spread < BY_CHANCE * step) | (counts == 0)
     fits = (np.abs(rest) < NEAR * spread).all(axis=1) & told.all(axis=1) & counts.any(axis=1)
-    return {
-        int(row): int(count[np.flatnonzero(count)[0]])
-        for row, count in zip(rows[fits], counts[fits], strict=True)
-    }
-
-
-def _half_waves(machine: Machine) -> Array:
-    """(m,) half the wavelength of each channel, mm; infinite where it is no interferometer's."""
-    waves = [(s.wavelength if isinstance(s, Distance) else None, len(s.channels)) for s in machine.sensors]
-    return np.concatenate([np.full(count, wave / 2 if wave else np.inf) for wave, count in waves])
+    first = np.argmax(counts[fits] != 0, axis=1)
+    return dict(zip(rows[fits].tolist(), map(int, counts[fits][np.arange(len(first)), first]), strict=True))
 
 
 def _spread(fit: Estimate, recording: Recording) -> Array:

@@ -89,10 +89,10 @@ class Presence:
         self, machine: Machine, cat: Catalogue, problem: SelectionProblem, posterior: Posterior
     ) -> None:
         self._machine, self._cat = machine, cat
-        self._states = [
-            (share, frozenset(key for t, _ in state.members for key in self._of(problem.candidates[t])))
-            for state, share in posterior.states
-        ]
+        self._states = list[tuple[float, frozenset[Key]]]()
+        for state, share in posterior.states:
+            keys = (key for t, _ in state.members for key in self._of(problem.candidates[t]))
+            self._states.append((share, frozenset(keys)))
 
     def at(self, parts: Sequence[str], kind: DriverKind | None = None) -> float:
         """Probability of something at all of these parts, with one driver or whatever drives it."""

@@ -32,7 +32,6 @@ from truepose.identification.posterior.state import slot_odds
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue
-from truepose.identification.signatures.linearisation import Linearisation
 from truepose.identification.signatures.signatures import Signatures
 from truepose.threads import in_order, one_thread
 
@@ -77,15 +76,8 @@ def _of_some(
         return None
     every = recording.in_time(np.ones(len(recording), dtype=bool))
     rows = np.sort(every[:: -(-len(every) // most)])
-    part = replace(
-        before,
-        x=before.x[rows],
-        residual=before.residual[rows],
-        used=before.used[rows],
-        weights=before.weights[rows],
-        lost=before.lost_among(rows),
-        unassembled=(),
-    )
+    own = {name: getattr(before, name)[rows] for name in ("x", "residual", "used", "weights")}
+    part = replace(before, **own, lost=before.lost_among(rows), unassembled=())
     return black_box(part, after, recording.subset(rows), outliers[rows])
 
 
@@ -104,12 +96,8 @@ class Waves:
         for channel in range(jacobian.shape[1]):
             own = np.flatnonzero(self.channel == channel)
             at = np.concatenate([np.arange(n), n + own, [size - 1]])
-            columns = [
-                jacobian[rows, channel],
-                self._of(channel, own)[rows],
-                residual[rows, channel][:, None],
-            ]
-            part = np.hstack(columns)
+            waves = self._of(channel, own)[rows]
+            part = np.hstack([jacobian[rows, channel], waves, residual[rows, channel][:, None]])
             out[np.ix_(at, at)] += part.T @ part
         return out
 
@@ -200,9 +188,8 @@ def injected_recovered(after: Estimate, found: Found, main: int) -> bool:
     problem, cat, own = found.problem, found.catalogue, found.problem.spike_slab
     label = cat.candidates[main].label
     fitted = next(e for e in after.fitted_effects() if e.label == label)
-    amplitude = found.linearisation.turn(main).T @ (
-        np.array(fitted.amplitudes) / [c.scale for c in fitted.coefficients]
-    )
+    size = np.array(fitted.amplitudes) / [c.scale for c in fitted.coefficients]
+    amplitude = found.linearisation.turn(main).T @ size
     noises = own.unknowns.scales(found.mode.point).tolist()
     design = _simulated(own.design, found.linearisation.columns[main], amplitude, noises)
     point = found.mode.point._replace(widening=0, remainder=0)
@@ -249,34 +236,27 @@ def replications(found: Found, names: Sequence[Named], rms: float) -> tuple[Repl
     """For each name; None where a half has fewer readings than the model has unknowns."""
     if not names:
         return ()
-    halves = [
-        half for half in in_order(partial(_weigh_half, found, names, rms), range(2)) if half is not None
-    ]
-    if len(halves) < 2:
+    first, second = in_order(partial(_weigh_half, found, names, rms), range(2))
+    if first is None or second is None:
         return (None,) * len(names)
-    return tuple(_replicated(*pair) for pair in zip(*halves, strict=True))
+    return tuple(_replicated(*pair) for pair in zip(first, second, strict=True))
 
 
 def _weigh_half(found: Found, names: Sequence[Named], rms: float, number: int) -> list[_InHalf] | None:
     """Return what one half of the rows says of each name; None where it has fewer readings than the model has unknowns."""
     with one_thread():  # both halves are weighed beside each other
-        lin = _linearise_half(found, number)
+        if found.halves is not None:
+            lin = found.halves[number]
+        else:  # in the order of acquisition
+            used = np.zeros(len(found.fit.used), dtype=bool)
+            used[np.array_split(found.signatures.recording.in_time(found.fit.used), 2)[number]] = True
+            lin = found.signatures.linearise(replace(found.fit, used=used))
         if lin.n_observations <= lin.free + len(found.problem.spike_slab.columns(found.mode.members)[0]):
             return None
         problem = selection_problem(lin, found.catalogue, rms)
         del lin  # a large matrix: the problem has its own
         holds = problem.spike_slab.holds(found.mode.members)
         return _half(problem.spike_slab, found, names) if holds else None
-
-
-def _linearise_half(found: Found, number: int) -> Linearisation:
-    """Return the linearisation of the first or the second half of the fitted rows, in the order of acquisition."""
-    if found.halves is not None:
-        return found.halves[number]
-    fit = found.fit
-    used = np.zeros(len(fit.used), dtype=bool)
-    used[np.array_split(found.signatures.recording.in_time(fit.used), 2)[number]] = True
-    return found.signatures.linearise(replace(fit, used=used))
 
 
 def _half(spike_slab: SpikeSlab, found: Found, names: Sequence[Named]) -> list[_InHalf]:
@@ -324,14 +304,10 @@ def flip_inflation(found: Found, one: Named) -> float | None:
     problem, mode = found.problem, found.mode
     spike_slab = problem.spike_slab
     own = {t for t, _ in mode.members if problem.candidates[t] in one.candidates}
-    unknowns = replace(
-        spike_slab.unknowns,
-        widening=tuple((w,) * len(problem.classes) for w in WIDENINGS),
-        log_widening=(0.0,) * len(WIDENINGS),
-    )
-    part, index = spike_slab.restricted(
-        np.isin(np.arange(len(spike_slab.terms)), [t for t, _ in mode.members])
-    )
+    wider = tuple((w,) * len(problem.classes) for w in WIDENINGS)
+    unknowns = replace(spike_slab.unknowns, widening=wider, log_widening=(0.0,) * len(wider))
+    wanted = np.isin(np.arange(len(spike_slab.terms)), [t for t, _ in mode.members])
+    part, index = spike_slab.restricted(wanted)
     part = SpikeSlab(part.design, unknowns, part.terms, part.sizes)
     place = {int(t): k for k, t in enumerate(index)}
     every = [(place[t], s) for t, s in mode.members]

@@ -91,25 +91,19 @@ def fitted(
 
     Where no minimum is found with both, the candidates alone are tried; None where they have none either.
     """
+    machine, cat, start = found.signatures.machine, found.catalogue, found.fit
+    held = [replace(cat.candidates[i], spread=spread) for i, spread in accepted.items()]
     for forms in (shapes, ()) if shapes else ((),):
+        extra = [s for s in forms if s.candidate not in accepted]
+        terms = [*held, *(cat.candidates[s.candidate] for s in extra)]
         try:
-            return _fitted(found, accepted, forms, exclude)
+            return estimate(
+                machine, found.signatures.recording, terms, start=start_from(start, terms), exclude=exclude,
+                prior=_prior(found, terms, len(accepted), extra), noise=noise_at(found.problem, found.mode),
+            )  # fmt: skip
         except ConvergenceError:
             continue
     return None
-
-
-def _fitted(
-    found: Found, accepted: Mapping[int, float], shapes: tuple[Shape, ...], exclude: Mask
-) -> Estimate:
-    machine, recording, cat = found.signatures.machine, found.signatures.recording, found.catalogue
-    terms = [replace(cat.candidates[i], spread=spread) for i, spread in accepted.items()]
-    extra = [s for s in shapes if s.candidate not in accepted]
-    terms += [cat.candidates[s.candidate] for s in extra]
-    prior = _prior(found, terms, len(accepted), extra)
-    start = start_from(found.fit, terms)
-    noise = noise_at(found.problem, found.mode)
-    return estimate(machine, recording, terms, start=start, exclude=exclude, prior=prior, noise=noise)
 
 
 def _prior(found: Found, terms: list[PlacedEffect], first: int, extra: list[Shape]) -> Prior:
@@ -117,9 +111,8 @@ def _prior(found: Found, terms: list[PlacedEffect], first: int, extra: list[Shap
     machine, problem = found.signatures.machine, found.problem
     prior = prior_of(machine, terms)
     sigma, count = prior.sigma.copy(), len(machine.parameters)
-    factors = dict(
-        zip(problem.classes, problem.spike_slab.unknowns.widening[found.mode.point.widening], strict=True)
-    )
+    wider = problem.spike_slab.unknowns.widening[found.mode.point.widening]
+    factors = dict(zip(problem.classes, wider, strict=True))
     free = [k for k in range(count) if sigma[k] > 0.0]
     classes = part_classes([prior.names[k] for k in free], [prior.parts[k] for k in free])
     for k, one in zip(free, classes, strict=True):
@@ -157,11 +150,11 @@ def refit(
     """
     recording = found.signatures.recording
     fit = fitted(found, accepted, shapes, exclude)
-    if fit is None:
-        return None
     try:
-        fit = within_bounds(fit, recording, exclude)
+        fit = fit and within_bounds(fit, recording, exclude)
     except ConvergenceError:
+        return None
+    if fit is None:
         return None
     nothing = {e.label for e in fit.fitted_effects() if not any(e.amplitudes)}
     left = {i: s for i, s in accepted.items() if found.catalogue.candidates[i].label not in nothing}
@@ -285,15 +278,12 @@ class Choice:
         Physics holds everywhere; forms without a name must make nothing worse at the ends of what was seen either. What is
         worse there with names alone is not their doing.
         """
-        if held.worse:
-            return False
-        return not (model.nameless(self.found) and (self._harms(held, names) or self.strays(model, names)))
-
-    def _harms(self, held: Comparison, names: Model | None) -> bool:
-        """Whether what stands beside names makes the ends of what was seen worse."""
-        if names is None or not held.worse_beyond():
-            return held.worse_beyond()
-        return held.worse_beyond(self.beside_drawing(names.fit))
+        if held.worse or not model.nameless(self.found):
+            return not held.worse
+        harms = held.worse_beyond()
+        if harms and names is not None:
+            harms = held.worse_beyond(self.beside_drawing(names.fit))
+        return not (harms or self.strays(model, names))
 
     def strays(self, model: Model, names: Model | None) -> bool:
         """Return True if forms without a name move geometry farther from its tolerances than a true model ever leaves it.
@@ -357,9 +347,8 @@ def chosen_model(
     if long and names is not None and choice.may_be_applied(model, names, choice.beside_drawing(model.fit)):
         less = iter([("names", names)] if model.nameless(choice.found) else [])
     tried += [(label, other, choice.compared(other.fit)) for label, other in less]
-    allowed = [
-        one for one in tried if choice.may_be_applied(one[1], names, choice.beside_drawing(one[1].fit))
-    ]
+    held = [choice.beside_drawing(one.fit) for _, one, _ in tried]
+    allowed = [t for t, h in zip(tried, held, strict=True) if choice.may_be_applied(t[1], names, h)]
     if not allowed:
         return "plain", None, choice.drawing_alone
     best = min(held.score for _, _, held in allowed)

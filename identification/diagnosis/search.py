@@ -20,7 +20,7 @@ from truepose.identification.diagnosis.selection_problem import (
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.posterior.design import GridPoint
-from truepose.identification.posterior.mode import climbed
+from truepose.identification.posterior.mode import tops
 from truepose.identification.posterior.posterior import ROUNDS, Posterior, Sampling, mode
 from truepose.identification.posterior.spike_slab import LONG_SET, SpikeSlab
 from truepose.identification.posterior.state import State
@@ -95,11 +95,8 @@ def settled(start: Start) -> Expansion:
     state, spent = Expansion(start), 0.0
     for most, likeliest in ((CLIMBS, Expansion.climbed), (MOVES, Expansion.glimpsed)):
         for _ in range(most):
-            if (
-                spent > SEARCHING
-                or start.stop()
-                or (not state.short and (spent or likeliest is not Expansion.climbed))
-            ):
+            enough = not state.short and (spent or likeliest is not Expansion.climbed)
+            if enough or spent > SEARCHING or start.stop():
                 break  # near enough: every further fit would take long
             moved = state.moved(likeliest(state))
             if moved is None:
@@ -166,7 +163,10 @@ class Expansion:
     @cached_property
     def known(self) -> list[State]:
         """The likeliest state found before, if any, in the numbers of this problem."""
-        return [] if self.start.known is None else [self._of_this_grid(self.start.known)]
+        state = self.start.known  # its terms are the same: more candidates of a catalogue stand at its end
+        if state is None:
+            return []
+        return [State(state.members, self.problem.spike_slab.unknowns.nearest(state.point), 0.0)]
 
     @cached_property
     def alone(self) -> Array:
@@ -178,10 +178,6 @@ class Expansion:
     def bare(self) -> Linearisation:
         """Of geometry, at the fit without effects."""
         return self.linearisation.bare() if self.start.bare is None else self.start.bare
-
-    def _of_this_grid(self, state: State) -> State:
-        """Its terms are the same: more candidates of a catalogue stand at its end."""
-        return State(state.members, self.problem.spike_slab.unknowns.nearest(state.point), 0.0)
 
     def terms(self, wanted: Mapping[int, float]) -> list[PlacedEffect]:
         """Candidates (index to spread, in scales) as terms of a fit."""
@@ -203,7 +199,7 @@ class Expansion:
 
     def climbed(self) -> State:
         """Return the likeliest state that ascents reach."""
-        return climbed(self.spike_slab, self.problem.richness, self.known)
+        return tops(self.spike_slab, self.problem.richness, self.known)[0]
 
     def glimpsed(self) -> State:
         """Return the mode of the posterior after its first round."""
@@ -220,9 +216,8 @@ class Expansion:
         self.problem.spike_slab.forget()
         own = self.start.accepted, self.fit, self.linearisation, self.signatures, self.catalogue
         later = np.full(len(self.catalogue.candidates) - len(self.alone), -np.inf)
-        return Found(
-            self.problem, posterior, best, *own, np.append(self.alone, later), self.bare, self._passed[1]
-        )
+        alone = np.append(self.alone, later)
+        return Found(self.problem, posterior, best, *own, alone, self.bare, self._passed[1])
 
     def moved(self, best: State) -> Start | None:
         """The fit with another set, with finer settings around its own; None where there is nothing new, or no minimum."""
@@ -231,8 +226,8 @@ class Expansion:
         finer = refined(signatures.machine, cat, wanted) if start.refined < REFINED else cat
         if set(wanted) == set(start.accepted) and finer is cat:
             return None
+        fit = self.fit
         try:
-            fit = self.fit
             if set(wanted) != set(start.accepted):
                 fit = _refitted(self, wanted, noise_at(self.problem, best), start.exclude)
         except ConvergenceError:

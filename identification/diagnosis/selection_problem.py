@@ -144,31 +144,20 @@ def _terms(
 ) -> tuple[tuple[EffectAtPlace, ...], Terms]:
     """Causes, and a term for each free candidate (all that the file does not state) with its urns."""
     placed = [cat.candidates[i] for i in free]
-    table = pd.DataFrame(
-        {
-            "cause": [cat.cause(i) for i in free],
-            "kind": [_kind(cat, i) for i in free],
-            "feature": [c.effect.told(c.settings_map) for c in placed],
-            "share": np.exp(log_shares),
-        }
-    )
+    kinds, told = [_kind(cat, i) for i in free], [c.effect.told(c.settings_map) for c in placed]
+    table = pd.DataFrame({"cause": [cat.cause(i) for i in free], "kind": kinds, "feature": told})
+    table["share"] = np.exp(log_shares)
     table["in_kind"] = table["share"] / table.groupby("kind")["share"].transform("sum")
     number, causes = pd.factorize(table["cause"])
     feature = table.groupby(["kind", "feature"], sort=False).ngroup().to_numpy()
     share = np.log(table["in_kind"].to_numpy())
-    terms = [
-        Term(
-            columns=tuple(lin.indices([i])),
-            cause=int(number[k]),
-            feature=int(feature[k]),
-            log_share=float(share[k]),
-            lower=tuple(c.lower / c.scale for c in placed[k].coefficients[: len(lin.indices([i]))]),
-            upper=tuple(c.upper / c.scale for c in placed[k].coefficients[: len(lin.indices([i]))]),
-            alone=cat.named(i) and not placed[k].effect.adds(placed[k].settings_map),
-            length=len(placed[k].coefficients),
-        )
-        for k, i in enumerate(free)
-    ]
+    terms = list[Term]()
+    for k, (i, one) in enumerate(zip(free, placed, strict=True)):
+        columns, numbers = tuple(lin.indices([i])), (int(number[k]), int(feature[k]), float(share[k]))
+        seen = one.coefficients[: len(columns)]
+        lower, upper = tuple(c.lower / c.scale for c in seen), tuple(c.upper / c.scale for c in seen)
+        alone = cat.named(i) and not one.effect.adds(one.settings_map)
+        terms.append(Term(columns, *numbers, lower, upper, alone, len(one.coefficients)))
     return tuple(causes), Terms(terms, _urn(table, cat.learned))
 
 
@@ -188,24 +177,19 @@ def _urn(table: pd.DataFrame, learned: FleetPrior | None) -> Urn:
     kinds = table.groupby("kind", sort=False)
     numbers = dict(zip(table["kind"].drop_duplicates(), range(kinds.ngroups), strict=True))
     features = table.groupby(["kind", "feature"], sort=False)["in_kind"].sum()
+    sizes = [None if learned is None else learned.log_sizes(cause.effect) for cause in kinds["cause"].first()]
     return Urn(
         kind=table.drop_duplicates("cause")["kind"].map(numbers).to_numpy(dtype=np.intp),
         share=kinds["share"].sum().to_numpy(),
         number=kinds["cause"].nunique().to_numpy().astype(np.intp),
         feature_kind=features.index.get_level_values("kind").map(numbers).to_numpy(dtype=np.intp),
         feature_share=features.to_numpy(),
-        log_size=np.array([_log_sizes(cause, learned) for cause in kinds["cause"].first()]),
+        log_size=np.array([prior.SIZES.log_prior if own is None else own for own in sizes]),
         weight=prior.URN,
         alike=prior.ALIKE,
         further=prior.FURTHER,
         log_place=np.log(table.groupby("cause", sort=False)["in_kind"].sum().to_numpy()),
     )
-
-
-def _log_sizes(cause: EffectAtPlace, learned: FleetPrior | None) -> Array:
-    """(s,) log prior of the sizes of a kind, of which this is a cause."""
-    own = None if learned is None else learned.log_sizes(cause.effect)
-    return prior.SIZES.log_prior if own is None else own
 
 
 def _log_shares(cat: Catalogue, free: Sequence[int]) -> tuple[Array, float]:

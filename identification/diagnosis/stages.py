@@ -109,19 +109,15 @@ def further(
     cat, begins = near.catalogue, fits.before if fit is None else fit
     signatures, cat = prepared(Signatures(machine, recording, cat.candidates), begins, cat)
     progress(f"{WEIGHING} {len(recording):,} rows with {len(cat.candidates)} explanations")
-    begun = Start(
-        signatures,
-        cat,
-        begins,
-        dict.fromkeys(cat.stated, STATED) if fit is None else near.start.accepted,
-        far,
-        fits.rms,
-        near.start.refined,
-        bare=Signatures(machine, recording, ()).linearise(fits.before).bare(),
-        known=None if fit is None else near.start.known,
-        halved=len(recording) == len(recording.whole),
-        stop=near.start.stop,
+    accepted, known = near.start.accepted, near.start.known
+    if fit is None:
+        accepted, known = dict.fromkeys(cat.stated, STATED), None
+    bare = Signatures(machine, recording, ()).linearise(fits.before).bare()
+    own, halved = (
+        (far, fits.rms, near.start.refined, None, bare, known),
+        len(recording) == len(recording.whole),
     )
+    begun = Start(signatures, cat, begins, accepted, *own, halved, near.start.stop)
     del near
     near = settled(begun)
     again = _far(near.fit, recording)
@@ -138,9 +134,8 @@ def further(
 def _fitted(near: Expansion, recording: Recording) -> tuple[Mask, Estimate | None]:
     """Rows (n,) that are far off beside what was found with fewer, and the fit with it to the others; None if it has none."""
     machine, terms = near.signatures.machine, near.terms(near.start.accepted)
-    fitted = partial(
-        estimate, machine, recording, terms, start=start_from(near.fit, terms), noise=near.fit.noise
-    )
+    begin = start_from(near.fit, terms)
+    fitted = partial(estimate, machine, recording, terms, start=begin, noise=near.fit.noise)
     far = _far(fitted(tolerance=np.inf), recording)
     try:
         return far, fitted(exclude=far, tolerance=ROUGH)

@@ -16,15 +16,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from truepose.arrays import Array, Index, Mask
-from truepose.identification.prior import (
-    NOISE_FROM,
-    NOISE_STEP,
-    RATIO_DOUBT,
-    REMAINDER,
-    REMAINDER_FROM,
-    REMAINDER_STEP,
-    noise_log_prior,
-)
+from truepose.identification import prior
 
 UNSEEN = 1e-9
 """Share of a column's own length below which what is left of it is rounding."""
@@ -145,23 +137,23 @@ class Unknowns:
         remainder_rms: float,
     ) -> Unknowns:
         """Noise of so many kinds up to ``rms``, what geometry alone leaves; a remainder up to ``remainder_rms``, 0 for none."""
-        top = np.log(max(2.0, 1.3 * rms)) + NOISE_STEP
-        noise = np.exp(np.arange(np.log(NOISE_FROM), top, NOISE_STEP)).tolist()
-        axis = Axis(tuple(noise), noise_log_prior(noise))
-        count = int(np.ceil(np.log(2.0 * remainder_rms / REMAINDER_FROM + 2.0) / np.log(REMAINDER_STEP)))
-        sizes = [REMAINDER_FROM * REMAINDER_STEP**k for k in range(count)] if remainder_rms else []
-        share = np.log(REMAINDER / max(len(sizes), 1))
-        none = np.log(1.0 - REMAINDER) if sizes else 0.0
+        top = np.log(max(2.0, 1.3 * rms)) + prior.NOISE_STEP
+        noise = np.exp(np.arange(np.log(prior.NOISE_FROM), top, prior.NOISE_STEP)).tolist()
+        axis, first, step = (
+            Axis(tuple(noise), prior.noise_log_prior(noise)),
+            prior.REMAINDER_FROM,
+            prior.REMAINDER_STEP,
+        )
+        count = int(np.ceil(np.log(2.0 * remainder_rms / first + 2.0) / np.log(step)))
+        sizes = [first * step**k for k in range(count)] if remainder_rms else []
+        share = np.log(prior.REMAINDER / max(len(sizes), 1))
+        none = np.log(1.0 - prior.REMAINDER) if sizes else 0.0
         return cls((axis,) * kinds, *widenings, Axis((0.0, *sizes), (none, *[share] * len(sizes))))
 
     def holds(self, point: GridPoint) -> bool:
         """Whether a point is on the grid."""
-        inside = all(0 <= k < len(a.values) for k, a in zip(point.noise, self.noise, strict=True))
-        return (
-            inside
-            and 0 <= point.widening < len(self.widening)
-            and 0 <= point.remainder < len(self.size.values)
-        )
+        sizes = (*(len(a.values) for a in self.noise), len(self.widening), len(self.size.values))
+        return all(0 <= k < n for k, n in zip((*point.noise, *point[1:]), sizes, strict=True))
 
     def along(self, point: GridPoint, axis: str) -> list[GridPoint]:
         """All points that differ in ``widening`` or ``remainder`` alone."""
@@ -171,11 +163,8 @@ class Unknowns:
     def nearest(self, point: GridPoint) -> GridPoint:
         """A point of another grid with like axes, moved onto this one."""
         noise = tuple(min(k, len(a.values) - 1) for k, a in zip(point.noise, self.noise, strict=True))
-        return GridPoint(
-            noise,
-            min(point.widening, len(self.widening) - 1),
-            min(point.remainder, len(self.size.values) - 1),
-        )
+        widening, remainder = min(point.widening, len(self.widening) - 1), len(self.size.values) - 1
+        return GridPoint(noise, widening, min(point.remainder, remainder))
 
     def all_at(self, noise: int, widening: int = 0, remainder: int = 0) -> GridPoint:
         """The point with one index of noise for every kind (the largest there is, where an axis is shorter)."""
@@ -188,6 +177,6 @@ class Unknowns:
     def log_prior(self, point: GridPoint) -> float:
         """Of a point; the first noise is paid by how far it is from stated, others by how far they are from the first."""
         steps = np.log(self.scales(point))
-        apart = float(np.sum(RATIO_DOUBT.log_prior(steps[1:] - steps[0])))
+        apart = float(np.sum(prior.RATIO_DOUBT.log_prior(steps[1:] - steps[0])))
         own = self.noise[0].log_prior[point.noise[0]] + apart
         return own + self.log_widening[point.widening] + self.size.log_prior[point.remainder]

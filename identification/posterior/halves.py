@@ -120,13 +120,8 @@ class Halves:
     @property
     def nbytes(self) -> int:
         """What it takes of memory."""
-        arrays = [
-            self._factor,
-            self._own,
-            self._turn,
-            *(self.__dict__.get(name) for name in ("all", "_root")),
-        ]
-        return sum(array.nbytes for array in arrays if array is not None)
+        kept = (self.__dict__.get(name) for name in ("all", "_root"))
+        return sum(a.nbytes for a in (self._factor, self._own, self._turn, *kept) if a is not None)
 
 
 def taken(among: Array, scores: Array, sizes: Array) -> tuple[Array, Array, float]:

@@ -270,7 +270,7 @@ def marginal(design: Design, unknowns: Unknowns, terms: Terms, point: GridPoint)
     """Everything that all models have marginalised at a point; its log evidence holds the point's log prior."""
     scales = unknowns.scales(point)
     weights = scales**-2.0
-    sigma, keep = _sigma(design, unknowns, point)
+    sigma, keep = prior_sigma(design, unknowns, point)
     inside, sigma = np.flatnonzero(keep), sigma[keep]
     rows = sum(gram[inside] * weight for gram, weight in zip(design.grams, weights, strict=True))
     scale = 1.0 / np.sqrt(np.maximum(rows[np.arange(len(inside)), inside] + sigma**-2.0, 1e-300))
@@ -288,7 +288,7 @@ def marginal(design: Design, unknowns: Unknowns, terms: Terms, point: GridPoint)
     return Marginal(terms, own, Halves(factor, beside, turned), log_evidence + unknowns.log_prior(point))
 
 
-def _sigma(design: Design, unknowns: Unknowns, point: GridPoint) -> tuple[Array, Mask]:
+def prior_sigma(design: Design, unknowns: Unknowns, point: GridPoint) -> tuple[Array, Mask]:
     """(n,) 1-sigmas of A at a point, and which columns are there at all: without a size the remainder is not."""
     always, tau = design.always, unknowns.size.values[point.remainder]
     factors = np.array([*unknowns.widening[point.widening], 1.0])  # part -1: none

@@ -7,6 +7,7 @@ is filled anew beside the others, until nothing changes.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -110,13 +111,12 @@ def _grown(
     spike_slab: SpikeSlab, richness: Richness, point: GridPoint, members: Sequence[Member]
 ) -> list[Member]:
     """With the likeliest term more, or with a whole group where that is likelier: what acts at all its places, faintly."""
-    single = _likeliest(spike_slab, richness, point, members)
-    best, value = [*members, *single], 0.0
+    single, value = _likeliest(spike_slab, richness, point, members), 0.0
     if single:
         beside, before = spike_slab.beside(point, members), spike_slab.log_prior(members)
         value = _growth(spike_slab, richness, beside, before, members, single)
     gain, group = max(_groups(spike_slab, richness, point, members), default=(-np.inf, ()))
-    return [*members, *group] if gain > value else best
+    return [*members, *(group if gain > value else single)]
 
 
 def _growth(
@@ -154,7 +154,8 @@ def nearest_top(
     Not ``thorough``: one noise of all kinds and the remainder, once.
     """
     unknowns, best, value = spike_slab.unknowns, point, spike_slab.log_evidence(point, members)
-    lines = (*_LINES, *_lines_of_kinds(len(point.noise))) if thorough and len(point.noise) > 1 else _LINES
+    kinds = len(point.noise) if thorough and len(point.noise) > 1 else 0  # the noise of each by itself, too
+    lines = (*_LINES, *(partial(_along_kind, kind) for kind in range(kinds)))
     while True:
         before = best
         for line in lines:
@@ -196,13 +197,8 @@ def _along_remainder(point: GridPoint, step: int) -> GridPoint:
 _LINES: tuple[Line, ...] = (lambda point, step: point.louder(step), _along_remainder)
 
 
-def _lines_of_kinds(count: int) -> list[Line]:
-    """The noise of each kind of channel by itself."""
-
-    def of(kind: int) -> Line:
-        return lambda point, step: point.with_noise(kind, point.noise[kind] + step)
-
-    return [of(kind) for kind in range(count)]
+def _along_kind(kind: int, point: GridPoint, step: int) -> GridPoint:
+    return point.with_noise(kind, point.noise[kind] + step)
 
 
 def _better(
@@ -218,12 +214,7 @@ def _better(
     return (points[at], top, True) if top > value else (best, value, False)
 
 
-def climbed(spike_slab: SpikeSlab, richness: Richness, known: Sequence[State] = ()) -> State:
-    """The likeliest state that ascents from nothing and from ``known`` states reach."""
-    return tops(spike_slab, richness, known)[0]
-
-
-def tops(spike_slab: SpikeSlab, richness: Richness, known: Sequence[State]) -> list[State]:
+def tops(spike_slab: SpikeSlab, richness: Richness, known: Sequence[State] = ()) -> list[State]:
     """Where ascents lead, from known states or else from nothing, and what is nearly as likely by exchanges of kinds; the
     likeliest first."""
     starts = [(state.point, state.members) for state in known] or [(best_point(spike_slab), ())]

@@ -122,9 +122,8 @@ class Chains:
     ) -> float:
         states = set(some)
         share = (sum(draw in states for draw in others) + 0.5) / (len(others) + 1.0)
-        return float(
-            np.logaddexp.reduce([self.log_posterior(draw) for draw in sorted(states)]) - np.log(share)
-        )
+        logs = [self.log_posterior(draw) for draw in sorted(states)]
+        return float(np.logaddexp.reduce(logs) - np.log(share))
 
     @property
     def disagreement(self) -> float:
@@ -211,9 +210,7 @@ class Sampling:
         self._part = whole.conditioned([(number[term], size) for term, size in around.certain])
 
         def free(state: State) -> list[Member]:
-            return [
-                (number[term], size) for term, size in state.members if (term, size) not in around.certain
-            ]
+            return [(number[t], size) for t, size in state.members if (t, size) not in around.certain]
 
         starts = ((top.point, free(top)), (other.point, free(other) if other is not top else free(top)[::2]))
         chains = [
@@ -256,17 +253,10 @@ def _gathered(part: SpikeSlab, index: Index, chains: Chains, *, cut: bool) -> Po
         for draw in tally.draws:
             shares[draw] += weight / tally.sweeps
             points[draw[1]] += weight / tally.sweeps
-    states = [
-        (
-            State(
-                tuple(sorted((int(index[term]), size) for term, size in draw[0])),
-                draw[1],
-                chains.log_posterior(draw),
-            ),
-            share,
-        )
-        for draw, share in sorted(shares.items(), key=lambda item: -item[1])
-    ]
+    states = list[tuple[State, float]]()
+    for draw, share in shares.most_common():
+        members = tuple(sorted((int(index[term]), size) for term, size in draw[0]))
+        states.append((State(members, draw[1], chains.log_posterior(draw)), share))
     by_sweep = weights / [t.sweeps for t in tallies]
     beside = sum(w * t.beside for w, t in zip(by_sweep, tallies, strict=True))
     held = np.sum([w * t.held for w, t in zip(by_sweep, tallies, strict=True)], axis=0)[:, None]
@@ -291,9 +281,8 @@ def mode(posterior: Posterior, spike_slab: SpikeSlab) -> State:
     own, whole = posterior.causes, _with_classes(posterior)
 
     def agreement(state: State) -> float:
-        causes = sorted(
-            {int(spike_slab.terms.cause[term]) for term, _ in state.members}, key=lambda k: -own[k]
-        )
+        held = {int(spike_slab.terms.cause[term]) for term, _ in state.members}
+        causes = sorted(held, key=lambda k: -own[k])
         return sum(there(k, causes[:i]) - 0.5 for i, k in enumerate(causes))
 
     def there(k: int, before: Sequence[int]) -> float:
@@ -303,9 +292,8 @@ def mode(posterior: Posterior, spike_slab: SpikeSlab) -> State:
             return float(own[k] + own[mates[0]] - max(whole[mates[0]], own[k], own[mates[0]]))
         return float(FOR_CLASS * whole[k] + (1.0 - FOR_CLASS) * own[k])
 
-    return max(
-        (state for state, _ in posterior.states), key=lambda s: (round(agreement(s), 3), s.log_posterior)
-    )
+    states = (state for state, _ in posterior.states)
+    return max(states, key=lambda s: (round(agreement(s), 3), s.log_posterior))
 
 
 def _with_classes(posterior: Posterior) -> Array:

@@ -74,16 +74,15 @@ class Chain:
     def sweeps(self, number: int) -> Iterator[Sweep]:
         """So many sweeps."""
         for _ in range(number):
-            visits = tuple(self._each_slot())
+            # every slot is drawn anew, full or empty, in an order that does not depend on what they hold
+            slots: list[Member | None] = [*self.members, *[None] * (self._slots - len(self.members))]
+            visits = tuple(
+                self._redraw(slots[k], self._near() if self._rng.random() < JOINT else [self.point])
+                for k in self._rng.permutation(len(slots))
+            )
             self._exchange()
             self._other_kind()
             yield Sweep(tuple(self.members), self.point, visits)
-
-    def _each_slot(self) -> Iterator[Visit]:
-        """Every slot drawn anew, full or empty, in an order that does not depend on what they hold."""
-        slots: list[Member | None] = [*self.members, *[None] * (self._slots - len(self.members))]
-        for k in self._rng.permutation(len(slots)):
-            yield self._redraw(slots[k], self._near() if self._rng.random() < JOINT else [self.point])
 
     def _redraw(self, member: Member | None, points: Sequence[GridPoint]) -> Visit:
         """Draw a slot together with the point, one of these; the present one is among them."""
@@ -142,20 +141,16 @@ class Chain:
         kind, new, log = self._weighing.terms.kind, list[Member](), 0.0
         while len(rest) + len(new) < self._slots:
             beside = [*rest, *new]
-            odds = (
-                self._conditional(beside).log_odds
-                + self._slot(len(beside))
-                + np.log(self._slots - len(beside))
-            )
+            odds = self._conditional(beside).log_odds + self._slot(len(beside))
+            odds = odds + np.log(self._slots - len(beside))
             if not new:
                 of_kind = np.full(int(kind.max()) + 1, -np.inf)
                 np.logaddexp.at(of_kind, kind, np.logaddexp.reduce(odds, axis=0))
                 of_kind[kind[[t for t, _ in rest]]] = -np.inf
                 shares = softmax(0.5 * of_kind)
                 of = int(kind[given[0][0]]) if given else int(self._rng.choice(len(shares), p=shares))
-                log += float(
-                    0.5 * of_kind[of] + np.logaddexp.reduce(0.5 * of_kind)
-                )  # its weight over its share
+                # its weight over its share
+                log += float(0.5 * of_kind[of] + np.logaddexp.reduce(0.5 * of_kind))
             odds = np.where(kind == of, odds, -np.inf)
             if new:
                 log += float(np.logaddexp.reduce(odds, axis=None, initial=0.0))
@@ -195,12 +190,11 @@ class Chain:
         """Three neighbouring noises, of all kinds or of one, the present one among them: as likely chosen from each of them."""
         kinds, first = len(self.point.noise), int(self._rng.integers(-2, 1))
         which = int(self._rng.integers(-1, kinds)) if kinds > 1 else -1
-        around = [
-            self.point.louder(first + k)
-            if which < 0
-            else self.point.with_noise(which, self.point.noise[which] + first + k)
-            for k in range(3)
-        ]
+        near, steps = self.point, range(first, first + 3)
+        if which < 0:
+            around = [near.louder(k) for k in steps]
+        else:
+            around = [near.with_noise(which, near.noise[which] + k) for k in steps]
         return [p for p in around if self._weighing.unknowns.holds(p)]
 
     def _conditional(self, members: Sequence[Member], leaving: Member | None = None) -> Conditional:
@@ -239,7 +233,12 @@ def plausible(spike_slab: SpikeSlab, richness: Richness, states: Sequence[State]
         alive = {p for row in table.values() for p, log in row.items() if log > -CERTAIN}
         for leaving, row in table.items():
             rest = [m for m in state.members if m not in leaving]
-            for point in _stated(state.point, row) if not leaving else _likely(state.point, row, long):
+            points = {state.point}
+            if not leaving:
+                points = _stated(state.point, row)
+            elif not long:  # of a long set, which takes long, only where it is
+                points |= {state.point.at("remainder", 0), max(row, key=lambda p: row[p])}
+            for point in points:
                 odds = np.logaddexp.reduce(spike_slab.log_odds(point, rest, leaving), axis=0)
                 odds += row[point] + slot_odds(richness, len(rest))
                 np.maximum(interest, odds, out=interest)
@@ -255,15 +254,9 @@ def plausible(spike_slab: SpikeSlab, richness: Richness, states: Sequence[State]
 
 def _stated(point: GridPoint, row: Mapping[GridPoint, float]) -> set[GridPoint]:
     """A point, quieter ones, and stated tolerances without a remainder: where a term may stand that the grid stands in for."""
-    quieter = {
-        p for p in row if p == point.louder(p.noise[0] - point.noise[0]) and p.noise[0] < point.noise[0]
-    }
-    return {point, *quieter} | {p for p in row if p in (point.at("widening", 0), point.at("remainder", 0))}
-
-
-def _likely(point: GridPoint, row: Mapping[GridPoint, float], long: bool) -> set[GridPoint]:
-    """A point, where the grid is likeliest, and without a remainder; of a ``long`` set, which takes long, only where it is."""
-    return {point} if long else {point, point.at("remainder", 0), max(row, key=lambda p: row[p])}
+    first, stated = point.noise[0], (point.at("widening", 0), point.at("remainder", 0))
+    quieter = {p for p in row if p.noise[0] < first and p == point.louder(p.noise[0] - first)}
+    return {point, *quieter} | {p for p in row if p in stated}
 
 
 def _without_each(
@@ -274,15 +267,10 @@ def _without_each(
     By what leaves; the points differ from the state's in one coordinate.
     """
     part, columns, sizes = spike_slab.of_members(state.members)
-    owner = np.repeat(
-        np.arange(len(state.members)), [len(spike_slab.terms.columns[t]) for t, _ in state.members]
-    )
+    widths = [len(spike_slab.terms.columns[t]) for t, _ in state.members]
+    owner = np.repeat(np.arange(len(widths)), widths)
     own = spike_slab.log_evidence(state.point, state.members)
     out: dict[Members, dict[GridPoint, float]] = {(): {}, **{(m,): {} for m in state.members}}
-    prior = {
-        (m,): spike_slab.log_prior([k for k in state.members if k != m]) - spike_slab.log_prior(state.members)
-        for m in state.members
-    }
     points = _around(spike_slab.unknowns, state.point)
     roots, width = [part.root(point) for point in points], len(columns)
 
@@ -291,11 +279,18 @@ def _without_each(
         each = (there.without(np.flatnonzero(owner == k)) for k in range(len(state.members)))
         return there.log_evidence - own, [without.log_evidence - own for without in each]
 
+    whole_prior, slot = (
+        spike_slab.log_prior(state.members),
+        slot_odds(richness, max(len(state.members) - 1, 0)),
+    )
+    prior = {
+        m: spike_slab.log_prior([k for k in state.members if k != m]) - whole_prior for m in state.members
+    }
     every = map_large(weighed, roots, width**2 * (2.0 * width + part.design.n))
     for point, (whole, gone) in zip(points, every, strict=True):
         out[()][point] = whole
         for member, value in zip(state.members, gone, strict=True):
-            out[member,][point] = value + prior[member,] - slot_odds(richness, len(state.members) - 1)
+            out[member,][point] = value + prior[member] - slot
     return out
 
 

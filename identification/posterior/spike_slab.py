@@ -81,23 +81,17 @@ class Memory(Generic[Value]):
         for key, value in zip(keys, found, strict=True):
             self._values[key] = value
             self._values.move_to_end(key)
-            self._measure(key, value)
-        while len(self._values) > self._limit or self._total > REMEMBERED:
-            if len(self._values) <= len(keys):
-                break  # what was asked for stays, however large
-            self._let_go()
+            if self._size is not None:  # values grow while they are used
+                size = self._size(value)
+                self._total += size - self._sizes.get(key, 0)
+                self._sizes[key] = size
+        while len(self._values) > max(self._limit, len(keys)) or (
+            self._total > REMEMBERED
+            and len(self._values) > len(keys)  # what was asked for stays, however large
+        ):
+            key, _ = self._values.popitem(last=False)
+            self._total -= self._sizes.pop(key, 0)
         return found
-
-    def _measure(self, key: Hashable, value: Value) -> None:
-        """Values grow while they are used: what one takes is asked anew whenever it is."""
-        if self._size is not None:
-            size = self._size(value)
-            self._total += size - self._sizes.get(key, 0)
-            self._sizes[key] = size
-
-    def _let_go(self) -> None:
-        key, _ = self._values.popitem(last=False)
-        self._total -= self._sizes.pop(key, 0)
 
 
 Member = tuple[int, int]
@@ -184,12 +178,8 @@ class SpikeSlab:
         columns = np.unique(np.concatenate([*own, np.zeros(0, dtype=np.intp)])).astype(np.intp)
         place = np.zeros(self.design.width, dtype=np.intp)
         place[columns] = np.arange(len(columns))
-        return SpikeSlab(
-            self.design.restricted(columns),
-            self.unknowns,
-            self.terms.restricted(index.tolist(), place),
-            self.sizes,
-        ), index
+        terms = self.terms.restricted(index.tolist(), place)
+        return SpikeSlab(self.design.restricted(columns), self.unknowns, terms, self.sizes), index
 
     def of_members(self, members: Sequence[Member]) -> tuple[SpikeSlab, Index, Array]:
         """The problem with these members' terms only, and the members' columns and sizes there, in their order."""
@@ -216,12 +206,8 @@ class SpikeSlab:
         if at > FEWER * self.design.width:
             return self  # hardly any fewer
         columns = np.concatenate([*self.terms.columns, np.zeros(0, dtype=np.intp)]).astype(np.intp)
-        return SpikeSlab(
-            self.design.turned(columns, block_diag(*turns)),
-            self.unknowns,
-            Terms(terms, self.terms.urn, self.terms.groups),
-            self.sizes,
-        )
+        design = self.design.turned(columns, block_diag(*turns))
+        return SpikeSlab(design, self.unknowns, Terms(terms, self.terms.urn, self.terms.groups), self.sizes)
 
     def conditioned(self, given: Sequence[Member]) -> SpikeSlab:
         """The same problem with members that are no question any more: they are taken in once at every point."""
@@ -324,13 +310,6 @@ class SpikeSlab:
         """(s, c) log odds of each further term at each size beside the members, prior included; a slot's odds are not."""
         return self.conditional(point, members, leaving).log_odds
 
-    def _log_prior_beside(self, members: Members) -> Array:
-        """(s, c) log prior of each further term at each size; what would not be noticed is nothing, nor what the readings
-        do not hold."""
-        every = (*self.given, *members)
-        room = self.capacity - sum(self.ranks[term] for term, _ in every)
-        return np.where(self.noticeable & (self.ranks <= room), self.terms.log_prior(every), -np.inf)
-
     def conditional(self, point: GridPoint, members: Sequence[Member], leaving: Members = ()) -> Conditional:
         """What a further slot may hold beside the members; ``leaving`` as in ``beside``."""
         return self.conditionals([point], members, leaving, point)[0]
@@ -341,8 +320,13 @@ class SpikeSlab:
         """The same at several points, worked out at once; ``leaving`` were there at one of them, ``here``."""
         rest = tuple(sorted(members))
 
+        def priors() -> Array:  # what would not be noticed is nothing, nor what the readings do not hold
+            every = (*self.given, *rest)
+            room = self.capacity - sum(self.ranks[term] for term, _ in every)
+            return np.where(self.noticeable & (self.ranks <= room), self.terms.log_prior(every), -np.inf)
+
         def made(new: Sequence[int]) -> list[Conditional]:
-            prior = self._priors.get_or(rest, lambda: self._log_prior_beside(rest))
+            prior = self._priors.get_or(rest, priors)
             there = [self.beside(points[k], rest, leaving if points[k] == here else ()) for k in new]
             groups = [group for group in self._open.by_size if np.isfinite(prior[:, group.terms]).any()]
             odds = log_gains(there, self.sizes, groups) + prior
@@ -392,8 +376,6 @@ class SpikeSlab:
 
     def log_prior(self, members: Sequence[Member]) -> float:
         """Log prior of members and their sizes beside what is given, without that of their number."""
-        if not all(self.noticeable[size, term] for term, size in members) or not self.holds(
-            (*self.given, *members)
-        ):
-            return -np.inf
-        return self.terms.log_prior_of((*self.given, *members))
+        every = (*self.given, *members)
+        noticed = all(self.noticeable[size, term] for term, size in members)
+        return self.terms.log_prior_of(every) if noticed and self.holds(every) else -np.inf

@@ -10,7 +10,7 @@ from scipy.linalg.lapack import dpotrf, dpotri
 
 from truepose.arrays import Array, Index
 from truepose.identification.posterior.design import GridPoint
-from truepose.identification.posterior.marginal import ROUNDING
+from truepose.identification.posterior.marginal import ROUNDING, prior_sigma
 from truepose.identification.posterior.spike_slab import Members, SpikeSlab
 from truepose.identification.prior import Richness
 
@@ -64,9 +64,8 @@ def log_posterior(spike_slab: SpikeSlab, richness: Richness, members: Members, p
 def best_point(spike_slab: SpikeSlab) -> GridPoint:
     """The likeliest noise without any term, at stated tolerances and without a remainder."""
     count = max(len(axis.values) for axis in spike_slab.unknowns.noise)
-    return max(
-        (spike_slab.unknowns.all_at(k) for k in range(count)), key=lambda p: spike_slab.root(p).log_evidence
-    )
+    points = (spike_slab.unknowns.all_at(k) for k in range(count))
+    return max(points, key=lambda p: spike_slab.root(p).log_evidence)
 
 
 @dataclass(frozen=True)
@@ -82,11 +81,9 @@ def moments(spike_slab: SpikeSlab, state: State) -> Moments:
     """Given the state's members, their sizes, and its noise, tolerances and remainder."""
     design, unknowns = spike_slab.design, spike_slab.unknowns
     columns, sizes = spike_slab.columns(state.members)
-    tau = unknowns.size.values[state.point.remainder]
-    own = np.flatnonzero(~design.always.remainder | (tau > 0.0))
+    sigma, there = prior_sigma(design, unknowns, state.point)
+    own = np.flatnonzero(there)
     at = np.concatenate([own, design.n + columns]).astype(np.intp)
-    factors = np.array([*unknowns.widening[state.point.widening], 1.0])
-    sigma = design.always.sigma * np.where(design.always.remainder, tau, factors[design.always.part])
     gram, right = np.diag(np.concatenate([sigma[own], sizes]) ** -2.0), np.zeros(len(at))
     for part, scale in zip(design.grams, unknowns.scales(state.point), strict=True):
         gram += part[np.ix_(at, at)] / scale**2

@@ -122,17 +122,8 @@ class Linearisation:
         """Of geometry and residual alone."""
         kept = np.append(np.arange(self.free), len(self.grams[0]) - 1)
         grams = tuple(gram[np.ix_(kept, kept)] for gram in self.grams)
-        return replace(
-            self,
-            grams=grams,
-            columns=(),
-            forms=0,
-            departure=self.departure[: self.free],
-            candidates=(),
-            bent=(),
-            sources=(),
-            turns=(),
-        )
+        nothing = dict.fromkeys(("columns", "candidates", "bent", "sources", "turns"), ())
+        return replace(self, grams=grams, forms=0, departure=self.departure[: self.free], **nothing)
 
     @property
     def n_observations(self) -> int:

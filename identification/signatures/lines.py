@@ -57,10 +57,8 @@ def _between(machine: Machine, cat: Catalogue, index: int, name: str) -> list[Pl
         if c.at_place == here.at_place and name in c.settings_map
         if dict(c.settings_map) | {name: 0.0} == rest
     ]
-    near = [
-        max((v for v in values if v < own), default=own),
-        min((v for v in values if v > own), default=own),
-    ]
+    lower, higher = [v for v in values if v < own], [v for v in values if v > own]
+    near = [max(lower, default=own), min(higher, default=own)]
     new = [
         float(f"{own + share * (other - own):.3g}")
         for other in near
@@ -150,7 +148,10 @@ def proposed(signatures: Signatures, fit: Estimate, cat: Catalogue) -> Catalogue
         ]
         share = [_share(found.finest, s) for s in (*lines, *series)]
         new = [(m, w) for m, w in zip(made, share, strict=True) if m.label not in known]
-        cat = _with(cat, joint, new)
+        if new:  # at the end, with priors in terms of that of the joint's orders
+            one = _log_one(cat, joint)
+            log_prior = (*cat.log_prior, *(one + float(np.log(w)) for _, w in new))
+            cat = replace(cat, candidates=(*cat.candidates, *(m for m, _ in new)), log_prior=log_prior)
     return cat
 
 
@@ -171,7 +172,8 @@ def _orders_at(fit: Estimate, joint: str) -> set[int]:
     for e in fit.effects:
         if e.place == (joint,) and e.kind == "position-periodic":
             s = e.settings_map
-            out |= set(range(round(s.get("first", 1.0)), round(s["orders"]) + 1)) if "orders" in s else set()
+            if "orders" in s:
+                out |= set(range(round(s.get("first", 1.0)), round(s["orders"]) + 1))
             out |= {round(s["order"])} if "order" in s else set()
     return out
 
@@ -207,13 +209,3 @@ def _log_one(cat: Catalogue, joint: str) -> float:
     own = next(i for i, c in enumerate(cat.candidates) if c.at_place == (TransmissionError.slug, (joint,)))
     placed = cat.candidates[own]
     return cat.log_prior[own] - float(np.log(placed.effect.weight(placed.settings_map)))
-
-
-def _with(cat: Catalogue, joint: str, new: list[tuple[PlacedEffect, float]]) -> Catalogue:
-    """With further candidates at the end, whose prior is in terms of that of the joint's orders."""
-    if not new:
-        return cat
-    one = _log_one(cat, joint)
-    added, shares = zip(*new, strict=True)
-    log_prior = (*cat.log_prior, *(one + float(np.log(w)) for w in shares))
-    return replace(cat, candidates=(*cat.candidates, *added), log_prior=log_prior)

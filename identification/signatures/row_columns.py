@@ -136,7 +136,8 @@ class Columns:
                 column.append(places)
                 values.append(shifts[:, where])
             else:
-                dense.append(self._signature(ports, shifts, own, names, where))
+                local = shifts[:, where].reshape(len(shifts), own.stop - own.start, len(names))
+                dense.append(ports[:, :, [self.place[n] for n in names]] @ local.transpose(0, 2, 1))
                 at.append(places)
         first = self.free + (self.columns[-1].stop if self.columns else 0)
         width = modulations.shape[1]
@@ -146,19 +147,10 @@ class Columns:
             at.append(np.arange(first + k * width, first + (k + 1) * width))
         dense.append(residual[..., None])
         at.append(np.array([first + len(bent) * width]))
-        by = (
-            ByPorts(ports, np.concatenate(port), np.concatenate(column), np.concatenate(values, axis=1))
-            if port
-            else None
-        )
+        by = None
+        if port:
+            by = ByPorts(ports, np.concatenate(port), np.concatenate(column), np.concatenate(values, axis=1))
         return Part(np.concatenate(dense, axis=2), np.concatenate(at), by)
-
-    def _signature(
-        self, ports: Array, shifts: Array, own: slice, names: Sequence[str], where: slice
-    ) -> Array:
-        """(n, m, c) columns of one candidate."""
-        local = shifts[:, where].reshape(len(shifts), own.stop - own.start, len(names))
-        return np.asarray(ports[:, :, [self.place[n] for n in names]] @ local.transpose(0, 2, 1))
 
     def _signal(self, ports: Array, shifts: Array, amplitudes: Mapping[int, float]) -> Array:
         """(n, m) what columns of G with these coefficients do together."""

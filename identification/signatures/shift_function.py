@@ -61,7 +61,7 @@ class ShiftFunction:
             recorded = rec.driver(name)
             z[:, k] = driver_default(self._machine, name) if recorded is None else recorded[rows]
         force, state = (
-            np.column_stack([group[name] for name in wanted]) if wanted else np.zeros((len(rows), 0))
+            np.column_stack([np.zeros((len(rows), 0)), *(group[name] for name in wanted)])
             for group, wanted in ((loads, self._loads), (states, self._states))
         )
         return self._function(rec.positions[rows], z, p[which], force, state)[0][..., 0]

@@ -100,7 +100,7 @@ class Signatures(RowColumns):
     def _linearised(
         self, fit: Estimate, forms: Forms, grams: tuple[Array, ...], counts: list[int]
     ) -> Linearisation:
-        geometry, prior = self._geometry(fit), fit.prior
+        geometry, prior = self._point(fit).free, fit.prior
         n, read = len(geometry), (counts[0] - fit.levels, *counts[1:])
         departure = np.zeros(len(grams[0]) - 1)
         departure[:n] = (fit.p - prior.mean)[geometry] / prior.scale[geometry]
@@ -132,10 +132,8 @@ class Signatures(RowColumns):
 
     def _causes(self, fit: Estimate) -> list[dict[int, Array]]:
         """What the fit's effects blame: of each, its candidates with their coefficients in units of scale."""
-        labels, out = (
-            {c.label: k for k, c in enumerate(self.candidates)},
-            defaultdict[EffectAtPlace, dict[int, Array]](dict),
-        )
+        labels = {c.label: k for k, c in enumerate(self.candidates)}
+        out = defaultdict[EffectAtPlace, dict[int, Array]](dict)
         for effect in fit.fitted_effects():
             amplitudes = np.array(effect.amplitudes) / [c.scale for c in effect.coefficients]
             turn = self.turns[labels[effect.label]]
@@ -146,13 +144,10 @@ class Signatures(RowColumns):
         """Columns of G of the chosen candidates."""
         return [k for i in chosen for k in range(self.columns[i].start, self.columns[i].stop)]
 
-    def _geometry(self, fit: Estimate) -> Index:
-        """Indices of the free parameters, without effect coefficients."""
-        free = fit.prior.free
-        return free[free < len(self.machine.parameters)]
-
     def _point(self, fit: Estimate) -> Point:
-        return Point.of(fit, self._geometry(fit))
+        """Where columns are drawn: at a fit, of its free parameters without effect coefficients."""
+        free = fit.prior.free
+        return Point.of(fit, free[free < len(self.machine.parameters)])
 
     def blocks(self, fit: Estimate) -> Iterator[Array]:
         """Blocks (k, free + width + 1) of rows of [J G r] of the fitted readings."""

@@ -125,9 +125,8 @@ def _of_columns(machine: Machine, recording: Recording) -> list[Missing]:
         add = f"log `{APPROACH}.{joints[0]}`, ... (+1 or -1: the direction of the joint's last motion)"
         out.append(Missing((PLAY,), f"no {APPROACH} column, and the rows are declared shuffled", add))
     if mounts and recording.driver(TIME) is None and recording.driver(ROW) is None:
-        out.append(
-            Missing((DRIFT,), f"no {TIME} column, and the rows are declared shuffled", f"log `{TIME}` (s)")
-        )
+        why = f"no {TIME} column, and the rows are declared shuffled"
+        out.append(Missing((DRIFT,), why, f"log `{TIME}` (s)"))
     return out
 
 
@@ -146,9 +145,8 @@ def still_sources(machine: Machine, recording: Recording) -> frozenset[str]:
 def _resolution(values: Array) -> float:
     """Return the step of the last decimal digit that any of the values uses; 0 where all are levels that were set."""
     gaps = np.diff(np.unique(values))
-    step = next(
-        (10.0**-k for k in range(9) if np.allclose(values, np.round(values, k), rtol=0.0, atol=1e-9)), 0.0
-    )
+    digits = (k for k in range(9) if np.allclose(values, np.round(values, k), rtol=0.0, atol=1e-9))
+    step = next((10.0**-k for k in digits), 0.0)
     return 0.0 if gaps.size and np.min(gaps) >= SET * step - 1e-9 else step
 
 

@@ -54,7 +54,8 @@ def rarer(tmp_path_factory: pytest.TempPathFactory) -> Diagnosis:
 
 
 def of(found: Diagnosis, effect: str, place: tuple[str, ...]) -> PlaceEvidence:
-    return next(one for one in found.examined[0] if (one.effect, one.place) == (effect, place))
+    places: tuple[PlaceEvidence, ...] = found.examined[0]
+    return next(one for one in places if (one.effect, one.place) == (effect, place))
 
 
 def test_probabilities_move_by_the_odds_and_evidence_stays(usual: Diagnosis, rarer: Diagnosis) -> None:

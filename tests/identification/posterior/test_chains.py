@@ -29,7 +29,7 @@ from truepose.identification.posterior import posterior as chains
 from truepose.identification.posterior import sampler as finding
 from truepose.identification.posterior import sampler as sampling
 from truepose.identification.posterior.design import GridPoint
-from truepose.identification.posterior.mode import climbed
+from truepose.identification.posterior.mode import tops
 from truepose.identification.posterior.posterior import Chains, Posterior, class_probability, mode, sample
 from truepose.identification.posterior.sampler import Chain, Reach, plausible
 from truepose.identification.posterior.spike_slab import SpikeSlab
@@ -165,7 +165,7 @@ def test_chains_that_disagree_go_on_and_say_so(monkeypatch: pytest.MonkeyPatch) 
 def test_the_answer_is_that_of_two_chains_by_themselves() -> None:
     """From the mode and from half of it, after as many sweeps that do not count: the mean of theirs."""
     problem = spike_slab(catalogue_problem(4))
-    found, top = sample(problem, RICHNESS, seed=5, rounds=1), climbed(problem, RICHNESS)
+    found, top = sample(problem, RICHNESS, seed=5, rounds=1), tops(problem, RICHNESS)[0]
     around = plausible(problem, RICHNESS, [top])
     assert around.terms.all() and not around.certain and len(top.members) > 1
     causes = []

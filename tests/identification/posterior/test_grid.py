@@ -24,7 +24,7 @@ from support.linear_problems import (
 )
 from truepose.identification.posterior import posterior as chains
 from truepose.identification.posterior.design import Always, Axis, GridPoint, Unknowns
-from truepose.identification.posterior.mode import climbed, nearest_top
+from truepose.identification.posterior.mode import nearest_top, tops
 from truepose.identification.posterior.posterior import sample
 from truepose.identification.posterior.sampler import CERTAIN, HOPELESS, Chain, Plausible, Reach, plausible
 from truepose.identification.posterior.spike_slab import Members, SpikeSlab
@@ -217,7 +217,7 @@ def test_nothing_plausible_is_left_out() -> None:
     for seed in range(10):
         problem, dense = far(seed)
         exact = enumerated(problem, RICHNESS, dense)
-        around = plausible(problem, RICHNESS, [climbed(problem, RICHNESS)])
+        around = plausible(problem, RICHNESS, [tops(problem, RICHNESS)[0]])
         out = missed(around, exact, dense.unknowns)
         assert max(out.values(), default=0.0) < np.exp(1.0 - HOPELESS)
         assert max((p for (kind, _), p in out.items() if kind != "term"), default=0.0) < np.exp(-CERTAIN / 2)
@@ -236,7 +236,7 @@ def test_what_is_certain_has_no_rival_at_its_point() -> None:
         dense = replace(dense, unknowns=one)
         problem = spike_slab(dense)
         exact = enumerated(problem, RICHNESS, dense)
-        for term, _ in plausible(problem, RICHNESS, [climbed(problem, RICHNESS)]).certain:
+        for term, _ in plausible(problem, RICHNESS, [tops(problem, RICHNESS)[0]]).certain:
             assert log_odds_of(term, exact) > CERTAIN
             seen += 1
     assert seen > 5
@@ -248,7 +248,7 @@ def test_what_is_certain_has_no_rival() -> None:
         dense = catalogue_problem(seed, strength=2.0, terms=4)
         problem = spike_slab(dense)
         exact = enumerated(problem, RICHNESS, dense)
-        for term, _ in plausible(problem, RICHNESS, [climbed(problem, RICHNESS)]).certain:
+        for term, _ in plausible(problem, RICHNESS, [tops(problem, RICHNESS)[0]]).certain:
             assert log_odds_of(term, exact) > CERTAIN
 
 
