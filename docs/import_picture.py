@@ -71,6 +71,7 @@ FLOORS = (
         "identification.leaves.drift",
         "identification.leaves.fleet",
         "identification.leaves.fringes",
+        "identification.leaves.ipopt",
         "identification.leaves.photogrammetry",
         "identification.leaves.planning",
         "identification.leaves.programs",

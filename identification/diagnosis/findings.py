@@ -234,8 +234,8 @@ def ranked_alternatives(cat: Catalogue, gain: Array) -> tuple[Alternative, ...]:
     odds = np.append(gain + np.array(cat.log_prior), 0.0)
     share = np.exp(odds - np.logaddexp.reduce(odds))
     order = [i for i in np.argsort(-odds[:-1]).tolist() if cat.named(i) and np.isfinite(gain[i])]
-    every = ((*cat.cause(i), float(share[i]), float(gain[i]), cat.candidates[i]) for i in order)
-    return tuple(Alternative(*told, placed.effect.experiment) for *told, placed in every)
+    each = ((i, float(share[i]), float(gain[i]), cat.candidates[i].effect) for i in order)
+    return tuple(Alternative(*cat.cause(i), p, g, effect.experiment) for i, p, g, effect in each)
 
 
 def evidence_map(cat: Catalogue, gain: Array) -> dict[str, float]:

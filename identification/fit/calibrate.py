@@ -6,7 +6,7 @@ do so too, but give up a little of their unbiasedness where columns are nearly d
 (``truepose.identification.fit.relinearised``).
 
 ``gn`` starts undamped, ``lm`` damped; where one finds no minimum the other is tried, and a note says so.
-``ipopt`` keeps bounds and takes the passive joints as unknowns (``truepose.identification.fit.simultaneous``).
+Solvers that keep bounds are leaves (``truepose.identification.leaves.ipopt``).
 """
 
 from __future__ import annotations
@@ -25,16 +25,17 @@ from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.bounds import Bounds, bounds_of
 from truepose.identification.fit.estimate import FREE_WIDENING, blame, estimate, result, untied
 from truepose.identification.fit.estimated import Estimate, Fitted
+from truepose.identification.fit.leastsquares import Solution
 from truepose.identification.fit.problem import Prior, Problem, prior_of
 from truepose.identification.fit.reading_errors import estimate_reading_errors
 from truepose.identification.fit.relinearised import TUNING, Scaling, relinearised
 from truepose.identification.fit.set_ups import held_but, kept_covariance, prior_but, with_set_ups, with_zeros
-from truepose.identification.fit.simultaneous import simultaneous
 from truepose.identification.fit.summary import Judgement, judged
 from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
+from truepose.leaves import modules_named
 from truepose.models.given import MachineLike, as_machine
 from truepose.models.machine.machine import Machine
 from truepose.shown.result import Written, frame
@@ -48,7 +49,6 @@ DAMPING = {"gn": 0.0, "lm": 1e-4}
 """Initial damping."""
 TIGHT = 1e-13
 """What is left to gain of half the sum of squares: the same readings told otherwise give the same digits."""
-SOLVERS = (*DAMPING, "ipopt")
 SCALINGS: tuple[Scaling, ...] = ("tolerance", "unit", "raw")
 BIAS = "std is the estimator's 1-sigma with {} taken as known; its bias towards the drawing is not in it"
 
@@ -133,15 +133,20 @@ def calibrate(
     return Calibration(fit, free, recording, (*before, *notes, *work.at_bounds(fit), *more), method, kept)
 
 
+def bounded_solvers() -> dict[str, Callable[..., Solution]]:
+    """Return the solvers that keep bounds, by name: functions of a problem, where it starts, and its ``bounds``."""
+    return {name: solve for leaf in modules_named("solving") for name, solve in leaf.SOLVERS.items()}
+
+
 def _checked(estimator: str, solver: str, scaling: str) -> bool:
     """Whether the estimator is a biased one, where it exists and goes with the solver."""
     _check("estimator", estimator, ESTIMATORS)
-    _check("solver", solver, SOLVERS)
+    _check("solver", solver, (*DAMPING, *bounded_solvers()))
     _check("scaling", scaling, SCALINGS)
     biased = estimator in TUNING and estimator != "ols"
-    if biased and solver == "ipopt":
+    if biased and solver not in DAMPING:
         raise InputError(
-            f"--solver: found 'ipopt' with --estimator {estimator}, which relinearises by itself and keeps no "
+            f"--solver: found {solver!r} with --estimator {estimator}, which relinearises by itself and keeps no "
             "bounds; expected gn or lm, or the estimators map, ols or huber"
         )
     return biased
@@ -211,8 +216,8 @@ class _Work:
             **options,
         }
         fitting = partial(estimate, self.machine, self.recording, self.machine.effects, **common)
-        if solver == "ipopt":
-            return fitting(solver=partial(simultaneous, bounds=self.bounds)), []
+        if solver not in DAMPING:
+            return fitting(solver=partial(bounded_solvers()[solver], bounds=self.bounds)), []
         try:
             return fitting(damping=DAMPING[solver]), []
         except ConvergenceError as first:
@@ -255,7 +260,7 @@ class _Work:
 
     def least_squares(self) -> tuple[Estimate, list[str]]:
         """Readings alone; unseen directions stay at the drawing."""
-        if self.solver != "ipopt":
+        if self.solver in DAMPING:
             with contextlib.suppress(ConvergenceError):  # curved valleys are walked down by damped steps
                 return self._linear(self.flat, self.near.p, "ols", "tolerance", None)
         try:
@@ -268,7 +273,7 @@ class _Work:
 
     def free(self, start: Array) -> tuple[Estimate | None, list[str]]:
         """The fit that tolerances, and no bounds, hardly hold; none, and a note, where it finds no minimum."""
-        damped = "lm" if self.solver == "ipopt" else self.solver
+        damped = self.solver if self.solver in DAMPING else "lm"
         try:
             return self.fitted(damped, start=start, widen=FREE_WIDENING)[0], []
         except ConvergenceError as exc:
@@ -279,7 +284,7 @@ class _Work:
 
     def at_bounds(self, fit: Estimate) -> list[str]:
         """What of the fit stands at a bound, or beyond one where the solver keeps none."""
-        return self.bounds.notes(fit.prior, fit.p, kept=self.solver == "ipopt")
+        return self.bounds.notes(fit.prior, fit.p, kept=self.solver not in DAMPING)
 
 
 def _check(what: str, name: str, known: Sequence[str]) -> None:

@@ -155,7 +155,7 @@ def nearest_top(
     """
     unknowns, best, value = spike_slab.unknowns, point, spike_slab.log_evidence(point, members)
     kinds = len(point.noise) if thorough and len(point.noise) > 1 else 0  # the noise of each by itself, too
-    lines = (*_LINES, *(partial(_along_kind, kind) for kind in range(kinds)))
+    lines: list[Line] = [*_LINES, *(partial(_along_kind, kind) for kind in range(kinds))]
     while True:
         before = best
         for line in lines:

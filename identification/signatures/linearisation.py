@@ -9,7 +9,7 @@ polynomials of every joint and driver. Without them a large effect of slightly o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -122,8 +122,8 @@ class Linearisation:
         """Of geometry and residual alone."""
         kept = np.append(np.arange(self.free), len(self.grams[0]) - 1)
         grams = tuple(gram[np.ix_(kept, kept)] for gram in self.grams)
-        nothing = dict.fromkeys(("columns", "candidates", "bent", "sources", "turns"), ())
-        return replace(self, grams=grams, forms=0, departure=self.departure[: self.free], **nothing)
+        departure = self.departure[: self.free]
+        return Linearisation(grams, self.counts, self.free, (), 0, departure, self.weight, self.parts, ())
 
     @property
     def n_observations(self) -> int:

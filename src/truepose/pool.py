@@ -162,10 +162,11 @@ def cluster(address: str) -> Iterator[Cluster]:
     except (OSError, ValueError) as exc:
         raise InputError(f"--dask {address}: found no scheduler there: {exc}") from None
     with client:
-        yield _checked(client, f"--dask {address}")
+        yield check_cluster(client, f"--dask {address}")
 
 
-def _checked(client: Client, where: str) -> Cluster:
+def check_cluster(client: Client, where: str) -> Cluster:
+    """Return the cluster of a client. Raises InputError where a worker has another truepose, or several threads."""
     for worker, (version, threads) in _states(client, where).items():
         if version != VERSION:
             raise InputError(f"{where}: found truepose {version} on {worker}, expected {VERSION} on all")
@@ -247,6 +248,7 @@ __all__ = [
     "Cluster",
     "Cores",
     "Pool",
+    "check_cluster",
     "cluster",
     "each",
     "end_with",

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import pytest
 
 from truepose.errors import InputError
-from truepose.pool import Cluster, Pool, _checked, cluster, each, end_with, numbered, several_threads
+from truepose.pool import Cluster, Pool, check_cluster, cluster, each, end_with, numbered, several_threads
 from truepose.version import VERSION
 
 T = TypeVar("T")
@@ -110,10 +110,10 @@ def test_workers_of_a_cluster_are_alike(case: str) -> None:
     client: Any = Client({"a": 1}, states)
     if wrong:
         with pytest.raises(InputError) as refused:
-            _checked(client, "--dask a")
+            check_cluster(client, "--dask a")
         assert str(refused.value).startswith(f"--dask a: {wrong}")
     else:
-        assert _checked(client, "--dask a").client is client
+        assert check_cluster(client, "--dask a").client is client
 
 
 @pytest.mark.parametrize(

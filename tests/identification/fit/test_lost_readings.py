@@ -21,8 +21,8 @@ from truepose.identification.fit.bounds import bounds_of
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.problem import NormalEquations
-from truepose.identification.fit.simultaneous import simultaneous
 from truepose.identification.fit.summary import summarise
+from truepose.identification.leaves.ipopt.solving import simultaneous
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine

@@ -17,7 +17,7 @@ from support.moving_machines import record, written
 from support.solvers import ARM, MADE, hexapod, read_machines, simulated
 from truepose.identification.fit.leastsquares import Status
 from truepose.identification.fit.problem import Problem, prior_of
-from truepose.identification.fit.simultaneous import REST, Program, polished, sparsity_of
+from truepose.identification.leaves.ipopt.solving import REST, Program, polished, sparsity_of
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models.machine.home import coordinate_scale
 from truepose.models.machine.machine import Machine

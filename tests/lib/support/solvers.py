@@ -17,7 +17,7 @@ from support.telescope_legs import leg_rows
 from truepose.identification.fit.bounds import Bounds, bounds_of
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.estimated import Estimate
-from truepose.identification.fit.simultaneous import simultaneous
+from truepose.identification.leaves.ipopt.solving import simultaneous
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine
 

@@ -344,3 +344,7 @@ def sparsity_of(matrix: sp.csc_array) -> ca.Sparsity:
     """The pattern of a sparse matrix, rows in order in each column."""
     matrix.sort_indices()
     return ca.Sparsity(*matrix.shape, matrix.indptr.tolist(), matrix.indices.tolist())
+
+
+SOLVERS = {"ipopt": simultaneous}
+"""By the name that ``calibrate`` knows them by."""
