@@ -75,6 +75,7 @@ FLOORS = (
         "identification.leaves.photogrammetry",
         "identification.leaves.planning",
         "identification.leaves.programs",
+        "identification.leaves.shrinking",
         "identification.leaves.workbooks",
     ),
     ("identification.leaves.importing",),

@@ -21,12 +21,7 @@ from truepose.codegen.evaluation.compiler import NotCompiledError
 from truepose.errors import InputError
 from truepose.identification.compensation.compiled import CompiledKinematics, base_frame, shared_out
 from truepose.identification.compensation.inverse import MET
-from truepose.identification.compensation.rows import (
-    Compensation,
-    Follower,
-    Method,
-    twists_between,
-)
+from truepose.identification.compensation.rows import Compensation, Follower, Method, twists_between
 from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.given import MachineLike, as_machine
@@ -96,10 +91,8 @@ def _empty(follower: Follower) -> Compensation:
     command, target = np.zeros((n, nq)), np.zeros((n, 4, 4))
     target[:, 3, 3] = 1.0
     before, after, rest = np.zeros((3, n, 6))
-    found = Compensation(
-        follower.readings, follower.nominal, command, target, before, after, task=follower.task
-    )
-    return replace(found, not_asked=rest, eased=np.zeros(n, dtype=bool))
+    known, eased = (follower.readings, follower.nominal), np.zeros(n, dtype=bool)
+    return Compensation(*known, command, target, before, after, "", follower.task, rest, eased)
 
 
 class _Way:

@@ -3,7 +3,7 @@
 ``map`` holds parameters by their tolerances; ``huber`` is ``map`` with a loss that bends for outliers.
 ``ols`` trusts readings alone (directions they do not see stay at the drawing); ``liu``, ``ridge`` and ``pcr``
 do so too, but give up a little of their unbiasedness where columns are nearly dependent
-(``truepose.identification.fit.relinearised``).
+(``truepose.identification.leaves.shrinking``).
 
 ``gn`` starts undamped, ``lm`` damped; where one finds no minimum the other is tried, and a note says so.
 Solvers that keep bounds are leaves (``truepose.identification.leaves.ipopt``).
@@ -28,7 +28,7 @@ from truepose.identification.fit.estimated import Estimate, Fitted
 from truepose.identification.fit.leastsquares import Solution
 from truepose.identification.fit.problem import Prior, Problem, prior_of
 from truepose.identification.fit.reading_errors import estimate_reading_errors
-from truepose.identification.fit.relinearised import TUNING, Scaling, relinearised
+from truepose.identification.fit.relinearised import Scaling, linear_estimators, relinearised
 from truepose.identification.fit.set_ups import held_but, kept_covariance, prior_but, with_set_ups, with_zeros
 from truepose.identification.fit.summary import Judgement, judged
 from truepose.identification.prediction.covariance import Covariance
@@ -44,7 +44,6 @@ from truepose.wording import meant
 if TYPE_CHECKING:
     import pandas as pd
 
-ESTIMATORS = ("map", "ols", "liu", "ridge", "pcr", "huber")
 DAMPING = {"gn": 0.0, "lm": 1e-4}
 """Initial damping."""
 TIGHT = 1e-13
@@ -125,7 +124,7 @@ def calibrate(
     method = {"estimator": estimator, "solver": solver, **({"only": ", ".join(only)} if only else {})}
     fit, notes = work.linear(estimator, scaling, tuning) if biased else work.unbiased(estimator)
     if biased and fit.shrunk is not None:
-        method |= {"scaling": scaling, TUNING[estimator]: f"{fit.shrunk.tuning:.6g}"}
+        method |= {"scaling": scaling, linear_estimators()[estimator][0]: f"{fit.shrunk.tuning:.6g}"}
     progress("fitting without tolerances")
     free, more = work.free(fit.p)
     before = [*recording.notes, *work.predictor.cautions, *_left_out(fit, recording)]
@@ -140,10 +139,10 @@ def bounded_solvers() -> dict[str, Callable[..., Solution]]:
 
 def _checked(estimator: str, solver: str, scaling: str) -> bool:
     """Whether the estimator is a biased one, where it exists and goes with the solver."""
-    _check("estimator", estimator, ESTIMATORS)
+    _check("estimator", estimator, ("map", *linear_estimators(), "huber"))
     _check("solver", solver, (*DAMPING, *bounded_solvers()))
     _check("scaling", scaling, SCALINGS)
-    biased = estimator in TUNING and estimator != "ols"
+    biased = estimator in linear_estimators() and estimator != "ols"
     if biased and solver not in DAMPING:
         raise InputError(
             f"--solver: found {solver!r} with --estimator {estimator}, which relinearises by itself and keeps no "
@@ -256,7 +255,7 @@ class _Work:
         fit = result(problem, solution, self.machine.effects)
         if name == "ols":
             return fit, []
-        return replace(fit, shrunk=known), [BIAS.format(TUNING[name])]
+        return replace(fit, shrunk=known), [BIAS.format(linear_estimators()[name][0])]
 
     def least_squares(self) -> tuple[Estimate, list[str]]:
         """Readings alone; unseen directions stay at the drawing."""

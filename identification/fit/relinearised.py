@@ -8,11 +8,10 @@ of |r|^2 + k |t|^2. What tunes B is chosen anew from each linearisation.
 Parameters without a tolerance have no drawing value to be pulled to: they are taken out of the problem before
 B sees it and follow by least squares.
 
-Estimators of a linear problem y = H b + noise whose columns are nearly dependent: plain functions of arrays.
+Estimators of a linear problem y = H b + noise whose columns are nearly dependent are plain functions of arrays.
 
-``decompose`` makes one SVD of H; ``ols``, ``liu``, ``ridge`` and ``pcr`` are then a share, between 0 and 1,
-of each coordinate of the least-squares solution along the right singular vectors. All of them take many
-right-hand sides at once. Their bias pulls b towards zero: let b count from where it is expected to be.
+``decompose`` makes one SVD of H; an estimate is then a share, between 0 and 1, of each coordinate of the least-squares
+solution along the right singular vectors: all of it (``ols``), or less (``truepose.identification.leaves.shrinking``).
 
 The unit of the columns is part of a biased estimator (1 is compared with their squared singular values):
 ``raw`` takes them as they are, ``unit`` makes every column one long, an array states sizes of steps, such as
@@ -22,9 +21,8 @@ tolerances. With readings in units of their noise and columns in units of their 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -34,8 +32,7 @@ from truepose.errors import InputError
 from truepose.identification.fit.decomposition import ROUNDING, Decomposition
 from truepose.identification.fit.leastsquares import Solution, Status, triangular
 from truepose.identification.fit.problem import Prior, Problem
-
-Rule = Literal["plug-in", "unbiased"]
+from truepose.leaves import modules_named
 
 
 @dataclass(frozen=True)
@@ -122,84 +119,18 @@ def column_scale(h: Array) -> Array:
 def ols(problem: Spectrum) -> LinearEstimate:
     """Least squares; directions that no reading sees stay at zero. ``tuning`` is the rank."""
     rank = np.full(problem.noise.shape, float(len(problem.values)))
-    return _shrunk(problem, np.ones_like(problem.alpha), rank)
+    return shrink(problem, np.ones_like(problem.alpha), rank)
 
 
-def liu(problem: Spectrum, d: float | None = None, *, rule: Rule = "plug-in") -> LinearEstimate:
-    """(H'H + I)^-1 (H'y + d b_ols), 0 <= d <= 1 (Liu 1993; polisher paper, eq. 11); d from ``liu_parameter``."""
-    lam = _upright(problem.values**2, problem.alpha)
-    tuning = liu_parameter(problem, rule) if d is None else np.full(problem.noise.shape, float(d))
-    return _shrunk(problem, (lam + tuning) / (lam + 1.0), tuning)
-
-
-def liu_parameter(problem: Spectrum, rule: Rule = "plug-in") -> Array:
-    """(...) the d that minimises the mean square error, kept within 0 and 1.
-
-    The error of coordinate j is s2 (l + d)^2 / (l (l + 1)^2) + (d - 1)^2 a^2 / (l + 1)^2 (polisher paper,
-    eq. 13). Its sum is least at sum (a^2 - s2)/(l + 1)^2 / sum (s2 + l a^2)/(l (l + 1)^2), the paper's eq. 14.
-    ``plug-in`` puts the least-squares a there, as the paper does, although its square is s2/l too large on
-    average; ``unbiased`` takes a^2 - s2/l, which gives Liu's own 1 - s2 sum 1/(l (l + 1)) / sum a^2/(l + 1)^2
-    and shrinks more. The paper divides the sum of squares for s2 by n; here it is n less the rank.
-    """
-    lam, square = _upright(problem.values**2, problem.alpha), problem.alpha**2
-    noise = problem.noise
-    if rule == "plug-in":
-        above = np.sum((square - noise) / (lam + 1.0) ** 2, axis=0)
-        below = np.sum((noise + lam * square) / (lam * (lam + 1.0) ** 2), axis=0)
-    else:
-        below = np.sum(square / (lam + 1.0) ** 2, axis=0)
-        above = below - np.sum(noise / (lam * (lam + 1.0)), axis=0)
-    return np.clip(_ratio(above, below), 0.0, 1.0)
-
-
-def ridge(problem: Spectrum, k: float | None = None) -> LinearEstimate:
-    """(H'H + k I)^-1 H'y; k by Hoerl, Kennard and Baldwin (1975): rank * noise / |least-squares b|^2."""
-    lam = _upright(problem.values**2, problem.alpha)
-    if k is None:
-        tuning = _ratio(len(problem.values) * problem.noise, np.sum(problem.alpha**2, axis=0))
-    else:
-        tuning = np.full(problem.noise.shape, float(k))
-    return _shrunk(problem, lam / (lam + tuning), tuning)
-
-
-def pcr(problem: Spectrum, components: int | None = None) -> LinearEstimate:
-    """Least squares on the leading principal components, the rest at zero.
-
-    Their number minimises the estimated mean square error, sum s2/l over what is kept plus sum (a^2 - s2/l)
-    over what is dropped (a^2 - s2/l is the unbiased estimate of a coordinate's square).
-    """
-    lam = _upright(problem.values**2, problem.alpha)
-    rank = len(problem.values)
-    if components is None:
-        gain = 2.0 * problem.noise / lam - problem.alpha**2  # what keeping a coordinate adds to the error
-        total = np.concatenate([np.zeros((1, *problem.noise.shape)), np.cumsum(gain, axis=0)])
-        number = np.argmin(total, axis=0).astype(float)
-    else:
-        number = np.full(problem.noise.shape, float(components))
-    place = _upright(np.arange(rank, dtype=float), problem.alpha)
-    return _shrunk(problem, np.where(place < number, 1.0, 0.0), np.asarray(number))
-
-
-def _shrunk(problem: Spectrum, share: Array, tuning: Array) -> LinearEstimate:
+def shrink(problem: Spectrum, share: Array, tuning: Array) -> LinearEstimate:
+    """Return the estimate that keeps a ``share`` (r, ...) of each least-squares coordinate."""
     b = (problem.directions @ (share * problem.alpha)).T * problem.scale
     return LinearEstimate(b.T, share, tuning, problem)
 
 
-def _upright(values: Array, like: Array) -> Array:
-    """(r,) values as (r, 1) where there are many right-hand sides."""
-    return values[:, None] if like.ndim == 2 else values
-
-
-def _ratio(above: Array, below: Array) -> Array:
-    """above / below; 0 where there is nothing to divide."""
-    above, below = np.asarray(above, dtype=float), np.asarray(below, dtype=float)
-    return np.divide(above, below, out=np.zeros_like(above), where=below > 0.0)
-
-
 Scaling = Literal["tolerance", "unit", "raw"]
-Linear = Callable[[Spectrum], LinearEstimate]
-TUNING: Mapping[str, str] = {"ols": "rank", "liu": "d", "ridge": "k", "pcr": "components"}
-"""What the linear estimators are tuned by."""
+Linear = Callable[[Spectrum, float | None], LinearEstimate]
+"""A linear problem, and what the estimator is tuned by (None: by its own rule), to an estimate."""
 LIMIT = 400
 TOLERANCE = 1e-7
 """At rest, no parameter moves by more than this part of its own 1-sigma."""
@@ -229,15 +160,12 @@ class Shrunk:
         return self.root
 
 
-def linear_estimator(name: str, tuning: float | None = None) -> Linear:
-    """The estimator of a name, by its own rule or with what tunes it (Liu's d, ridge's k, components) given."""
-    known: dict[str, Linear] = {
-        "ols": ols,
-        "liu": partial(liu, d=tuning),
-        "ridge": partial(ridge, k=tuning),
-        "pcr": partial(pcr, components=None if tuning is None else round(tuning)),
+def linear_estimators() -> dict[str, tuple[str, Linear]]:
+    """Return what each linear estimator is tuned by, and the estimator, by name; the biased ones are of a leaf."""
+    found: dict[str, tuple[str, Linear]] = {"ols": ("rank", lambda problem, _: ols(problem))}
+    return found | {
+        name: one for leaf in modules_named("estimating") for name, one in leaf.ESTIMATORS.items()
     }
-    return known[name]
 
 
 def relinearised(
@@ -255,7 +183,7 @@ def relinearised(
     of components where its rule is not to choose it. The status tells whether the estimate came to rest.
     Raises InputError when no reading is left over to tell the noise.
     """
-    columns = _Columns.of(problem, drawing, scaling)
+    columns, (_, linear) = _Columns.of(problem, drawing, scaling), linear_estimators()[name]
     t, share, last, moved = start.astype(float), 1.0, np.inf, np.zeros(len(start))
     known: Shrunk | None = None
     status = Status.LIMIT
@@ -265,7 +193,7 @@ def relinearised(
             status = Status.FAILED if known is None else Status.STALLED
             break
         frozen = known.tuning if tuning is None and known is not None and iteration > FROZEN else tuning
-        aim, known = columns.solved(factor, t, linear_estimator(name, frozen))
+        aim, known = columns.solved(factor, t, linear, frozen)
         moved, spread = aim - t, np.linalg.norm(np.hstack([known.root, known.unknown.T]), axis=1)
         if np.all(np.abs(moved) <= TOLERANCE * spread + LOST * (1.0 + np.abs(t))):
             t, status = aim, Status.CONVERGED
@@ -301,7 +229,7 @@ class _Columns:
         reading = problem.predictor.channels[0].sigma if scaling == "raw" else 1.0
         return cls(held, origin, units[scaling], reading, problem.n_observations)
 
-    def solved(self, factor: Array, t: Array, linear: Linear) -> tuple[Array, Shrunk]:
+    def solved(self, factor: Array, t: Array, linear: Linear, tuning: float | None) -> tuple[Array, Shrunk]:
         """Steps (n_free,) that the estimator makes of the triangular factor of [J r] at ``t``."""
         n, k = len(t), int(np.sum(~self.held))
         j, at = factor[:, :n], t - self.origin
@@ -316,7 +244,7 @@ class _Columns:
             unit,
             n_observations=self.n_observations - rank,
         )
-        found = linear(problem.counted_from(at[self.held]))
+        found = linear(problem.counted_from(at[self.held]), tuning)
         follow = -inverse @ r[:k, k:n]  # the loose ones follow the held ones
         steps = self._placed(
             at[~self.held] - inverse @ r[:k, n] + follow @ (found.b - at[self.held]), found.b

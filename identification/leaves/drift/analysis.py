@@ -21,8 +21,7 @@ from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.problem import Prior, prior_of
 from truepose.identification.fit.set_ups import without_set_ups
-from truepose.identification.identifiability.note import Note
-from truepose.identification.identifiability.observability import Knowledge
+from truepose.identification.identifiability.observability import Knowledge, Note
 from truepose.identification.identifiability.patterns import Blind
 from truepose.identification.leaves.drift.durability import Durability, durability
 from truepose.identification.leaves.drift.movement_posterior import Likeliest, likeliest, movement_posterior

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 import truepose
 from support import MACHINES
 from support.checked_arm import FEW, JOINTS, Document, document, recorded, written
-from truepose.identification.identifiability.poses import drawn_poses
+from truepose.identification.identifiability.analysis import drawn_poses
 from truepose.identification.leaves.check.kinds.axes import mirrored, targets
 from truepose.identification.leaves.check.kinds.frames import frames_swapped
 from truepose.identification.leaves.check.kinds.joints import end_zeros, exchanged, offset, zeros

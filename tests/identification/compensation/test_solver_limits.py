@@ -18,8 +18,7 @@ from truepose.errors import InputError
 from truepose.identification.compensation.compensate import compensate
 from truepose.identification.compensation.compiled import CompiledKinematics, shared_out
 from truepose.identification.compensation.inverse import MET, PoseSolver, Reach, loop_scales, pose_gap
-from truepose.identification.compensation.path_file import csv_text
-from truepose.identification.compensation.path_table import commands, load_path
+from truepose.identification.compensation.path_table import commands, csv_text, load_path
 from truepose.identification.compensation.rows import Follower, joined
 from truepose.models import lie
 from truepose.models.load import load_machine

@@ -13,9 +13,10 @@ import truepose
 from support import TESTS
 from truepose.cli import app
 from truepose.identification.diagnosis.result import Diagnosis
-from truepose.identification.learned_prior import EffectPrior, LearnedPrior, PlacePrior, write_prior
+from truepose.identification.learned_prior import EffectPrior, LearnedPrior, PlacePrior
 from truepose.identification.leaves.fleet.evidence import kept
 from truepose.identification.leaves.fleet.place_evidence import PlaceEvidence, evidence
+from truepose.identification.leaves.fleet.prior_file import write_prior
 from truepose.identification.leaves.fleet.summary import Summary
 from truepose.identification.prior import SIZES
 

@@ -13,7 +13,7 @@ import pytest
 
 from support.experiments import UNEVEN, YIELDING, arm, poses
 from truepose.errors import InputError
-from truepose.identification.identifiability.note import Note
+from truepose.identification.identifiability.observability import Note
 from truepose.identification.leaves.planning.discriminate.experiment import discriminate
 from truepose.identification.leaves.planning.discriminate.explanations import Class, class_of, explanation
 from truepose.identification.leaves.planning.discriminate.factors import Offer

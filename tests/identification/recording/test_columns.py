@@ -13,8 +13,8 @@ import pyarrow.parquet as pq  # type: ignore[import-untyped]
 import pytest
 
 from truepose.errors import InputError
-from truepose.identification.compensation import path_file
-from truepose.identification.compensation.path_file import csv_text
+from truepose.identification.compensation import path_table as path_file
+from truepose.identification.compensation.path_table import csv_text
 from truepose.identification.recording import text_rows
 from truepose.identification.recording.arrow_columns import ArrowCells
 from truepose.identification.recording.table import Column, Table, read_table

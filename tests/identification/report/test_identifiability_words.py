@@ -11,9 +11,7 @@ import pytest
 from support.told_drift import NAMES, blind
 from truepose.identification.fit.decomposition import Observability
 from truepose.identification.identifiability.analysis import Identifiability, ParameterSight
-from truepose.identification.identifiability.note import Note
-from truepose.identification.identifiability.observability import Direction
-from truepose.identification.identifiability.subset import Subset
+from truepose.identification.identifiability.observability import Direction, Note, Subset
 from truepose.identification.report.identifiability_words import (
     identifiability_json,
     identifiability_lines,

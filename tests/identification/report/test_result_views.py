@@ -15,7 +15,7 @@ from truepose.identification.compensation.rows import Compensation
 from truepose.identification.diagnosis.result import UNNAMED, Alternative, Levels, Quantity
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.identifiability.analysis import Identifiability, ParameterSight
-from truepose.identification.identifiability.note import Note
+from truepose.identification.identifiability.observability import Note
 from truepose.identification.report.numbers import significant
 from truepose.models.machine.machine import Machine
 from truepose.shown.result import view
