@@ -57,18 +57,11 @@ class Functions:
         return np.column_stack([np.ones(len(values)), *self.made(values)])[:, : self.width]
 
 
-@dataclass(frozen=True)
 class StructureSums:
     """Of residuals (n, m) of unit rms: Q'r (k, m) of all drivers, their spans among the k, Q'Q (k, k), and the sum of products
     of neighbours over the root of their number, None where rows have no order."""
 
-    along: Array
-    spans: Mapping[str, slice]
-    among: Array
-    lag: float | None
-
-    @classmethod
-    def of(cls, residual: Array, functions: Mapping[str, Functions], order: Index | None) -> StructureSums:
+    def __init__(self, residual: Array, functions: Mapping[str, Functions], order: Index | None) -> None:
         """``order`` (n,): indices that put rows in the order of acquisition."""
         width = sum(one.width for one in functions.values())
         squares, products = np.zeros((width, width)), np.zeros((width, residual.shape[1]))
@@ -77,9 +70,9 @@ class StructureSums:
             phi = np.hstack([one.at(rows) for one in functions.values()])
             squares += phi.T @ phi
             products += phi.T @ residual[rows]
-        turn, spans = _orthonormal(squares, functions)
-        lag = None if order is None else _lag(residual, order)
-        return cls(turn @ products, spans, turn @ squares @ turn.T, lag)
+        turn, self.spans = _orthonormal(squares, functions)
+        self.along, self.among = turn @ products, turn @ squares @ turn.T
+        self.lag = None if order is None else _lag(residual, order)
 
     def tests(self) -> dict[str, float]:
         """-log10 p of each test."""
@@ -130,7 +123,6 @@ MACHINES, MACHINES_SEED = 999, 17
 """Machines that are drawn from their tolerances, and their seed."""
 
 
-@dataclass(frozen=True)
 class _Seen:
     """Combinations that readings see, in tolerances at unit noise: information h (m,), and what to project by.
 
@@ -138,17 +130,7 @@ class _Seen:
     information, which is projected out.
     """
 
-    lin: Linearisation
-    known: Index
-    unknown: Index
-    solve: Array
-    weight: Array
-    information: Array
-    vectors: Array
-
-    @classmethod
-    def of(cls, lin: Linearisation) -> _Seen:
-        """Of free geometry."""
+    def __init__(self, lin: Linearisation) -> None:
         n, weight, gram = lin.free, lin.weight, lin.gram
         known, unknown = np.flatnonzero(weight > 0), np.flatnonzero(weight == 0)
         h, across = gram[:n, :n], gram[np.ix_(known, unknown)]
@@ -156,7 +138,8 @@ class _Seen:
         reduced = h[np.ix_(known, known)] - across @ solve @ across.T
         values, vectors = np.linalg.eigh(reduced / np.outer(weight[known], weight[known]))
         seen = values > max(1e-6, 1e-10 * float(np.max(values, initial=0.0)))
-        return cls(lin, known, unknown, np.asarray(solve), weight[known], values[seen], vectors[:, seen])
+        self.known, self.unknown, self.solve, self.weight = known, unknown, np.asarray(solve), weight[known]
+        self.lin, self.information, self.vectors = lin, values[seen], vectors[:, seen]
 
     def squares(self, cross: Array, square: Array) -> tuple[Array, Array]:
         """(b, m) squared components of J'e in each combination over its h, and (b,) squared length left of e."""
@@ -202,7 +185,7 @@ def conflict_with_tolerances(lin: Linearisation, noise: float) -> Alarm:
     (at least 1) scales sigma. Beyond the draws p is twice the smaller one of chi2.
     """
     lin = lin.bare()  # effects of the fit stay in the model: only geometry is taken back to the drawing
-    seen, gram = _Seen.of(lin), lin.gram
+    seen, gram = _Seen(lin), lin.gram
     shift = np.append(lin.departure, 0.0)
     cross = (gram[:, -1] - gram @ shift)[:-1]
     square = float(gram[-1, -1] - 2 * shift @ gram[:, -1] + shift @ gram @ shift)
@@ -282,7 +265,7 @@ def structure_alarm(fit: Estimate, recording: Recording) -> Alarm:
     if by_rows:
         observed, draws, explained = _by_rows(fit, recording, r)
     else:  # of so many rows that what a fit takes of noise is nothing beside it
-        sums = StructureSums.of(r, _functions(fit, recording), order)
+        sums = StructureSums(r, _functions(fit, recording), order)
         observed, draws = sums.tests(), sums.null(DRAWS, SEED)
         explained = {name: float(np.sum(sums.along[span] ** 2)) for name, span in sums.spans.items()}
     worst = max(observed, key=lambda name: observed[name])

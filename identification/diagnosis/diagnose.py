@@ -24,8 +24,7 @@ from truepose.identification.diagnosis.posterior_summary import SURE, Inclusion,
 from truepose.identification.diagnosis.proof import prove, replications
 from truepose.identification.diagnosis.refit import Choice, likeliest_model, model_of_names
 from truepose.identification.diagnosis.result import NAMED, Alarm, Alternative, Diagnosis, Lead
-from truepose.identification.diagnosis.search import Found
-from truepose.identification.diagnosis.stages import first, further, stages
+from truepose.identification.diagnosis.search import Found, first, further, stages
 from truepose.identification.fit.reading_errors import estimate_reading_errors
 from truepose.identification.fit.set_ups import with_set_ups
 from truepose.identification.fit.summary import summarise

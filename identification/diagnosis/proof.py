@@ -26,9 +26,8 @@ from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.selection_problem import selection_problem, weighed_alone
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.posterior.design import Design
-from truepose.identification.posterior.mode import nearest_top
 from truepose.identification.posterior.spike_slab import SpikeSlab
-from truepose.identification.posterior.state import slot_odds
+from truepose.identification.posterior.state import nearest_top, slot_odds
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue

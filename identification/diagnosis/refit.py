@@ -301,22 +301,16 @@ class Choice:
         cat = self.found.catalogue
         silent = self._silent(model.fit)
         robot = {i: s for i, s in model.accepted.items() if cat.candidates[i].label not in silent}
-        if len(robot) < len(model.accepted):
-            yield from self._refitted("robot", robot, model.shapes)
+        wanted = [("robot", robot, model.shapes)] if len(robot) < len(model.accepted) else []
         if names is not None and model.nameless(self.found):
-            yield "names", names
             forms = {i: s for i, s in model.accepted.items() if not cat.named(i) or i in cat.stated}
-            yield from self._refitted("forms", forms, model.shapes)
+            wanted += [("names", names.accepted, ()), ("forms", forms, model.shapes)]
         known = {i: s for i, s in model.accepted.items() if i in sure or i in cat.stated}
-        if known and len(known) < len(model.accepted):
-            yield from self._refitted("sure-names", known, ())
-
-    def _refitted(
-        self, label: str, accepted: Mapping[int, float], shapes: tuple[Shape, ...]
-    ) -> Iterator[tuple[str, Model]]:
-        model = refit(self.found, accepted, shapes, self.outliers)
-        if model is not None:
-            yield label, model
+        wanted += [("sure-names", known, ())] if known and len(known) < len(model.accepted) else []
+        for label, accepted, shapes in wanted:
+            other = names if label == "names" else refit(self.found, accepted, shapes, self.outliers)
+            if other is not None:
+                yield label, other
 
 
 def determined_directions(fit: Estimate) -> Array:

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from support.searched_arm import Case
 from truepose.commands import identify, progress
 from truepose.commands.progress import EVERY, Course, Lines, lasting, quietly
-from truepose.identification.diagnosis import stages
+from truepose.identification.diagnosis import search as stages
 from truepose.identification.diagnosis.diagnose import diagnose
 
 DELAY = 2.0

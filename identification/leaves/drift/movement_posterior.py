@@ -12,10 +12,18 @@ from scipy.special import expit
 from truepose.arrays import Array, Mask
 from truepose.identification.leaves.drift.movement_problem import Kinds, Stack, movement_problem
 from truepose.identification.posterior.marginal import log_gains
-from truepose.identification.posterior.mode import nearest_top, tops
 from truepose.identification.posterior.posterior import Posterior, class_probability, mode, sample
 from truepose.identification.posterior.spike_slab import Member, SpikeSlab
-from truepose.identification.posterior.state import LOUDER, Moments, State, best_point, moments, slot_odds
+from truepose.identification.posterior.state import (
+    LOUDER,
+    Moments,
+    State,
+    best_point,
+    moments,
+    nearest_top,
+    slot_odds,
+    tops,
+)
 from truepose.identification.prior import RICHNESS
 
 ENOUGH, NEARLY = 3.0, 12.0

@@ -83,7 +83,7 @@ def _ratio(above: Array, below: Array) -> Array:
 
 
 ESTIMATORS: Mapping[str, tuple[str, Linear]] = {
-    "liu": ("d", lambda problem, d: liu(problem, d)),
+    "liu": ("d", liu),
     "ridge": ("k", ridge),
     "pcr": ("components", lambda problem, tuning: pcr(problem, None if tuning is None else round(tuning))),
 }

@@ -177,7 +177,7 @@ def diagnose(
     """
     with reported(plugin):
         from truepose.identification.diagnosis.diagnose import diagnose as run
-        from truepose.identification.diagnosis.stages import sizes
+        from truepose.identification.diagnosis.search import sizes
         from truepose.identification.learned_prior import read_prior
         from truepose.identification.report.judgement_words import diagnosis_judgement
         from truepose.identification.report.notes import diagnosis_notes

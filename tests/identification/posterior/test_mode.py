@@ -9,9 +9,17 @@ import pytest
 
 from support.linear_problems import RICHNESS, catalogue_problem, enumerated, single, spike_slab
 from truepose.identification.posterior.design import GridPoint
-from truepose.identification.posterior.mode import LIKELY, alternatives, ascended, tops
 from truepose.identification.posterior.spike_slab import SpikeSlab
-from truepose.identification.posterior.state import State, best_point, log_posterior, slot_odds
+from truepose.identification.posterior.state import (
+    LIKELY,
+    State,
+    alternatives,
+    ascended,
+    best_point,
+    log_posterior,
+    slot_odds,
+    tops,
+)
 
 KINDS = [0, 0, 1, 1, 2, 2]
 

@@ -11,13 +11,12 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from support.linear_problems import RICHNESS, UNKNOWNS, random_problem, single
-from truepose.identification.posterior import mode as ascending
 from truepose.identification.posterior import posterior as drawing
+from truepose.identification.posterior import state as ascending
 from truepose.identification.posterior.design import GridPoint
-from truepose.identification.posterior.mode import ascended, tops
 from truepose.identification.posterior.posterior import Posterior, Sampling
 from truepose.identification.posterior.spike_slab import HELD, SpikeSlab
-from truepose.identification.posterior.state import State, best_point
+from truepose.identification.posterior.state import State, ascended, best_point, tops
 from truepose.identification.posterior.terms import Terms
 from truepose.identification.prior import SIZES
 

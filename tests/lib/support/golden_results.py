@@ -23,7 +23,7 @@ from truepose.identification.leaves.fleet.columns import Columns
 from truepose.identification.leaves.fleet.statistics import statistics
 from truepose.identification.leaves.fleet.summary import Summary
 from truepose.identification.leaves.fringes.move import Move
-from truepose.identification.posterior.mode import tops
+from truepose.identification.posterior.state import tops
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import catalogue
 from truepose.identification.signatures.signatures import Signatures

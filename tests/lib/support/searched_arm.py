@@ -15,9 +15,8 @@ from truepose.identification.diagnosis.search import Found, search
 from truepose.identification.diagnosis.selection_problem import selection_problem
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.estimated import Estimate
-from truepose.identification.posterior.mode import nearest_top
 from truepose.identification.posterior.posterior import Posterior
-from truepose.identification.posterior.state import State, best_point
+from truepose.identification.posterior.state import State, best_point, nearest_top
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
