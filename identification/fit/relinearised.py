@@ -27,7 +27,7 @@ from typing import Literal
 
 import numpy as np
 
-from truepose.arrays import Array, Mask
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.fit.decomposition import ROUNDING, Decomposition
 from truepose.identification.fit.leastsquares import Solution, Status, triangular
@@ -183,7 +183,7 @@ def relinearised(
     of components where its rule is not to choose it. The status tells whether the estimate came to rest.
     Raises InputError when no reading is left over to tell the noise.
     """
-    columns, (_, linear) = _Columns.of(problem, drawing, scaling), linear_estimators()[name]
+    columns, (_, linear) = _Columns(problem, drawing, scaling), linear_estimators()[name]
     t, share, last, moved = start.astype(float), 1.0, np.inf, np.zeros(len(start))
     known: Shrunk | None = None
     status = Status.LIMIT
@@ -205,7 +205,6 @@ def relinearised(
     return Solution(t, factor, cost, status, iteration, last, moved), known
 
 
-@dataclass(frozen=True)
 class _Columns:
     """Steps of the problem as columns of the estimator: t = origin + [loose, or unit * b of what is held].
 
@@ -213,21 +212,14 @@ class _Columns:
     None for columns of length one; reading: size of a whitened reading; n_observations: their number.
     """
 
-    held: Mask
-    origin: Array
-    unit: Array | None
-    reading: float
-    n_observations: int
-
-    @classmethod
-    def of(cls, problem: Problem, drawing: Prior, scaling: Scaling) -> _Columns:
+    def __init__(self, problem: Problem, drawing: Prior, scaling: Scaling) -> None:
         free = problem.prior.free
         step, sigma = problem.prior.scale[free], drawing.sigma[free]
-        held = np.isfinite(sigma)
-        origin = np.where(held, (drawing.mean[free] - problem.p[free]) / step, 0.0)
-        units = {"tolerance": (sigma / step)[held], "raw": 1.0 / step[held], "unit": None}
-        reading = problem.predictor.channels[0].sigma if scaling == "raw" else 1.0
-        return cls(held, origin, units[scaling], reading, problem.n_observations)
+        self.held, self.n_observations = np.isfinite(sigma), problem.n_observations
+        self.origin = np.where(self.held, (drawing.mean[free] - problem.p[free]) / step, 0.0)
+        units = {"tolerance": (sigma / step)[self.held], "raw": 1.0 / step[self.held], "unit": None}
+        self.unit = units[scaling]
+        self.reading = problem.predictor.channels[0].sigma if scaling == "raw" else 1.0
 
     def solved(self, factor: Array, t: Array, linear: Linear, tuning: float | None) -> tuple[Array, Shrunk]:
         """Steps (n_free,) that the estimator makes of the triangular factor of [J r] at ``t``."""

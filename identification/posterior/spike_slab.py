@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Generic, TypeVar
 
@@ -114,41 +114,33 @@ SETS = 200_000
 """Evidences that are kept."""
 
 
-@dataclass(frozen=True)
 class Conditional:
     """What a slot may hold beside other members: log odds (s, c) of each term at each size, before those of the slot.
 
     log_evidence: of the other members.
     """
 
-    log_odds: Array
-    log_evidence: float
-    log_sum: float
-    sums: Array
-    shares: Array
-
-    @classmethod
-    def of(cls, log_odds: Array, log_evidence: float) -> Conditional:
-        """From log odds (s, c)."""
+    def __init__(self, log_odds: Array, log_evidence: float) -> None:
+        self.log_odds, self.log_evidence = log_odds, log_evidence
         top = float(np.max(log_odds, initial=-1e300))
         weight = np.exp(log_odds - top)
         total = max(float(weight.sum()), 1e-300)  # no term may be wanted at all
-        log_sum = top + float(np.log(total))
-        return cls(log_odds, log_evidence, log_sum, np.cumsum(weight / total), weight.sum(axis=0) / total)
+        self._log_sum, self._sums = top + float(np.log(total)), np.cumsum(weight / total)
+        self._shares = weight.sum(axis=0) / total
 
     def log_total(self, slot: float) -> float:
         """Log of the sum of the odds of everything, nothing (1) included."""
-        return float(np.logaddexp(0.0, self.log_sum + slot))
+        return float(np.logaddexp(0.0, self._log_sum + slot))
 
     def terms(self, slot: float) -> Array:
         """(c,) probability of each term."""
-        return np.asarray(self.shares * np.exp(self.log_sum + slot - self.log_total(slot)))
+        return np.asarray(self._shares * np.exp(self._log_sum + slot - self.log_total(slot)))
 
     def draw(self, slot: float, rng: np.random.Generator) -> Member | None:
         """A member, or nothing."""
-        if np.log(rng.random()) > self.log_sum + slot - self.log_total(slot):
+        if np.log(rng.random()) > self._log_sum + slot - self.log_total(slot):
             return None
-        at = min(int(np.searchsorted(self.sums, rng.random())), len(self.sums) - 1)
+        at = min(int(np.searchsorted(self._sums, rng.random())), len(self._sums) - 1)
         size, term = divmod(at, self.log_odds.shape[1])
         return int(term), int(size)
 
@@ -332,7 +324,7 @@ class SpikeSlab:
             odds = log_gains(there, self.sizes, groups) + prior
             for _ in new:
                 self.work.count_weighed(groups, len(self.sizes.values))
-            return [Conditional.of(o, m.log_evidence) for o, m in zip(odds, there, strict=True)]
+            return [Conditional(o, m.log_evidence) for o, m in zip(odds, there, strict=True)]
 
         return self._conditionals.get_all([(p, rest) for p in points], made)
 

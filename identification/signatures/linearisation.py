@@ -47,7 +47,9 @@ class Forms:
             return cls.none()
         columns = recording.columns(smooth=True)
         varied = {name: values for name, values in columns.items() if np.ptp(values[used]) > 0}
-        pairs = [_chebyshev(values, used) for values in varied.values()]
+        ends = ((v, float(v[used].min()), float(v[used].max())) for v in varied.values())
+        each = (np.clip(scaled(values, low, high), -1.0, 1.0) for values, low, high in ends)
+        pairs = [np.column_stack(chebyshev(t, PAIR)[1:]) for t in each]
         phi = np.column_stack(pairs) if pairs else np.zeros((len(used), 0))
         total = np.sqrt(max(float(np.mean(np.sum(phi[used] ** 2, axis=1))), 1e-300)) if pairs else 1.0
         return cls(FORM_ERROR * phi / total, tuple(signals), tuple(varied))
@@ -68,12 +70,6 @@ class Forms:
             for at, amplitude in self.signals
         ]
         return np.concatenate(out, axis=2) if out else np.zeros((*signature.shape[:2], 0))
-
-
-def _chebyshev(values: Array, used: Mask) -> Array:
-    """(n, PAIR) the first two polynomials over the range of the used rows."""
-    t = scaled(values, float(values[used].min()), float(values[used].max()))
-    return np.column_stack(chebyshev(np.clip(t, -1.0, 1.0), PAIR)[1:])
 
 
 @dataclass(frozen=True)
