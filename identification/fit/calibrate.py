@@ -127,9 +127,12 @@ def calibrate(
         method |= {"scaling": scaling, linear_estimators()[estimator][0]: f"{fit.shrunk.tuning:.6g}"}
     progress("fitting without tolerances")
     free, more = work.free(fit.p)
-    before = [*recording.notes, *work.predictor.cautions, *_left_out(fit, recording)]
+    why = "the mechanism cannot be assembled there; the row was left out"
+    before = [*recording.notes, *work.predictor.cautions]
+    before += [f"{recording.where(k)}: {why}" for k in fit.unassembled]
+    at_bounds = work.bounds.notes(fit.prior, fit.p, kept=solver not in DAMPING)
     kept = kept_covariance(machine, work.tolerances) if only else None
-    return Calibration(fit, free, recording, (*before, *notes, *work.at_bounds(fit), *more), method, kept)
+    return Calibration(fit, free, recording, (*before, *notes, *at_bounds, *more), method, kept)
 
 
 def bounded_solvers() -> dict[str, Callable[..., Solution]]:
@@ -207,14 +210,11 @@ class _Work:
     def fitted(self, solver: str | None = None, **options: Any) -> tuple[Estimate, list[str]]:
         """By the solver asked for; of gn and lm by the other where that one finds no minimum."""
         solver = solver or self.solver
-        common: dict[str, Any] = {
-            "start": self.start,
-            "predictor": self.predictor,
-            "prior": self.tolerances,
-            "tolerance": TIGHT,
-            **options,
-        }
-        fitting = partial(estimate, self.machine, self.recording, self.machine.effects, **common)
+        own = {"start": self.start, "predictor": self.predictor, "prior": self.tolerances, "tolerance": TIGHT}
+        machine, recording = self.machine, self.recording
+        fitting: Callable[..., Estimate] = partial(
+            estimate, machine, recording, machine.effects, **{**own, **options}
+        )
         if solver not in DAMPING:
             return fitting(solver=partial(bounded_solvers()[solver], bounds=self.bounds)), []
         try:
@@ -276,14 +276,8 @@ class _Work:
         try:
             return self.fitted(damped, start=start, widen=FREE_WIDENING)[0], []
         except ConvergenceError as exc:
-            why = (
-                f"the fit with {FREE_WIDENING:g} times wider tolerances, for comparison, has no result: {exc}"
-            )
-            return None, [why]
-
-    def at_bounds(self, fit: Estimate) -> list[str]:
-        """What of the fit stands at a bound, or beyond one where the solver keeps none."""
-        return self.bounds.notes(fit.prior, fit.p, kept=self.solver not in DAMPING)
+            what = f"the fit with {FREE_WIDENING:g} times wider tolerances, for comparison,"
+            return None, [f"{what} has no result: {exc}"]
 
 
 def _check(what: str, name: str, known: Sequence[str]) -> None:
@@ -291,10 +285,3 @@ def _check(what: str, name: str, known: Sequence[str]) -> None:
         hint = meant(name, known)
         ending = f"; {hint}" if hint else ""
         raise InputError(f"--{what}: found {name!r}, expected one of {', '.join(known)}{ending}")
-
-
-def _left_out(fit: Estimate, recording: Recording) -> list[str]:
-    return [
-        f"{recording.where(k)}: the mechanism cannot be assembled there; the row was left out"
-        for k in fit.unassembled
-    ]

@@ -192,10 +192,8 @@ def _tries(
     tries = FREE_TRIES if free else TRIES
     if damping is not None:
         tries = ((damping, tries[0][1]),)
-    return [
-        partial(minimise, problem.blocks, damping=first, tolerance=tolerance, limit=limit)
-        for first, limit in tries
-    ]
+    common = partial(minimise, problem.blocks, tolerance=tolerance)
+    return [partial(common, damping=first, limit=limit) for first, limit in tries]
 
 
 @dataclass(frozen=True)

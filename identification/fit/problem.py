@@ -27,7 +27,6 @@ from truepose.codegen.evaluation.gram import GramFunction
 from truepose.errors import InputError
 from truepose.identification.fit.leastsquares import WIDE_PROBLEM, Rows
 from truepose.identification.fit.turn import Turn, turn_of
-from truepose.identification.prediction.by_ports import Part
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prior import LONG
 from truepose.models.effects.base import PlacedEffect
@@ -60,11 +59,8 @@ class NormalEquations:
             predictor.sums[key] = _sums(predictor, free)
         function = predictor.sums[key]
         columns = [recording.observations[name] for sensor in machine.sensors for name in sensor.columns]
-        return (
-            cls(function, (predictor.q, predictor.z, np.column_stack(columns)))
-            if function.engine.compiled
-            else None
-        )
+        inputs = predictor.q, predictor.z, np.column_stack(columns)
+        return cls(function, inputs) if function.engine.compiled else None
 
     def rows(self, p: Array, weight: Array, scale: Array, least: float) -> Array | None:
         """(n_free + 1, n_free + 1) rows of [J r] with the sums of all of them, J by steps of ``scale`` (n_free,).
@@ -187,7 +183,8 @@ class Problem:
         """Long series start where their prior is in what readings do not see, and stay there."""
         free, scale = self.prior.free, self.prior.scale[self.prior.free]
         places = {int(k): i for i, k in enumerate(free)}
-        ends = np.cumsum([len(self.predictor.machine.parameters), *self._lengths])
+        lengths = [len(effect.coefficients) for effect in self.predictor.model.effects]
+        ends = np.cumsum([len(self.predictor.machine.parameters), *lengths])
         effects = [
             np.array([places[k] for k in range(a, b) if k in places], dtype=np.intp)
             for a, b in pairwise(ends)
@@ -201,10 +198,6 @@ class Problem:
         self.p = self.p.copy()
         self.p[free] -= scale * (turn.rest @ (turn.rest.T @ away))
         self.turn = turn
-
-    @property
-    def _lengths(self) -> list[int]:
-        return [len(effect.coefficients) for effect in self.predictor.model.effects]
 
     @property
     def nothing(self) -> Array:
@@ -273,18 +266,18 @@ class Problem:
             rows = np.flatnonzero(used[block.rows])
             part = block.part(rows, place, self.prior.scale, root[block.rows][rows])
             if part is not None and len(free) >= WIDE_PROBLEM:
-                yield part if self.turn is None else self._slimmed(self.turn.of_part(part))
+                if self.turn is not None:
+                    part, columns = self.turn.of_part(part), len(self.nothing) + 1
+                    if columns <= WIDE_PROBLEM:  # so few steps are left that a factor of the rows pays
+                        yield part.written(columns).reshape(-1, columns)
+                        continue
+                yield part
                 continue
             w = root[block.rows][rows, None]
             jacobian = block.jacobian[rows][:, :, free] * self.prior.scale[free] * w[..., None]
             stacked = np.concatenate([jacobian, (block.residual[rows] * w)[..., None]], axis=2)
             flat = stacked.reshape(-1, len(free) + 1)
             yield flat if self.turn is None else self.turn.of_rows(flat)
-
-    def _slimmed(self, part: Part) -> Rows:
-        """As it is, or written out where so few steps are left that a factor of the rows pays."""
-        columns = len(self.nothing) + 1
-        return part if columns > WIDE_PROBLEM else part.written(columns).reshape(-1, columns)
 
     def prior_rows(self, p: Array) -> Array:
         """(n, k + 1) rows of [J r] of the tolerances, one for each free parameter, at ``p`` (np,)."""
@@ -298,9 +291,8 @@ class Problem:
 
     def residuals(self, p: Array, x: Array) -> Array:
         """(n, m) whitened residuals of all rows."""
-        return np.concatenate(
-            [block.residual for block in self.predictor.blocks(p, x, self.used * self.weights)]
-        )
+        blocks = self.predictor.blocks(p, x, self.used * self.weights)
+        return np.concatenate([block.residual for block in blocks])
 
     def residuals_of(self, rows: Mask, p: Array, x: Array) -> Array:
         """(n, m) the same of some rows (n,); NaN in others, unless readings compare rows."""

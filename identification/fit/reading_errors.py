@@ -75,10 +75,8 @@ def _correct(predictor: Predictor, p: Array, stated: Array) -> tuple[Recording, 
     offset = np.nan_to_num(np.subtract(*as_stated))
     added = {channel.name: frozen(column) for channel, column in zip(channels, offset.T, strict=True)}
     observations = {**recording.observations, **added}
-    return (
-        replace(recording, reading_errors=frozen(errors), observations=observations),
-        offset / np.array([channel.sigma for channel in channels]),
-    )
+    corrected = replace(recording, reading_errors=frozen(errors), observations=observations)
+    return corrected, offset / np.array([channel.sigma for channel in channels])
 
 
 def _predict(predictor: Predictor, p: Array, errors: Array) -> tuple[Array, Array]:

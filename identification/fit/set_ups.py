@@ -35,11 +35,9 @@ def with_set_ups(machine: Machine, recording: Recording) -> Machine:
     """The machine with its frames set up anew after every session of the recording; itself where the file says nothing so."""
     if not machine.set_up:
         return machine
-    steps = [
-        PlacedEffect.at(FrameShift(), machine, (frame,), _settings(session))
-        for frame in machine.set_up
-        for session in range(1, recording.n_sessions)
-    ]
+    later = [_settings(session) for session in range(1, recording.n_sessions)]
+    places = [((frame,), settings) for frame in machine.set_up for settings in later]
+    steps = [PlacedEffect.at(FrameShift(), machine, *place) for place in places]
     return machine.with_effects((*without_set_ups(machine.effects), *steps))
 
 
@@ -132,10 +130,8 @@ def _named(name: str, only: Sequence[str]) -> bool:
 
 def _axes(effect: PlacedEffect) -> dict[str, str]:
     """The frame's constant that each coefficient of a set-up changes."""
-    return {
-        full: f"{effect.place[0]}.{c.name}"
-        for full, c in zip(effect.parameter_names, effect.coefficients, strict=True)
-    }
+    names = [f"{effect.place[0]}.{c.name}" for c in effect.coefficients]
+    return dict(zip(effect.parameter_names, names, strict=True))
 
 
 def _held(machine: Machine, only: Sequence[str]) -> tuple[PlacedEffect, ...]:

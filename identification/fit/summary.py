@@ -50,11 +50,8 @@ def rms_by_kind(residual: Array, channels: Sequence[Channel], lost: Mask | None 
             at = [k for k, c in enumerate(channels) if c.kind == kind and c.point == point]
             squares.append(np.sum((residual[:, at] * [channels[k].sigma for k in at]) ** 2, axis=1))
         values = np.concatenate(squares)
-        out[kind] = (
-            float(np.sqrt(np.mean(values[np.isfinite(values)])))
-            if np.isfinite(values).any()
-            else float("nan")
-        )
+        known = values[np.isfinite(values)]
+        out[kind] = float(np.sqrt(np.mean(known))) if known.size else float("nan")
     return out
 
 
@@ -79,17 +76,10 @@ def summarise(fit: Estimate, validation: Mask) -> FitSummary:
     """All figures of one fit; ``validation`` (n,) are the rows that are never fitted."""
     channels = fit.nominal.channels
     rows = validation & np.isfinite(fit.residual).all(axis=1)
-    away = np.abs(fit.in_tolerances)
-    return FitSummary(
-        rms=rms_by_kind(fit.residual[fit.used], channels, fit.lost_among(fit.used)),
-        chi2_per_dof=fit.chi2_per_dof,
-        validation_rms=rms_by_kind(fit.residual[rows], channels, fit.lost_among(rows))
-        if rows.any()
-        else None,
-        worst_parameter_sigma=fit.worst_parameter_sigma,
-        worst_parameter=fit.prior.names[int(np.argmax(away))],
-        worst_allowed=worst_allowed(fit),
-    )
+    worst = fit.prior.names[int(np.argmax(np.abs(fit.in_tolerances)))]
+    rms = rms_by_kind(fit.residual[fit.used], channels, fit.lost_among(fit.used))
+    held = rms_by_kind(fit.residual[rows], channels, fit.lost_among(rows)) if rows.any() else None
+    return FitSummary(rms, fit.chi2_per_dof, held, fit.worst_parameter_sigma, worst, worst_allowed(fit))
 
 
 GROSS = 100.0
@@ -192,11 +182,8 @@ def _allowed(fit: Estimate) -> float:
     total, steps = 0.0, fit.slopes
     parameters = fit.nominal.parameters
     for column, k in enumerate(fit.prior.free):
-        if (
-            k < len(parameters)
-            and parameters[k] not in fit.nominal.frames
-            and np.isfinite(parameters[k].tolerance)
-        ):
+        own = k < len(parameters) and parameters[k] not in fit.nominal.frames
+        if own and np.isfinite(parameters[k].tolerance):
             size = parameters[k].tolerance / fit.prior.scale[k]
             total += float(np.sum((steps[:, column] * size) ** 2))
     return total

@@ -201,9 +201,8 @@ def _spread(slopes: Array, root: Array) -> Array:
 def _own(fit: Estimate) -> float:
     """Variance of a position, over its three axes, that no parameter explains, mm^2."""
     left = unexplained(fit.nominal, fit.residual[fit.used], fit.effective_parameters)
-    return sum(
-        3.0 * size**2 for kind, (size, unit) in left.items() if kind.endswith(".position") and unit == "mm"
-    )
+    sizes = [size for kind, (size, unit) in left.items() if kind.endswith(".position") and unit == "mm"]
+    return sum(3.0 * size**2 for size in sizes)
 
 
 def workspace(fit: Estimate, recording: Recording) -> tuple[ToolSpread, Mask]:

@@ -7,7 +7,7 @@ Chains with what they have counted, each weighted by the evidence of the region 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -154,12 +154,13 @@ FOR_CLASS = 0.9
 class Posterior:
     """What the chains say.
 
-    causes (n,): probability of each cause; beside (n, n): where a slot holds
+    terms: probability of each term that was not hopeless; causes (n,): of each cause; beside (n, n): where a slot holds
     the cause of the row, how probable each other cause is in its place (rows sum to 1 at most); states: the distinct
     states visited with their share, largest first; points: share of each point; disagreement: largest difference between
     chains of a cause's probability.
     """
 
+    terms: Mapping[int, float]
     causes: Array
     beside: Array
     states: tuple[tuple[State, float], ...]
@@ -258,7 +259,9 @@ def _gathered(part: SpikeSlab, index: Index, chains: Chains, *, cut: bool) -> Po
     by_sweep = weights / [t.sweeps for t in tallies]
     beside = sum(w * t.beside for w, t in zip(by_sweep, tallies, strict=True))
     held = np.sum([w * t.held for w, t in zip(by_sweep, tallies, strict=True)], axis=0)[:, None]
+    terms = np.minimum(by_sweep @ [t.terms for t in tallies], 1.0)
     return Posterior(
+        terms=dict(zip(index.tolist(), terms.tolist(), strict=True)),
         causes=weights @ [t.causes for t in tallies],
         beside=np.asarray(beside / np.where(held > 0.0, held, 1.0)),
         states=tuple(states),

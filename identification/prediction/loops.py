@@ -31,9 +31,8 @@ class Loops:
         """Equations, their derivative by x, and gaps."""
         self.scale = coordinate_scale(m.machine, len(m.home), m.gap.numel())
         slides = slides_of(m.machine.mechanism)
-        self.slides = np.array(
-            [*slides, *(len(m.home) - len(slides)) * [False]], dtype=bool
-        )  # forces come last
+        forces = (len(m.home) - len(slides)) * [False]  # these come last
+        self.slides = np.array([*slides, *forces], dtype=bool)
 
     def assemble(
         self,

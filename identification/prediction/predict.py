@@ -48,9 +48,8 @@ def column_std(predictor: Predictor, values: Array, jacobian: Array) -> Array:
     names = predictor.model.names
     variance = _beyond(predictor, values, jacobian)
     left = np.flatnonzero(p_sigma > 0)
-    scales = np.array(
-        [p.scale for p in machine.parameters] + [c.scale for e in machine.effects for c in e.coefficients]
-    )
+    coefficients = (c for e in machine.effects for c in e.coefficients)
+    scales = np.array([part.scale for part in (*machine.parameters, *coefficients)])
     known = _covariance(machine)
     if known is not None:
         missing = [name for name in known.names if name not in names]
@@ -77,10 +76,8 @@ def _unexplained(machine: Machine, known: Covariance) -> Array:
     """(k,) variance of each column that no parameter explains."""
     out = []
     for name, sensor in zip(sensor_names(machine), machine.sensors, strict=True):
-        own = {
-            kind: known.unexplained.get(f"{name}.{kind}", (0.0, ""))[0] for kind in _kinds(sensor).values()
-        }
-        out += [own[_kinds(sensor)[unit]] ** 2 for unit in sensor.columns.values()]
+        kinds = [_kinds(sensor)[unit] for unit in sensor.columns.values()]
+        out += [known.unexplained.get(f"{name}.{kind}", (0.0, ""))[0] ** 2 for kind in kinds]
     return np.array(out)
 
 
@@ -141,12 +138,8 @@ def _stated(predictor: Predictor) -> Array:
     for k, effect in enumerate(machine.effects):
         spec = specs[k] if k < len(specs) else None
         for c in effect.coefficients:
-            own = (
-                spec.std_of(c.name, c.unit)
-                if spec is not None and spec.effect == effect.effect.slug
-                else None
-            )
-            sigma.append(own or 0.0)
+            known = spec is not None and spec.effect == effect.effect.slug
+            sigma.append((spec.std_of(c.name, c.unit) if spec and known else None) or 0.0)
     return np.array(sigma)
 
 
@@ -239,17 +232,15 @@ def _of_some(predictor: Predictor, p: Array, x: Array, with_std: bool) -> tuple[
 def unassembled(recording: Recording, frame: pd.DataFrame) -> list[str]:
     """A note for each row that has no prediction."""
     rows = np.flatnonzero(frame[POSE[0]].isna().to_numpy())
-    return [
-        f"{recording.where(int(k))}: the mechanism cannot be assembled there; the row is empty" for k in rows
-    ]
+    why = "the mechanism cannot be assembled there; the row is empty"
+    return [f"{recording.where(int(k))}: {why}" for k in rows]
 
 
 def unheard(machine: Machine, recording: Recording) -> list[str]:
     """A note for each driver that the effects read and the rows do not log: it stands at its default."""
     late = any(ROW in effect.drivers for effect in machine.effects) and not _is_the_fitted(machine, recording)
-    ended = (
-        ["what drifted in the order of the fitted rows is predicted as it was at their end"] if late else []
-    )
+    drifted = "what drifted in the order of the fitted rows is predicted as it was at their end"
+    ended = [drifted] if late else []
     missing = [n for effect in machine.effects for n in effect.drivers if recording.driver(n) is None]
     columns = dict.fromkeys(Driver.of(name).column for name in missing if name != ROW)
     return ended + [f"no column {name!r}: effects that depend on it see its default" for name in columns]

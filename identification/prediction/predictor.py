@@ -134,9 +134,8 @@ class Predictor:
             tool, *further = ([world, *twists_by(world, m.x, m.p)] for world in m.worlds.values())
             outputs = [*tool, ca.jacobian(m.closure, m.x), ca.jacobian(m.closure, m.p)]
             outputs += [m.reading_shift, ca.jacobian(m.reading_shift, m.x), ca.jacobian(m.reading_shift, m.p)]
-            self._kinematics = self._function(
-                "kinematics", [*outputs, *itertools.chain.from_iterable(further)]
-            )
+            outputs += itertools.chain.from_iterable(further)
+            self._kinematics = self._function("kinematics", outputs)
         else:
             self._kinematics = self._by_ports.function
         self._sensors = sights(machine, m.names, self.evaluations)
@@ -167,12 +166,8 @@ class Predictor:
     def cautions(self) -> tuple[str, ...]:
         """Notes of the sensors on how they read this recording, and on what is evaluated more slowly than it could be."""
         told = [c for s in self.machine.sensors for c in s.cautions(self.recording.labels)]
-        functions = (
-            self._loops.closure,
-            self._pose,
-            self._kinematics,
-            *(f for s in self._sensors for f in s.functions),
-        )
+        sensors = (f for s in self._sensors for f in s.functions)
+        functions = (self._loops.closure, self._pose, self._kinematics, *sensors)
         slow = dict.fromkeys(f.engine.why for f in functions if f.engine.missed)
         return (*told, *(f"{why}: evaluated by CasADi's virtual machine, more slowly" for why in slow))
 

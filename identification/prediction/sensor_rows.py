@@ -97,9 +97,8 @@ def joined(rows: slice, parts: Sequence[Block]) -> Block:
     dense = np.concatenate([part.dense if alike else part.here for part in parts], axis=1)
     lost = None
     if any(part.lost is not None for part in parts):
-        lost = np.hstack(
-            [np.zeros(p.residual.shape, dtype=bool) if p.lost is None else p.lost for p in parts]
-        )
+        none = (np.zeros(p.residual.shape, dtype=bool) for p in parts)
+        lost = np.hstack([n if p.lost is None else p.lost for p, n in zip(parts, none, strict=True)])
     if alike:
         slopes = np.concatenate([part.ports.slopes for part in parts if part.ports is not None], axis=1)
         first = parts[0]
