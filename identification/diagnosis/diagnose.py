@@ -70,7 +70,7 @@ def diagnose(
     if learned is not None:
         cat = replace(cat, learned=FleetPrior(learned, machine.mechanism_type))
     progress(f"weighing {len(cat.candidates)} explanations")
-    fits, near = first(machine, every[0], fits, cat, stop)
+    fits, near = first(fits, cat, stop)
     for rows in every[1:]:
         fits, near = further(near, fits, rows, progress)
     found = [near.found()]

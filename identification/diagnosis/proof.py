@@ -156,15 +156,9 @@ def prove(
     ``outliers`` (n,): rows left out."""
     recording = found.signatures.recording
     ratio, interval = ratio_interval(held.before, held.after)
-    return Proof(
-        held_out=held.split,
-        blocks=held.blocks,
-        ratio=ratio,
-        ratio_interval=interval,
-        placebo_gain=_placebo(before, found, main),
-        black_box_ratio=black_box(before, after, recording, outliers),
-        injected_recovered=injected_recovered(after, found, main),
-    )
+    placebo, free = _placebo(before, found, main), black_box(before, after, recording, outliers)
+    recovered = injected_recovered(after, found, main)
+    return Proof(held.split, held.blocks, ratio, interval, placebo, free, recovered)
 
 
 def _placebo(before: Estimate, found: Found, main: int) -> float:

@@ -301,7 +301,8 @@ class Choice:
         cat = self.found.catalogue
         silent = self._silent(model.fit)
         robot = {i: s for i, s in model.accepted.items() if cat.candidates[i].label not in silent}
-        wanted = [("robot", robot, model.shapes)] if len(robot) < len(model.accepted) else []
+        wanted = list[tuple[str, Mapping[int, float], tuple[Shape, ...]]]()
+        wanted += [("robot", robot, model.shapes)] if len(robot) < len(model.accepted) else []
         if names is not None and model.nameless(self.found):
             forms = {i: s for i, s in model.accepted.items() if not cat.named(i) or i in cat.stated}
             wanted += [("names", names.accepted, ()), ("forms", forms, model.shapes)]

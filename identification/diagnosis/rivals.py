@@ -171,15 +171,11 @@ def _outweighed(name: Named) -> bool:
 def _lawless(found: Found, name: Named) -> Named:
     itself = Rival(name.cause, name.probability, name.gain)
     driver = sum(m.probability for m in name.equivalents if not m.tested)
-    return replace(
-        name,
-        cause=EffectAtPlace(Empirical.slug, name.cause.place[:1]),
-        candidates=(*_beside(found, name)[0], *name.candidates),
-        probability=0.0,
-        equivalents=tuple(sorted((*name.equivalents, itself), key=lambda m: -m.probability)),
-        levels=Levels(name.levels.place, "load", min(driver, name.levels.place)),
-        tested=False,
-    )
+    candidates = (*_beside(found, name)[0], *name.candidates)
+    others = tuple(sorted((*name.equivalents, itself), key=lambda m: -m.probability))
+    cause = EffectAtPlace(Empirical.slug, name.cause.place[:1])
+    levels = Levels(name.levels.place, "load", min(driver, name.levels.place))
+    return Named(cause, candidates, 0.0, name.certainty, others, name.gain, name.family, levels, tested=False)
 
 
 def _deflections(machine: Machine, found: Found) -> list[PlacedEffect]:

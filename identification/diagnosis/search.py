@@ -77,19 +77,11 @@ class Found:
         return np.asarray(np.exp(sum(logs[1:], logs[0])))
 
 
-def search(
-    signatures: Signatures,
-    cat: Catalogue,
-    null: Estimate,
-    exclude: Mask,
-    rms: float,
-    stop: Callable[[], bool] = lambda: False,
-) -> Expansion:
-    """Where the mode stays, from the fit without effects; ``exclude`` (n,) are rows left out, ``rms`` that of the ordinary
-    whitened residual; ``stop`` as in ``Start``."""
-    signatures, cat = prepared(signatures, null, cat)
+def search(signatures: Signatures, cat: Catalogue, fits: Fits, stop: Callable[[], bool]) -> Expansion:
+    """Return where the mode stays, from the fit without effects; ``stop`` as in ``Start``."""
+    signatures, cat = prepared(signatures, fits.before, cat)
     stated = dict.fromkeys(cat.stated, prior.STATED)
-    return settled(Start(signatures, cat, null, stated, exclude, rms, stop=stop))
+    return settled(Start(signatures, cat, fits.before, stated, fits.outliers, fits.rms, stop=stop))
 
 
 def prepared(signatures: Signatures, fit: Estimate, cat: Catalogue) -> tuple[Signatures, Catalogue]:
@@ -103,12 +95,12 @@ def prepared(signatures: Signatures, fit: Estimate, cat: Catalogue) -> tuple[Sig
 def settled(start: Start) -> Expansion:
     """Where the mode stays, from a start."""
     state, spent = Expansion(start), 0.0
-    for most, likeliest in ((CLIMBS, Expansion.climbed), (MOVES, Expansion.glimpsed)):
+    for most, drawn in ((CLIMBS, False), (MOVES, True)):
         for _ in range(most):
-            enough = not state.short and (spent or likeliest is not Expansion.climbed)
+            enough = not state.short and (spent or drawn)
             if enough or spent > SEARCHING or start.stop():
                 break  # near enough: every further fit would take long
-            moved = state.moved(likeliest(state))
+            moved = state.moved(state.sampled(rounds=1)[1] if drawn else state.climbed())
             if moved is None:
                 break
             spent += state.work
@@ -210,10 +202,6 @@ class Expansion:
     def climbed(self) -> State:
         """Return the likeliest state that ascents reach."""
         return tops(self.spike_slab, self.problem.richness, self.known)[0]
-
-    def glimpsed(self) -> State:
-        """Return the mode of the posterior after its first round."""
-        return self.sampled(rounds=1)[1]
 
     def sampled(self, rounds: int = ROUNDS) -> tuple[Posterior, State]:
         """The posterior at this point, and its mode; more rounds go on from fewer."""
@@ -331,17 +319,12 @@ def sizes(machine: Machine, recording: Recording) -> list[int]:
     return [len(rows) for rows in stages(machine, recording)[1:]]
 
 
-def first(
-    machine: Machine,
-    recording: Recording,
-    fits: Fits,
-    cat: Catalogue,
-    stop: Callable[[], bool] = lambda: False,
-) -> tuple[Fits, Expansion]:
-    """The fits without effects, and where the mode stays, by a search of these rows from nothing; once more where other rows
+def first(fits: Fits, cat: Catalogue, stop: Callable[[], bool]) -> tuple[Fits, Expansion]:
+    """The fits without effects, and where the mode stays, by a search of their rows from nothing; once more where other rows
     are far off beside what it finds. ``stop``: whether somebody asked for an end."""
+    machine, recording = fits.before.nominal, fits.before.recording
     signatures = Signatures(machine, recording, cat.candidates)
-    near = search(signatures, cat, fits.before, fits.outliers, fits.rms, stop)
+    near = search(signatures, cat, fits, stop)
     again = _far(near.fit, recording)
     if np.array_equal(again, fits.outliers) or stop():
         return fits, near
@@ -351,7 +334,7 @@ def first(
     del near
     if start is not None:
         return fits, Expansion(start)
-    return fits, search(signatures, cat, fits.before, again, fits.rms, stop)
+    return fits, search(signatures, cat, fits, stop)
 
 
 def further(
@@ -373,11 +356,8 @@ def further(
     if fit is None:
         accepted, known = dict.fromkeys(cat.stated, STATED), None
     bare = Signatures(machine, recording, ()).linearise(fits.before).bare()
-    own, halved = (
-        (far, fits.rms, near.start.refined, None, bare, known),
-        len(recording) == len(recording.whole),
-    )
-    begun = Start(signatures, cat, begins, accepted, *own, halved, near.start.stop)
+    own, whole = (far, fits.rms, near.start.refined, None, bare, known), len(recording.whole)
+    begun = Start(signatures, cat, begins, accepted, *own, len(recording) == whole, near.start.stop)
     del near
     near = settled(begun)
     again = _far(near.fit, recording)

@@ -56,12 +56,8 @@ def selection_problem(lin: Linearisation, cat: Catalogue, rms: float) -> Selecti
     shares, more = _log_shares(cat, free)
     causes, terms = _terms(cat, lin, free, shares)
     classes = tuple(dict.fromkeys(lin.parts))
-    spike_slab = SpikeSlab(
-        _design(lin, cat, classes, nameless, turn),
-        Unknowns.over(len(lin.grams), rms, widenings(classes), rms if turn.shape[1] else 0.0),
-        terms,
-        prior.SIZES,
-    )
+    unknowns = Unknowns.over(len(lin.grams), rms, widenings(classes), rms if turn.shape[1] else 0.0)
+    spike_slab = SpikeSlab(_design(lin, cat, classes, nameless, turn), unknowns, terms, prior.SIZES)
     richness = prior.RICHNESS.scaled(more)
     return SelectionProblem(spike_slab, free, causes, classes, richness, nameless, turn)
 

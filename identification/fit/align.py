@@ -43,7 +43,7 @@ def sensors_of_directions(machine: Machine) -> list[Direction]:
     return [s for s in machine.sensors if isinstance(s, Direction) and s.view == TOOL_IN_WORLD]
 
 
-def station_of(sensor: Direction, values: Iterable[float]) -> tuple[Array, Array]:
+def station_of(values: Iterable[float]) -> tuple[Array, Array]:
     """Rotation (3, 3) and place (3,), mm, of an instrument with ``values`` of its own parameters; the identity without any."""
     at = np.array(list(values), dtype=float)
     return (lie.rpy_matrix(at[3:]), at[:3]) if len(at) else (np.eye(3), np.zeros(3))
@@ -206,7 +206,7 @@ def _by_directions(
     rows = rows & good
     here = np.linalg.inv(transform(at)) @ predictor.poses(p, x)[0][rows]
     read = np.column_stack([predictor.recording.observations[c][rows] for c in sensor.columns])
-    station = station_of(sensor, (p[names.index(parameter.name)] for parameter in sensor.own))
+    station = station_of(p[names.index(parameter.name)] for parameter in sensor.own)
     found = base_of(sensor, here, read, station)
     if found is None:
         return None

@@ -237,15 +237,15 @@ class Sampling:
             for _ in range(ROUND):
                 over = self._part.work.done > budget or self._stop()
                 if over and self._chains.sweeps >= FEWEST:
-                    return _gathered(self._part, self._index, self._chains, cut=True)
+                    return _gathered(self._index, self._chains, cut=True)
                 if self._part.work.done > round_over and self._chains.sweeps >= FEWEST:
                     break  # long sweeps: it is asked more often whether the chains agree
                 self._chains.run()
             self._done += 1
-        return _gathered(self._part, self._index, self._chains, cut=False)
+        return _gathered(self._index, self._chains, cut=False)
 
 
-def _gathered(part: SpikeSlab, index: Index, chains: Chains, *, cut: bool) -> Posterior:
+def _gathered(index: Index, chains: Chains, *, cut: bool) -> Posterior:
     weights, tallies = chains.weights, chains.tallies
     shares, points = Counter[tuple[Members, GridPoint]](), Counter[GridPoint]()
     for weight, tally in zip(weights.tolist(), tallies, strict=True):

@@ -199,7 +199,7 @@ class SpikeSlab:
             return self  # hardly any fewer
         columns = np.concatenate([*self.terms.columns, np.zeros(0, dtype=np.intp)]).astype(np.intp)
         design = self.design.turned(columns, block_diag(*turns))
-        return SpikeSlab(design, self.unknowns, Terms(terms, self.terms.urn, self.terms.groups), self.sizes)
+        return SpikeSlab(design, self.unknowns, Terms(terms, self.terms.urn), self.sizes)
 
     def conditioned(self, given: Sequence[Member]) -> SpikeSlab:
         """The same problem with members that are no question any more: they are taken in once at every point."""

@@ -145,14 +145,8 @@ class SameSize:
 class Terms:
     """All terms, as arrays."""
 
-    def __init__(
-        self,
-        terms: Sequence[Term],
-        urn: Urn,
-        groups: Sequence[tuple[int, ...]] = (),
-        closed: Sequence[int] = (),
-    ) -> None:
-        self.all, self.urn, self.groups, self._closed = tuple(terms), urn, tuple(groups), frozenset(closed)
+    def __init__(self, terms: Sequence[Term], urn: Urn, closed: Sequence[int] = ()) -> None:
+        self.all, self.urn, self._closed = tuple(terms), urn, frozenset(closed)
         self.columns = tuple(np.array(t.columns, dtype=np.intp) for t in terms)
         self.cause = np.array([t.cause for t in terms], dtype=np.intp)
         self.feature = np.array([t.feature for t in terms], dtype=np.intp)
@@ -177,7 +171,7 @@ class Terms:
         place = np.zeros(1 + max((int(c.max()) for c in self.columns), default=0), dtype=np.intp)
         place[left] = np.arange(len(left))
         terms = [replace(t, columns=tuple(int(place[c]) for c in t.columns)) for t in self.all]
-        return Terms(terms, self.urn, self.groups, closed.tolist()), left
+        return Terms(terms, self.urn, closed.tolist()), left
 
     def __len__(self) -> int:
         return len(self.all)

@@ -48,8 +48,8 @@ def column_std(predictor: Predictor, values: Array, jacobian: Array) -> Array:
     names = predictor.model.names
     variance = _beyond(predictor, values, jacobian)
     left = np.flatnonzero(p_sigma > 0)
-    coefficients = (c for e in machine.effects for c in e.coefficients)
-    scales = np.array([part.scale for part in (*machine.parameters, *coefficients)])
+    coefficients = [c.scale for e in machine.effects for c in e.coefficients]
+    scales = np.array([*(p.scale for p in machine.parameters), *coefficients])
     known = _covariance(machine)
     if known is not None:
         missing = [name for name in known.names if name not in names]

@@ -140,7 +140,7 @@ def proposed(signatures: Signatures, fit: Estimate, cat: Catalogue) -> Catalogue
         price = -_log_one(cat, joint) - np.log(_share(found.finest, {"order": float(HIGHEST_ORDER)}))
         lines = [{"order": float(k)} for k in found.peaks(apart, price, set(range(HIGHEST_ORDER + 1)) | held)]
         series = list(_series(found, held, int(np.sum(fit.used))))
-        seen = {joint: _arc(signatures, fit, joint)}
+        seen = {joint: _arc(signatures, joint)}
         effect = TransmissionError()
         made = [
             PlacedEffect.at(effect, signatures.machine, (joint,), over_arc((joint,), s, seen))
@@ -189,7 +189,7 @@ def _series(found: Spectrum, held: set[int], rows: int) -> Iterator[Mapping[str,
         first, last = first + step, last + step
 
 
-def _arc(signatures: Signatures, fit: Estimate, joint: str) -> tuple[float, float]:
+def _arc(signatures: Signatures, joint: str) -> tuple[float, float]:
     whole = signatures.recording.whole  # settings are the same for all that have some of its rows
     own = whole.moved[~whole.validation, signatures.machine.mechanism.readings.index(joint)]
     return float(own.min()), float(own.max())

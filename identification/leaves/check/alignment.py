@@ -141,7 +141,7 @@ def _far_tools(drawn: Array, read: Array) -> Iterator[Array]:
 
 def _by_directions(sensor: Direction, tool: Array, read: Array, stated: Frames) -> Iterator[Frames]:
     """The base that turns poses (n, 4, 4) of the tool to the directions (n, k) read."""
-    found = base_of(sensor, tool, read, station_of(sensor, (p.nominal for p in sensor.own)))
+    found = base_of(sensor, tool, read, station_of(p.nominal for p in sensor.own))
     if found is not None:
         base = found[0]
         if sensor.of != ORIGIN:

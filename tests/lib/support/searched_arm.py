@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from truepose.identification.diagnosis.null_fits import Fits
 from truepose.identification.diagnosis.search import Found, search
 from truepose.identification.diagnosis.selection_problem import selection_problem
 from truepose.identification.fit.estimate import estimate
@@ -81,7 +82,8 @@ class Case:
 
     def found(self, exclude: NDArray[np.bool_] | None = None) -> Found:
         left_out = self.exclude if exclude is None else exclude
-        return search(self.signatures, self.cat, self.null, left_out, self.rms).found()
+        fits = Fits(self.null, self.null, left_out)
+        return search(self.signatures, self.cat, fits, lambda: False).found()
 
     def holding(self, *labels: str) -> Found:
         """Without a search: the fit with these candidates, and the state of them as all that was visited."""
