@@ -72,7 +72,13 @@ class StructureSums:
             products += phi.T @ residual[rows]
         turn, self.spans = _orthonormal(squares, functions)
         self.along, self.among = turn @ products, turn @ squares @ turn.T
-        self.lag = None if order is None else _lag(residual, order)
+        self.lag: float | None = None
+        if order is not None:
+            total = 0.0
+            for start in range(0, len(order) - 1, TOGETHER):
+                here = residual[order[start : start + TOGETHER + 1]]
+                total += float(np.sum(here[1:] * here[:-1]))
+            self.lag = total / float(np.sqrt((len(order) - 1) * residual.shape[1]))
 
     def tests(self) -> dict[str, float]:
         """-log10 p of each test."""
@@ -108,15 +114,6 @@ def _orthonormal(squares: Array, functions: Mapping[str, Functions]) -> tuple[Ar
         spans[name] = slice(row, row := row + one.width - 1)
         turn[spans[name], own] = solve_triangular(root, np.eye(one.width), lower=True)[1:]
     return turn[:row], spans
-
-
-def _lag(residual: Array, order: Index) -> float:
-    """The sum of products of neighbours over the root of their number."""
-    total = 0.0
-    for start in range(0, len(order) - 1, TOGETHER):
-        here = residual[order[start : start + TOGETHER + 1]]
-        total += float(np.sum(here[1:] * here[:-1]))
-    return total / float(np.sqrt((len(order) - 1) * residual.shape[1]))
 
 
 MACHINES, MACHINES_SEED = 999, 17

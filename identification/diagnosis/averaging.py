@@ -154,7 +154,12 @@ def _mixture(found: Found, kept: Sequence[int]) -> _Mixture:
         within += share * (own @ (own @ known.covariance).T)
     mode = moments(spike_slab, _kept(found, found.mode, kept))
     own = turn[:, mode.at]
-    wider = _positive_root(within - own @ (own @ mode.covariance).T, np.sqrt(np.diag(within)))
+    # a root of the part of the difference of covariances that adds, entries made comparable
+    scale = np.where(np.diag(within) > 0.0, np.sqrt(np.diag(within)), 1.0)
+    difference = within - own @ (own @ mode.covariance).T
+    values, vectors = np.linalg.eigh(difference / scale[:, None] / scale)
+    more = values > 0.0
+    wider = scale[:, None] * vectors[:, more] * np.sqrt(values[more])
     # from the columns of candidates to their coefficients
     turns = [sp.csr_array(found.linearisation.turn(i)) for i in kept]
     lift = sp.csr_array(sp.block_diag([sp.eye_array(found.linearisation.free), *turns], format="csr"))
@@ -197,21 +202,15 @@ def _turn(found: Found, kept: Sequence[int]) -> sp.csr_array:
     return out.tocsr()
 
 
-def _positive_root(difference: Array, size: Array) -> Array:
-    """(n, k) root of the part of a difference of covariances that adds; ``size`` (n,) makes its entries comparable."""
-    scale = np.where(size > 0.0, size, 1.0)
-    values, vectors = np.linalg.eigh(difference / scale[:, None] / scale)
-    more = values > 0.0
-    return np.asarray(scale[:, None] * vectors[:, more] * np.sqrt(values[more]))
-
-
 def _moved(found: Found, likeliest: Estimate, terms: tuple[PlacedEffect, ...], mixture: _Mixture) -> Estimate:
     """The fit at the mean, or as far towards it as readings agree, with the covariance of all about it."""
     machine, recording = likeliest.nominal, found.signatures.recording
     predictor = Predictor(machine, recording, terms, visits=FIT)
     prior, unit = _prior(likeliest, terms), prior_of(machine, terms).scale
     at, start = prior.free, start_from(likeliest, terms)
-    mixture = mixture.of(_free(prior, len(machine.parameters)))
+    moves, count = prior.sigma > 0.0, len(machine.parameters)
+    # what a fit moves; a coefficient of the remainder that no reading sees has no size, and is not moved
+    mixture = mixture.of(np.concatenate([moves[:count][moves[:count]], moves[count:]]))
     for part in (*0.5 ** np.arange(HALVINGS + 1), 0.0):
         p = start.copy()
         p[at] += unit[at] * part * mixture.shift
@@ -225,15 +224,6 @@ def _moved(found: Found, likeliest: Estimate, terms: tuple[PlacedEffect, ...], m
     further = (unit / prior.scale)[at][:, None] * mixture.around(part * mixture.shift)
     known = {name: getattr(plain, name) for name in plain.__dataclass_fields__}
     return Averaged(**known | {"noise": likeliest.noise}, own=np.hstack([own, further]))
-
-
-def _free(prior: Prior, count: int) -> Mask:
-    """(n,) what a fit moves, of free geometry (among the first ``count`` entries) and all coefficients.
-
-    A coefficient of the remainder that no reading sees has no size, and is not moved.
-    """
-    moves = prior.sigma > 0.0
-    return np.concatenate([moves[:count][moves[:count]], moves[count:]])
 
 
 def _prior(likeliest: Estimate, terms: Sequence[PlacedEffect]) -> Prior:

@@ -39,6 +39,8 @@ from truepose.threads import run_both
 
 CONCEALED = 1.3
 """Free-fit chi2 per degree of freedom below which an ordinary fit looks good."""
+NOTHING: Mapping[str, Any] = {"concealed": False, "findings": (), "remainder": None, "proof": None}
+"""What is said where nothing is missing."""
 Examine = Callable[[Found, Inclusion], Any]
 """What else is to be said of a posterior before its matrices are let go."""
 
@@ -83,9 +85,8 @@ def diagnose(
 def conclude(fits: Fits, found: Found, examine: Examine | None = None) -> Diagnosis:
     """Turn a posterior into names, a verdict, the model to deploy, its proof, and findings."""
     model = likeliest_model(fits, found)
-    there = found
+    there = found  # linear at the likeliest model's own fit, so that the form of all that it holds is tested
     if {e.label for e in model.fit.effects} != {e.label for e in found.fit.effects}:
-        # linear at the likeliest model's own fit, so that the form of everything it holds is tested
         found = replace(found, linearisation=found.linearisation.bare())  # large: let go before the next
         there = replace(found, fit=model.fit, linearisation=found.signatures.linearise(model.fit))
         found = replace(found, linearisation=there.linearisation)  # and only its columns are asked for
@@ -97,10 +98,9 @@ def conclude(fits: Fits, found: Found, examine: Examine | None = None) -> Diagno
     if quiet.verdict == "adequate":
         return quiet
     whole, names = run_both(lambda: choice.compared(model.fit), lambda: model_of_names(fits, there, model))
-    firm = tuple(i for n in said.laws if n.probability > NAMED for i in n.candidates)
     main = next((i for n in summary.laws for i in n.candidates), None)  # of the best supported law
     (after, applied), proof = run_both(
-        lambda: deploy(choice, model, names, summary.sure(), whole, firm),
+        lambda: deploy(choice, model, names, summary.sure(), whole, said.firm),
         lambda: None if main is None else prove(fits.before, model.fit, whole, there, main, fits.outliers),
     )
     nameless = model.nameless(there)
@@ -136,11 +136,8 @@ def conclude_nothing(
         nominal=machine,
         recording=recording,
         verdict=verdict(summary, raised),
-        concealed=False,
         alarms=raised,
         alarms_after=raised,
-        findings=(),
-        remainder=None,
         candidates=ranked_alternatives(cat, found.alone),
         evidence_map=evidence_map(cat, found.alone),
         untestable=(*cat.untestable, *supported.unseen),
@@ -149,7 +146,6 @@ def conclude_nothing(
         before=fits.before,
         after=choice.drawing,
         fits={name: summarise(fit, recording.validation) for name, fit in every.items()},
-        proof=None,
         terms=choice.drawing.fitted_effects(),
         outlier_rows=tuple(int(recording.source_row[k]) for k in np.flatnonzero(fits.outliers)),
         noise=float(found.typical(lambda point: unknowns.noise[0].values[point.noise[0]])),
@@ -162,6 +158,7 @@ def conclude_nothing(
         applied=choice.applied("plain", plain, plain),
         together=Presence(machine, cat, found.problem, found.posterior).together(),
         examined=None if examine is None else examine(found, summary.inclusion),
+        **NOTHING,
         prior_notes=() if cat.learned is None else cat.learned.notes(c.at_place for c in cat.candidates),
     )
 

@@ -16,20 +16,10 @@ import numpy as np
 from scipy.stats import binom
 
 from truepose.arrays import Array
+from truepose.identification.diagnosis import result
 from truepose.identification.diagnosis.naming import Supported
 from truepose.identification.diagnosis.posterior_summary import Named, Rival
 from truepose.identification.diagnosis.proof import flip_inflation
-from truepose.identification.diagnosis.result import (
-    NAMED,
-    UNNAMED,
-    Alarm,
-    Alternative,
-    Finding,
-    Form,
-    Quantity,
-    Remainder,
-    Replication,
-)
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.recording.recording import Recording
@@ -106,15 +96,15 @@ CYCLES = range(1, 9)
 
 def findings_of(
     found: Found, supported: Supported, likeliest: Estimate, after: Estimate
-) -> tuple[Finding, ...]:
+) -> tuple[result.Finding, ...]:
     """Return the findings; what is more probable than not has the size that the deployed fit has, where it has any."""
     cat, names = found.catalogue, supported.summary.names
     recording, deployed = found.signatures.recording, {e.label for e in after.effects}
     out = []
     flips = in_order(partial(flip_inflation, found), names)
     for one, half, flip in zip(names, supported.replications, flips, strict=True):
-        firm = one.probability >= NAMED and {cat.candidates[i].label for i in one.candidates} <= deployed
-        fit = after if firm else likeliest
+        labels = {cat.candidates[i].label for i in one.candidates}
+        fit = after if one.probability >= result.NAMED and labels <= deployed else likeliest
         out.append(finding(found.signatures.machine, cat, fit, one, flip, half, recording.inferred))
     return tuple(out)
 
@@ -124,9 +114,9 @@ def remainder_of(
     verdict: str,
     nameless: Sequence[int],
     after: Estimate,
-    structure: Alarm,
+    structure: result.Alarm,
     gain: Mapping[str, float],
-) -> Remainder | None:
+) -> result.Remainder | None:
     """Return what has no name: the form that carries most of it; else what the structure tests say of the residuals."""
     if nameless:
         return replace(remainder_of_form(found.catalogue, nameless[0], after), gain=gain)
@@ -141,15 +131,15 @@ def finding(
     after: Estimate,
     one: Named,
     flip: float | None,
-    replication: Replication | None,
+    replication: result.Replication | None,
     inferred: Callable[[str], bool] = lambda _: False,
-) -> Finding:
+) -> result.Finding:
     """What is said of one name; its terms (harmonics) stand together. ``inferred``: whether nobody recorded a driver."""
     main = cat.candidates[one.candidates[0]]
     twins = [] if one.nameless else _twins(cat, one)
     shared = sum(t.probability for t in twins)
     rivals = sorted((*twins, *(_alternative(cat, m) for m in one.equivalents)), key=lambda o: -o.probability)
-    return Finding(
+    return result.Finding(
         effect=one.cause.effect,
         place=one.cause.place,
         probability=one.probability - shared,
@@ -168,14 +158,14 @@ def finding(
     )
 
 
-def _alternative(cat: Catalogue, member: Rival) -> Alternative:
+def _alternative(cat: Catalogue, member: Rival) -> result.Alternative:
     """Another explanation of a class."""
     (slug, place), probability, gain = member.cause, member.probability, member.gain
     if slug == Empirical.slug:
-        return Alternative(UNNAMED, place, probability, gain)
+        return result.Alternative(result.UNNAMED, place, probability, gain)
     kind = next((c.kind for c in cat.candidates if c.at_place == (slug, place)), None)
     experiment = effects.get(slug, "class").experiment
-    return Alternative(slug, place, probability, gain, experiment, member.tested, kind)
+    return result.Alternative(slug, place, probability, gain, experiment, member.tested, kind)
 
 
 def _explanation(
@@ -207,35 +197,35 @@ def _fitted(after: Estimate, placed: PlacedEffect) -> dict[str, tuple[float, flo
     return {name: (float(after.p[k]), float(std[k])) for name, k in at.items()}
 
 
-def _twins(cat: Catalogue, one: Named) -> list[Alternative]:
+def _twins(cat: Catalogue, one: Named) -> list[result.Alternative]:
     """Effects whose signature is the same function: nothing measured this way can tell them apart."""
     likely: dict[str, float] = {}
     for placed in (cat.candidates[i] for i in one.candidates):
         for slug, ratio in placed.effect.twins(placed.settings_map).items():
             likely.setdefault(slug, ratio)
-    share, out = one.probability / (1.0 + sum(likely.values())), list[Alternative]()
+    share, out = one.probability / (1.0 + sum(likely.values())), list[result.Alternative]()
     for slug, ratio in likely.items():
         experiment = effects.get(slug, "twin").experiment
-        out.append(Alternative(slug, one.cause.place, share * ratio, one.gain, experiment))
+        out.append(result.Alternative(slug, one.cause.place, share * ratio, one.gain, experiment))
     return out
 
 
-def _parameters(cat: Catalogue, after: Estimate, candidates: Sequence[int]) -> dict[str, Quantity]:
-    out = dict[str, Quantity]()
+def _parameters(cat: Catalogue, after: Estimate, candidates: Sequence[int]) -> dict[str, result.Quantity]:
+    out = dict[str, result.Quantity]()
     for placed in (cat.candidates[i] for i in candidates):
         apart = placed.settings if len(candidates) > 1 else ()
         tail, fitted = "".join(f"[{name}={value:g}]" for name, value in apart), _fitted(after, placed)
-        out |= {f"{c.name}{tail}": Quantity(*fitted[c.name], c.unit) for c in placed.coefficients}
+        out |= {f"{c.name}{tail}": result.Quantity(*fitted[c.name], c.unit) for c in placed.coefficients}
     return out
 
 
-def ranked_alternatives(cat: Catalogue, gain: Array) -> tuple[Alternative, ...]:
+def ranked_alternatives(cat: Catalogue, gain: Array) -> tuple[result.Alternative, ...]:
     """Every candidate, best first, weighed alone against the model without effects: log Bayes factors (c,)."""
     odds = np.append(gain + np.array(cat.log_prior), 0.0)
     share = np.exp(odds - np.logaddexp.reduce(odds))
     order = [i for i in np.argsort(-odds[:-1]).tolist() if cat.named(i) and np.isfinite(gain[i])]
     each = ((i, float(share[i]), float(gain[i]), cat.candidates[i].effect) for i in order)
-    return tuple(Alternative(*cat.cause(i), p, g, effect.experiment) for i, p, g, effect in each)
+    return tuple(result.Alternative(*cat.cause(i), p, g, effect.experiment) for i, p, g, effect in each)
 
 
 def evidence_map(cat: Catalogue, gain: Array) -> dict[str, float]:
@@ -249,7 +239,7 @@ def evidence_map(cat: Catalogue, gain: Array) -> dict[str, float]:
     return dict(sorted(out.items(), key=lambda item: -item[1]))
 
 
-def remainder_of_residuals(fit: Estimate, recording: Recording, structure: Alarm) -> Remainder:
+def remainder_of_residuals(fit: Estimate, recording: Recording, structure: result.Alarm) -> result.Remainder:
     """Driver and form of the strongest dependence found by the structure tests."""
     size = float(np.sqrt(max(fit.chi2_per_dof, 0.0)))
     driver, told = structure.about, Driver.of(structure.about)
@@ -258,15 +248,16 @@ def remainder_of_residuals(fit: Estimate, recording: Recording, structure: Alarm
     if told.thermal or told.kind == APPROACH:
         place = (told.place,)
     kind, cycles = ("order", 0) if values is None else best_shape(fit.residual[fit.used], values[fit.used])
-    return Remainder(place, driver, Form(kind, structure.share, cycles), size)
+    return result.Remainder(place, driver, result.Form(kind, structure.share, cycles), size)
 
 
-def remainder_of_form(cat: Catalogue, index: int, fit: Estimate) -> Remainder:
+def remainder_of_form(cat: Catalogue, index: int, fit: Estimate) -> result.Remainder:
     """A form without a name: where, and what it is a function of."""
     placed = cat.candidates[index]
     assert isinstance(placed.effect, Empirical)
     driver, kind = placed.effect.describe(placed.settings_map)
-    return Remainder(placed.place, driver, Form(kind), float(np.sqrt(max(fit.chi2_per_dof, 0.0))))
+    size = float(np.sqrt(max(fit.chi2_per_dof, 0.0)))
+    return result.Remainder(placed.place, driver, result.Form(kind), size)
 
 
 def best_shape(residual: np.ndarray, values: np.ndarray) -> tuple[str, int]:

@@ -136,9 +136,7 @@ def held_out_blocks(recording: Recording, used: Mask) -> tuple[str, list[Block]]
         return ROLE, [*blocks, Block(VALIDATION, recording.validation.copy())]
     taken = np.any([np.zeros(len(used), dtype=bool), *(b.rows for b in blocks)], axis=0)
     for k, part in enumerate(np.array_split(recording.in_time(used & ~taken), FOLDS - 1), start=1):
-        mask = np.zeros(len(used), dtype=bool)
-        mask[part] = True
-        blocks.append(Block(f"{QUARTER} {k} in time", mask))
+        blocks.append(Block(f"{QUARTER} {k} in time", np.isin(np.arange(len(used)), part)))
     return "blocks", [b for b in blocks if b.rows.any() and not np.array_equal(b.rows, used)]
 
 

@@ -186,6 +186,11 @@ class Summary:
         """Findings with a name."""
         return tuple(n for n in self.names if not n.nameless)
 
+    @property
+    def firm(self) -> tuple[int, ...]:
+        """Candidates of names that are more probable than not."""
+        return tuple(i for n in self.laws if n.probability > NAMED for i in n.candidates)
+
     def sure(self, probability: float = 0.0) -> tuple[int, ...]:
         """Return candidates that act at their place by their driver for sure, of names as probable as that."""
         sure = [n for n in self.laws if n.levels.driver >= SURE and n.probability >= probability]

@@ -204,12 +204,13 @@ class Choice:
         """Try both calibrations; what the file states is known."""
         recording, before = found.signatures.recording, fits.before
         split = held_out_blocks(recording, before.used)
-        known = {e.label for e in before.effects}
         own = {DRAWING: before, ORDINARY: fits.free}
         trials = {name: trial(fit, recording, fits.outliers, split) for name, fit in own.items()}
         better = trials[ORDINARY].against(trials[DRAWING]).score * AS_GOOD < 1.0
         plain = trials[ORDINARY if better else DRAWING]
-        return cls(found, before, fits.outliers, split, plain, trials, frozenset(known))
+        return cls(
+            found, before, fits.outliers, split, plain, trials, frozenset(e.label for e in before.effects)
+        )
 
     def with_known(self, sure: Collection[int]) -> Choice:
         """Return the choice where candidates ``sure`` are known, too."""

@@ -100,11 +100,12 @@ def settled(start: Start) -> Expansion:
             enough = not state.short and (spent or drawn)
             if enough or spent > SEARCHING or start.stop():
                 break  # near enough: every further fit would take long
-            moved = state.moved(state.sampled(rounds=1)[1] if drawn else state.climbed())
+            own = state.spike_slab, state.problem.richness, state.known
+            moved = state.moved(state.sampled(rounds=1)[1] if drawn else tops(*own)[0])
             if moved is None:
                 break
             spent += state.work
-            del state  # before the next one, for its matrices are large
+            del state, own  # before the next one, for its matrices are large
             state = Expansion(moved)
     return state
 
@@ -197,11 +198,7 @@ class Expansion:
     @property
     def work(self) -> float:
         """Operations that climbs and chains took here."""
-        return self.spike_slab.work.done + (self._sampling.work if "_sampling" in self.__dict__ else 0.0)
-
-    def climbed(self) -> State:
-        """Return the likeliest state that ascents reach."""
-        return tops(self.spike_slab, self.problem.richness, self.known)[0]
+        return self.spike_slab.work + (self._sampling.work if "_sampling" in self.__dict__ else 0.0)
 
     def sampled(self, rounds: int = ROUNDS) -> tuple[Posterior, State]:
         """The posterior at this point, and its mode; more rounds go on from fewer."""

@@ -16,10 +16,9 @@ from truepose.arrays import Array, Index
 from truepose.identification import prior
 from truepose.identification.fit.tolerance_classes import PartClass, widenings
 from truepose.identification.learned_prior import FleetPrior
-from truepose.identification.posterior.design import Always, Design, GridPoint, Unknowns
+from truepose.identification.posterior.design import Always, Design, GridPoint, Term, Terms, Unknowns, Urn
 from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.posterior.state import best_point
-from truepose.identification.posterior.terms import Term, Terms, Urn
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Linearisation
 from truepose.models.machine.placed import EffectAtPlace
@@ -78,12 +77,6 @@ def _remainder(lin: Linearisation, cat: Catalogue, nameless: Index) -> Array:
     return np.asarray(scale[:, None] * vectors[:, values > FLAT])
 
 
-def _seen(gram: Array) -> Array:
-    """(f, d) turns coefficients N(0, 1) into the directions that readings see of them."""
-    values, vectors = np.linalg.eigh(gram) if len(gram) else (np.zeros(0), np.zeros((0, 0)))
-    return np.asarray(vectors[:, values > FAINT])
-
-
 def design_with_forms(
     lin: Linearisation, cat: Catalogue, problem: SelectionProblem, columns: Index
 ) -> Design:
@@ -105,7 +98,10 @@ def _design(
     stated = n + np.array(lin.indices(cat.stated), dtype=np.intp)
     forms = n + width + np.arange(lin.forms)
     noise = max(sum(float(gram[-1, -1]) for gram in lin.grams) / lin.n_observations, 1.0)
-    bend = _seen(lin.among(forms) / noise)
+    bend = np.zeros((0, 0))
+    if lin.forms:  # the directions that readings see, of coefficients N(0, 1)
+        values, vectors = np.linalg.eigh(lin.among(forms) / noise)
+        bend = vectors[:, values > FAINT]
     fixed = np.concatenate([np.arange(n), stated]).astype(np.intp)
     mixed = np.zeros((len(lin.grams[0]), bend.shape[1] + turn.shape[1] + 1))
     mixed[forms, : bend.shape[1]] = bend

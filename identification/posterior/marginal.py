@@ -23,9 +23,8 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from truepose.arrays import Array, Index, Mask
-from truepose.identification.posterior.design import Design, GridPoint, Unknowns
+from truepose.identification.posterior.design import Design, GridPoint, SameSize, Terms, Unknowns
 from truepose.identification.posterior.halves import Halves, cholesky, half_log_det, map_large, solved, taken
-from truepose.identification.posterior.terms import SameSize, Terms
 from truepose.identification.prior import BOUND_DOUBT, LONG, Sizes
 from truepose.threads import Cached
 

@@ -79,11 +79,6 @@ class Chains:
         self._logs = dict[tuple[Members, GridPoint], float]()
         self.tallies = [Tally(part) for _ in chains]
 
-    def settle(self) -> None:
-        """Let every chain go on by a sweep that does not count."""
-        for chain in self._chains:
-            next(chain.sweeps(1))
-
     def run(self) -> None:
         """Let every chain go on by a sweep, and count it."""
         for chain, tally in zip(self._chains, self.tallies, strict=True):
@@ -219,13 +214,14 @@ class Sampling:
         self._budget = BUDGET / (SHORTER if spike_slab.is_long(top.members) else 1)
         self._chains, self._done, self._apart = Chains(self._part, richness, chains), 0, other is not top
         for _ in range(BURN):
-            if self._part.work.done < SETTLING * self._budget and not stop():
-                self._chains.settle()
+            if self._part.work < SETTLING * self._budget and not stop():
+                for chain in chains:
+                    next(chain.sweeps(1))
 
     @property
     def work(self) -> float:
         """Operations that the chains took."""
-        return self._part.work.done
+        return self._part.work
 
     def posterior(self, rounds: int = ROUNDS) -> Posterior:
         """What the chains say once they agree, or after so many rounds in all."""
@@ -233,12 +229,12 @@ class Sampling:
         least = (rounds + 1) // 2 if self._apart else 1
         budget = self._budget * (SETTLING + (1.0 - SETTLING) * rounds / ROUNDS)
         while self._done < least or (self._done < rounds and self._chains.disagreement > AGREED):
-            round_over = self._part.work.done + self._budget / ROUNDS
+            round_over = self._part.work + self._budget / ROUNDS
             for _ in range(ROUND):
-                over = self._part.work.done > budget or self._stop()
+                over = self._part.work > budget or self._stop()
                 if over and self._chains.sweeps >= FEWEST:
                     return _gathered(self._index, self._chains, cut=True)
-                if self._part.work.done > round_over and self._chains.sweeps >= FEWEST:
+                if self._part.work > round_over and self._chains.sweeps >= FEWEST:
                     break  # long sweeps: it is asked more often whether the chains agree
                 self._chains.run()
             self._done += 1

@@ -17,10 +17,9 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from truepose.arrays import Array, Index, Mask
-from truepose.identification.posterior.design import Design, GridPoint, Unknowns
+from truepose.identification.posterior.design import Design, GridPoint, SameSize, Term, Terms, Unknowns
 from truepose.identification.posterior.halves import map_large
 from truepose.identification.posterior.marginal import Marginal, log_gains, marginal, nbytes, plausibility
-from truepose.identification.posterior.terms import SameSize, Term, Terms
 from truepose.identification.prior import LONG, Sizes
 
 CALL, DENSE, SMALL = 1e5, 0.04, 3.0
@@ -28,25 +27,15 @@ CALL, DENSE, SMALL = 1e5, 0.04, 3.0
 In nanoseconds of a processor of 2023, about."""
 
 
-class Work:
-    """Operations that were done."""
+def cost_of_taking(columns: int, width: int) -> float:
+    """Return what it takes to take in some columns beside ``width`` others."""
+    return CALL + DENSE * columns**2 * (columns / 3.0 + width)
 
-    def __init__(self) -> None:
-        self.done = 0.0
 
-    def count_taken(self, columns: int, width: int) -> None:
-        """Add what it takes to take in some columns beside ``width`` others."""
-        self.done += CALL + DENSE * columns**2 * (columns / 3.0 + width)
-
-    def count_left(self, columns: int, taken: int, width: int) -> None:
-        """Add what it takes to leave some of the columns out again that were taken in beside ``width`` others."""
-        self.done += CALL + DENSE * columns * taken * (columns + width)
-
-    def count_weighed(self, groups: Sequence[SameSize], sizes: int) -> None:
-        """Add what it takes to weigh all terms at all sizes."""
-        for group in groups:
-            count, k = group.columns.shape
-            self.done += CALL + count * k**2 * sizes * (SMALL + DENSE * k)
+def cost_of_weighing(groups: Sequence[SameSize], sizes: int) -> float:
+    """Return what it takes to weigh all terms at all sizes."""
+    shapes = [group.columns.shape for group in groups]
+    return sum(CALL + count * k**2 * sizes * (SMALL + DENSE * k) for count, k in shapes)
 
 
 REMEMBERED = 80_000_000
@@ -161,7 +150,7 @@ class SpikeSlab:
         self._taken, self._priors = Memory[Marginal](8, nbytes), Memory[Array](32)
         self._conditionals = Memory[Conditional](REMEMBERED // (16 * (len(terms) + 1) * len(sizes.values)))
         self._evidences = Memory[float](SETS)
-        self.work = Work()
+        self.work = 0.0
 
     def restricted(self, wanted: Mask) -> tuple[SpikeSlab, Index]:
         """The problem with the terms wanted (c,) only, and their numbers in this one."""
@@ -216,7 +205,7 @@ class SpikeSlab:
         """Without any term, at a point."""
 
         def made() -> Marginal:
-            self.work.count_taken(self.design.n, self.design.width)
+            self.work += cost_of_taking(self.design.n, self.design.width)
             return marginal(self.design, self.unknowns, self.terms, point)
 
         return self._roots.get_or(point, made)
@@ -268,7 +257,7 @@ class SpikeSlab:
         own = self.columns(self.given)
 
         def made() -> Marginal:
-            self.work.count_taken(len(own[0]), self.design.width)
+            self.work += cost_of_taking(len(own[0]), self.design.width)
             return self.root(point).beside(*own, self._left, self._open)
 
         return self._bases.get_or(point, made)
@@ -287,7 +276,7 @@ class SpikeSlab:
         own, width = self.columns(others, self._open), len(self._left)
 
         def made() -> Marginal:
-            self.work.count_taken(len(own[0]), width)
+            self.work += cost_of_taking(len(own[0]), width)
             return base.including(*own)
 
         whole = self._taken.get_or((point, tuple(others)), made)
@@ -295,7 +284,7 @@ class SpikeSlab:
             return whole
         widths = [len(self.terms.columns[term]) for term, _ in others]
         gone = np.flatnonzero(np.repeat([m in leaving for m in others], widths))
-        self.work.count_left(len(gone), len(own[0]), width)
+        self.work += CALL + DENSE * len(gone) * len(own[0]) * (len(gone) + width)
         return whole.without(gone)
 
     def log_odds(self, point: GridPoint, members: Sequence[Member], leaving: Members = ()) -> Array:
@@ -323,7 +312,7 @@ class SpikeSlab:
             groups = [group for group in self._open.by_size if np.isfinite(prior[:, group.terms]).any()]
             odds = log_gains(there, self.sizes, groups) + prior
             for _ in new:
-                self.work.count_weighed(groups, len(self.sizes.values))
+                self.work += cost_of_weighing(groups, len(self.sizes.values))
             return [Conditional(o, m.log_evidence) for o, m in zip(odds, there, strict=True)]
 
         return self._conditionals.get_all([(p, rest) for p in points], made)
@@ -340,7 +329,7 @@ class SpikeSlab:
         def made(new: Sequence[int]) -> list[float]:
             bases = [self.base(points[k]) for k in new]
             for _ in new:
-                self.work.count_taken(width, width)
+                self.work += cost_of_taking(width, width)
             if not members:
                 return [base.log_evidence for base in bases]
             gains = map_large(lambda base: base.gain(*own), bases, width**2 * (width / 3.0 + self.design.n))

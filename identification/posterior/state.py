@@ -147,7 +147,7 @@ def ascended(
         current.pop()
     looked = -1
     for _ in range(ROUNDS):
-        if spike_slab.work.done > limit:
+        if spike_slab.work > limit:
             break
         before, here = set(current), point
         if not looked <= len(current) < OFTEN * looked:
@@ -319,7 +319,7 @@ def tops(spike_slab: SpikeSlab, richness: Richness, known: Sequence[State] = ())
     """Where ascents lead, from known states or else from nothing, and what is nearly as likely by exchanges of kinds; the
     likeliest first."""
     starts = [(state.point, state.members) for state in known] or [(best_point(spike_slab), ())]
-    limit = spike_slab.work.done + CLIMBING
+    limit = spike_slab.work + CLIMBING
     found = [ascended(spike_slab, richness, *start, limit) for start in starts]
     best = max(found, key=lambda state: state.log_posterior)
     found += alternatives(spike_slab, richness, best, limit)

@@ -159,8 +159,8 @@ def catalogue(machine: Machine, recording: Recording) -> Catalogue:
             missing.append(Untestable(effect.slug, "; ".join(kinds[:4]) + more))
     missing += [Untestable(one.effects[0], one.why) for one in untestable.missing_length(machine)]
     found += empirical_forms(machine, recording)
-    found += [placed for placed in machine.effects if placed.label not in {e.label for e in found}]
-    labels = {e.label for e in machine.effects}
+    known, labels = {e.label for e in found}, {e.label for e in machine.effects}
+    found += [placed for placed in machine.effects if placed.label not in known]
     stated = tuple(k for k, e in enumerate(found) if e.label in labels)
     apart = frozenset(k for k, e in enumerate(found) if _apart(machine, e))
     return Catalogue(tuple(found), _log_prior(machine, found), tuple(missing), stated, apart)

@@ -140,13 +140,13 @@ def proposed(signatures: Signatures, fit: Estimate, cat: Catalogue) -> Catalogue
         price = -_log_one(cat, joint) - np.log(_share(found.finest, {"order": float(HIGHEST_ORDER)}))
         lines = [{"order": float(k)} for k in found.peaks(apart, price, set(range(HIGHEST_ORDER + 1)) | held)]
         series = list(_series(found, held, int(np.sum(fit.used))))
-        seen = {joint: _arc(signatures, joint)}
+        whole = signatures.recording.whole  # settings are the same for all that have some of its rows
+        arc = whole.moved[~whole.validation, signatures.machine.mechanism.readings.index(joint)]
+        seen = {joint: (float(arc.min()), float(arc.max()))}
         effect = TransmissionError()
-        made = [
-            PlacedEffect.at(effect, signatures.machine, (joint,), over_arc((joint,), s, seen))
-            for s in (*lines, *series)
-        ]
-        share = [_share(found.finest, s) for s in (*lines, *series)]
+        settings = [(s, over_arc((joint,), s, seen)) for s in (*lines, *series)]
+        made = [PlacedEffect.at(effect, signatures.machine, (joint,), own) for _, own in settings]
+        share = [_share(found.finest, s) for s, _ in settings]
         new = [(m, w) for m, w in zip(made, share, strict=True) if m.label not in known]
         if new:  # at the end, with priors in terms of that of the joint's orders
             one = _log_one(cat, joint)
@@ -169,12 +169,11 @@ def _spectra(signatures: Signatures, fit: Estimate) -> Iterator[tuple[str, Spect
 def _orders_at(fit: Estimate, joint: str) -> set[int]:
     """Orders of a joint that the fit has."""
     out: set[int] = set()
-    for e in fit.effects:
-        if e.place == (joint,) and e.kind == "position-periodic":
-            s = e.settings_map
-            if "orders" in s:
-                out |= set(range(round(s.get("first", 1.0)), round(s["orders"]) + 1))
-            out |= {round(s["order"])} if "order" in s else set()
+    own = (e.settings_map for e in fit.effects if e.place == (joint,) and e.kind == "position-periodic")
+    for s in own:
+        if "orders" in s:
+            out |= set(range(round(s.get("first", 1.0)), round(s["orders"]) + 1))
+        out |= {round(s["order"])} if "order" in s else set()
     return out
 
 
@@ -187,12 +186,6 @@ def _series(found: Spectrum, held: set[int], rows: int) -> Iterator[Mapping[str,
         if first not in held and float(np.sum(own)) > SURE * np.sqrt(len(own)):
             yield {"first": float(first), "orders": float(last)}
         first, last = first + step, last + step
-
-
-def _arc(signatures: Signatures, joint: str) -> tuple[float, float]:
-    whole = signatures.recording.whole  # settings are the same for all that have some of its rows
-    own = whole.moved[~whole.validation, signatures.machine.mechanism.readings.index(joint)]
-    return float(own.min()), float(own.max())
 
 
 def _share(finest: int, settings: Mapping[str, float]) -> float:

@@ -28,6 +28,8 @@ The derivative by a payload's kg is compliance times the change of the load. At 
 like the compliance itself, so that a set without it could buy the whole signal with a payload a tolerance or two heavier.
 But a set without it has no such derivative. So the columns are those of the effects that every set has; the others
 are weighed with masses as fitted, and what masses leave open shows in the 1-sigma of the fit that follows.
+
+What every candidate shifts, row by row, as one compiled function.
 """
 
 from __future__ import annotations
@@ -38,9 +40,11 @@ from copy import copy
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
+import casadi as ca
 import numpy as np
 
 from truepose.arrays import Array, Index, Mask
+from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.tolerance_classes import part_classes
 from truepose.identification.fit.turn import seen_directions
@@ -51,12 +55,64 @@ from truepose.identification.prediction.sensor_rows import Block
 from truepose.identification.prior import LONG
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.linearisation import Forms, Linearisation
-from truepose.identification.signatures.shift_function import ShiftFunction
-from truepose.models.effects.base import PlacedEffect
+from truepose.models.effects.base import PlacedEffect, Site
 from truepose.models.effects.empirical import Empirical
+from truepose.models.machine.kinematics import driver_default
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.placed import EffectAtPlace
+from truepose.models.machine.states import state_names
 from truepose.threads import in_order
+
+
+class ShiftFunction:
+    """All candidates' shifts by their coefficients (in units of scale), as one function of a row."""
+
+    def __init__(self, machine: Machine, recording: Recording, candidates: Sequence[PlacedEffect]) -> None:
+        self._machine, self._recording = machine, recording
+        self._names = [*(p.name for p in machine.parameters), *machine.ports]
+        self.drivers = tuple(dict.fromkeys(name for c in candidates for name in c.drivers))
+        q = {name: ca.SX.sym(name) for name in machine.mechanism.readings}
+        z = {name: ca.SX.sym(name) for name in self.drivers}
+        values = {name: ca.SX.sym(name) for name in self._names}
+        self._loads = [f"{case}{name}" for case in machine.load_cases for name in self._names]
+        loads = {name: ca.SX.sym(f"load.{name}") for name in self._loads}
+        self._states = state_names(machine)
+        states = {name: ca.SX.sym(name) for name in self._states}
+        outputs, layout, offset = [], [], 0
+        for candidate in candidates:
+            c = {item.name: ca.SX.sym(item.name) for item in candidate.coefficients}
+            site = Site(machine, candidate.place, candidate.settings_map, c, q, z, values, loads, states)
+            shifts = candidate.effect.shifts(site)
+            stacked, symbols = ca.vertcat(*shifts.values()), ca.vertcat(*c.values())
+            local = ca.substitute(ca.jacobian(stacked, symbols), symbols, ca.SX.zeros(len(c)))
+            local = local @ ca.diag(ca.DM([item.scale for item in candidate.coefficients]))
+            outputs.append(ca.vec(ca.densify(local)))
+            size = local.numel()
+            layout.append(([site.checked(port, candidate) for port in shifts], slice(offset, offset + size)))
+            offset += size
+        self.layout: list[tuple[list[str], slice]] = layout
+        groups = (q, z, values, loads, states)
+        inputs = [ca.vertcat(*group.values()) if group else ca.SX(0, 1) for group in groups]
+        together = ca.vertcat(*outputs) if outputs else ca.SX(0, 1)
+        self._function = BatchFunction("shifts", inputs, [together])
+
+    def __call__(
+        self, names: Sequence[str], p: Array, loads: Mapping[str, Array], states: Mapping[str, Array],
+        rows: Index,
+    ) -> Array:  # fmt: skip
+        """(k, total) shift derivatives for some rows; loads and states (k,) are theirs."""
+        at = {name: k for k, name in enumerate(names)}
+        which = [at[name] for name in self._names]
+        rec = self._recording
+        z = np.empty((len(rows), len(self.drivers)))
+        for k, name in enumerate(self.drivers):
+            recorded = rec.driver(name)
+            z[:, k] = driver_default(self._machine, name) if recorded is None else recorded[rows]
+        force, state = (
+            np.column_stack([np.zeros((len(rows), 0)), *(group[name] for name in wanted)])
+            for group, wanted in ((loads, self._loads), (states, self._states))
+        )
+        return self._function(rec.positions[rows], z, p[which], force, state)[0][..., 0]
 
 
 @dataclass(frozen=True)
@@ -436,11 +492,6 @@ class Signatures:
         """Where columns are drawn: at a fit, of its free parameters without effect coefficients."""
         free = fit.prior.free
         return Point.of(fit, free[free < len(self.machine.parameters)])
-
-    def blocks(self, fit: Estimate) -> Iterator[Array]:
-        """Blocks (k, free + width + 1) of rows of [J G r] of the fitted readings."""
-        for block in self.stacked(self._point(fit), Forms.none(), None):
-            yield block.reshape(-1, block.shape[2])
 
     def rows(self, fit: Estimate) -> Iterator[tuple[slice, Block, Array]]:
         """Row ranges with their block and signatures (n, m, width)."""

@@ -15,6 +15,7 @@ from scipy.stats import chi2
 
 from support.recordings import rows_of
 from support.sensor_bench import Bench
+from support.signature_rows import columns_at
 from truepose.identification.diagnosis.null_fits import (
     clustered,
     far_rows,
@@ -114,7 +115,7 @@ def test_a_row_that_the_fit_follows_is_judged_as_if_it_had_not_been_fitted(
     """r' (1 - H)^-1 r by the whole hat matrix, H the share that the row has in its own prediction."""
     fit, recording = arm
     signatures = Signatures(fit.nominal, recording, ())
-    rows = np.vstack(list(signatures.blocks(fit)))
+    rows = columns_at(signatures, fit)
     lin = signatures.linearise(fit)
     j = rows[:, : lin.free]
     inverse = np.linalg.inv(j.T @ j + np.diag(lin.weight**2))

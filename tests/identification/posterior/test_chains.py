@@ -28,12 +28,11 @@ from support.linear_problems import (
 from truepose.identification.posterior import posterior as chains
 from truepose.identification.posterior import sampler as finding
 from truepose.identification.posterior import sampler as sampling
-from truepose.identification.posterior.design import GridPoint
+from truepose.identification.posterior.design import GridPoint, Term, Terms
 from truepose.identification.posterior.posterior import Chains, Posterior, class_probability, mode, sample
 from truepose.identification.posterior.sampler import Chain, Reach, plausible
 from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.posterior.state import State, best_point, log_posterior, tops
-from truepose.identification.posterior.terms import Term, Terms
 from truepose.identification.prior import Richness
 
 Array = NDArray[np.float64]

@@ -23,12 +23,11 @@ from support.linear_problems import (
     spike_slab,
 )
 from truepose.identification.posterior import posterior as chains
-from truepose.identification.posterior.design import Always, Axis, GridPoint, Unknowns
+from truepose.identification.posterior.design import Always, Axis, GridPoint, Term, Terms, Unknowns
 from truepose.identification.posterior.posterior import sample
 from truepose.identification.posterior.sampler import CERTAIN, HOPELESS, Chain, Plausible, Reach, plausible
 from truepose.identification.posterior.spike_slab import Members, SpikeSlab
 from truepose.identification.posterior.state import State, log_posterior, nearest_top, tops
-from truepose.identification.posterior.terms import Term, Terms
 from truepose.identification.prior import Richness, Sizes
 
 Array = NDArray[np.float64]

@@ -19,7 +19,7 @@ from support.linear_problems import (
     random_problem,
     single,
 )
-from truepose.identification.posterior.design import GridPoint
+from truepose.identification.posterior.design import GridPoint, Term, Terms
 from truepose.identification.posterior.marginal import (
     LARGEST_COST,
     Marginal,
@@ -29,7 +29,6 @@ from truepose.identification.posterior.marginal import (
     plausibility,
 )
 from truepose.identification.posterior.spike_slab import SpikeSlab
-from truepose.identification.posterior.terms import Term, Terms
 from truepose.identification.prior import BOUND_DOUBT, Sizes
 
 Array = NDArray[np.float64]
