@@ -208,9 +208,8 @@ class Choice:
         trials = {name: trial(fit, recording, fits.outliers, split) for name, fit in own.items()}
         better = trials[ORDINARY].against(trials[DRAWING]).score * AS_GOOD < 1.0
         plain = trials[ORDINARY if better else DRAWING]
-        return cls(
-            found, before, fits.outliers, split, plain, trials, frozenset(e.label for e in before.effects)
-        )
+        known = frozenset(e.label for e in before.effects)
+        return cls(found, before, fits.outliers, split, plain, trials, known)
 
     def with_known(self, sure: Collection[int]) -> Choice:
         """Return the choice where candidates ``sure`` are known, too."""
