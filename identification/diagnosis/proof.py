@@ -18,6 +18,7 @@ from scipy.linalg.lapack import dpotrf, dpotrs
 from scipy.stats import chi2
 
 from truepose.arrays import Array, Index, Mask
+from truepose.identification.diagnosis.alarms import LARGEST_PROJECTION
 from truepose.identification.diagnosis.holdout import ROLE, Comparison, held_out_blocks, ratio_interval
 from truepose.identification.diagnosis.null_fits import CHANCE
 from truepose.identification.diagnosis.posterior_summary import Named
@@ -26,6 +27,7 @@ from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.selection_problem import selection_problem, weighed_alone
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.posterior.design import Design
+from truepose.identification.posterior.marginal import ROUNDING
 from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.posterior.state import nearest_top, slot_odds
 from truepose.identification.prediction.predictor import Predictor
@@ -34,12 +36,8 @@ from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.signatures import Signatures
 from truepose.threads import in_order, one_thread
 
-LARGEST = 30_000_000
-"""Entries of the Jacobian with waves that are held: with more, evenly spread rows are asked."""
 FREE_WAVE = 10.0
 """1-sigma of an amplitude of the black box, in sigmas of a reading: it may be anything."""
-ROUNDING = 1e-13
-"""Squared pivots, and shares of the largest eigenvalue, that are rounding."""
 
 
 def black_box(before: Estimate, after: Estimate, recording: Recording, outliers: Mask) -> float | None:
@@ -47,8 +45,8 @@ def black_box(before: Estimate, after: Estimate, recording: Recording, outliers:
     count = sum(len(e.coefficients) for e in after.effects)
     free, m = before.prior.free, before.residual.shape[1]
     columns = len(free) + count
-    if before.residual.size * columns > LARGEST:
-        return _of_some(before, after, recording, outliers, LARGEST // (m * columns))
+    if before.residual.size * columns > LARGEST_PROJECTION:
+        return _of_some(before, after, recording, outliers, LARGEST_PROJECTION // (m * columns))
     predictor = Predictor(before.nominal, recording, before.effects)
     parts = predictor.blocks(before.p, before.x, before.used)
     jacobian = np.concatenate([b.jacobian[:, :, free] * before.prior.scale[free] for b in parts])

@@ -35,7 +35,7 @@ def cost_of_taking(columns: int, width: int) -> float:
 def cost_of_weighing(groups: Sequence[SameSize], sizes: int) -> float:
     """Return what it takes to weigh all terms at all sizes."""
     shapes = [group.columns.shape for group in groups]
-    return sum(CALL + count * k**2 * sizes * (SMALL + DENSE * k) for count, k in shapes)
+    return float(sum(CALL + count * k**2 * sizes * (SMALL + DENSE * k) for count, k in shapes))
 
 
 REMEMBERED = 80_000_000

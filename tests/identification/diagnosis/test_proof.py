@@ -105,7 +105,7 @@ def test_of_too_many_rows_evenly_spread_ones_are_asked(case: Case, monkeypatch: 
     )
     whole = black_box(fit, cast(Estimate, after), recording, outliers)
     columns = len(fit.prior.free) + 4
-    monkeypatch.setattr(black_box_module, "LARGEST", fit.residual.size * columns - 1)
+    monkeypatch.setattr(black_box_module, "LARGEST_PROJECTION", fit.residual.size * columns - 1)
     some = black_box(fit, cast(Estimate, after), recording, outliers)
     assert some is not None
     assert some != whole
