@@ -6,10 +6,10 @@ the prior moves. Frequencies and counts stand beside for the reader.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal, Self
+from typing import Annotated, Final, Literal, Self
 
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
@@ -17,10 +17,9 @@ from pydantic_core import PydanticCustomError
 
 from truepose.arrays import Array
 from truepose.errors import InputError
-from truepose.files import atomic_write_text
 from truepose.identification.prior import SIZES
 from truepose.models.file.fields import FilePart, input_error
-from truepose.models.file.yaml_document import document_text, flow_text, read_document
+from truepose.models.file.yaml_document import read_document
 from truepose.models.machine.effect import effects
 from truepose.models.machine.placed import EffectAtPlace
 from truepose.wording import joined
@@ -162,55 +161,3 @@ def read_prior(path: Path | str) -> LearnedPrior:
         return LearnedPrior.model_validate(raw)
     except ValidationError as exc:
         raise input_error(exc, path) from None
-
-
-def write_prior(path: Path | str, learned: LearnedPrior) -> None:
-    """Write a prior file, whole or not at all."""
-    atomic_write_text(path, prior_text(learned))
-
-
-def prior_text(learned: LearnedPrior) -> str:
-    """A prior file as text: a line for each place, what is most frequent first."""
-    document = learned.model_dump(by_alias=True, mode="json")
-    effects = document.pop("effects")
-    tolerances = document.pop("tolerances")
-    ranked = sorted(effects.items(), key=lambda item: (-_most(item[1]), item[0]))
-    lines = [
-        f"# Learned from {learned.machines} machines. For `truepose diagnose MACHINE REC --prior FILE`, which takes",
-        "# `odds` (how many times likelier than without this file) and `sizes`; the rest says where they are from.",
-        document_text(document).rstrip(),
-        "effects:" if effects else "effects: {}",
-        *(line for name, effect in ranked for line in _effect_lines(name, effect)),
-        "tolerances:  # true spread over the stated tolerance; for the reader, `diagnose` does not read it"
-        if tolerances
-        else "tolerances: {}",
-        *(f"  {flow_text(name)}: {flow_text(one)}" for name, one in tolerances.items()),
-    ]
-    return "\n".join(lines) + "\n"
-
-
-def _effect_lines(name: str, effect: Mapping[str, Any]) -> Iterator[str]:
-    yield f"  {flow_text(name)}:"
-    yield from (f"    {key}: {flow_text(effect[key])}" for key in ("machines", "odds", "sizes"))
-    yield "    places:" if effect["places"] else "    places: {}"
-    for mechanism, places in effect["places"].items():
-        yield f"      {flow_text(mechanism)}:"
-        ranked = sorted(places.items(), key=lambda item: (-item[1]["frequency"], item[0]))
-        yield from (f"        {flow_text(place)}: {flow_text(one)}" for place, one in ranked)
-
-
-def _most(effect: Mapping[str, Any]) -> float:
-    every = [one["frequency"] for places in effect["places"].values() for one in places.values()]
-    return max(every, default=0.0)
-
-
-__all__ = [
-    "EffectPrior",
-    "FleetPrior",
-    "LearnedPrior",
-    "PlacePrior",
-    "ToleranceNote",
-    "prior_text",
-    "read_prior",
-    "write_prior",
-]

@@ -17,21 +17,11 @@ from dataclasses import replace
 import numpy as np
 
 from truepose.arrays import Array, Mask
+from truepose.codegen.evaluation.compiled import NotCompiledError
 from truepose.errors import InputError
-from truepose.identification.compensation.compiled import (
-    CompiledKinematics,
-    NotCompiledError,
-    base_frame,
-    shared_out,
-)
+from truepose.identification.compensation.compiled import CompiledKinematics, base_frame, shared_out
 from truepose.identification.compensation.inverse import MET
-from truepose.identification.compensation.rows import (
-    Compensation,
-    Follower,
-    Method,
-    ideal_constants,
-    twists_between,
-)
+from truepose.identification.compensation.rows import Compensation, Follower, Method, twists_between
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine
 
@@ -97,10 +87,8 @@ def _empty(follower: Follower) -> Compensation:
     command, target = np.zeros((n, nq)), np.zeros((n, 4, 4))
     target[:, 3, 3] = 1.0
     before, after, rest = np.zeros((3, n, 6))
-    found = Compensation(
-        follower.readings, follower.nominal, command, target, before, after, task=follower.task
-    )
-    return replace(found, not_asked=rest, eased=np.zeros(n, dtype=bool))
+    known, eased = (follower.readings, follower.nominal), np.zeros(n, dtype=bool)
+    return Compensation(*known, command, target, before, after, "", follower.task, rest, eased)
 
 
 class _Way:
@@ -150,6 +138,3 @@ class _Way:
         out: Array = self._base[:3, :3] @ poses
         out[:, :, 3] += self._base[:3, 3]
         return out
-
-
-__all__ = ["COMPILED_FROM", "METHODS", "Compensation", "Method", "compensate", "ideal_constants"]

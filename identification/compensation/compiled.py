@@ -111,6 +111,3 @@ def shared_out(part: Callable[[slice], None], count: int, block: int) -> None:
 
 def _rows(array: Array) -> Array:
     return np.ascontiguousarray(array, dtype=np.float64)
-
-
-__all__ = ["CompiledKinematics", "NotCompiledError", "base_frame", "shared_out"]

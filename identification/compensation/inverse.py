@@ -290,6 +290,3 @@ def _step(slope: Array, r: Array, damping: Array) -> Array:
     projected = np.einsum("nij,ni->nj", q, right)
     out: Array = np.linalg.solve(triangle, projected[..., None])[..., 0]
     return -out
-
-
-__all__ = ["MET", "Inverse", "PoseSolver", "Reach", "inverse", "loop_scales", "pose_gap"]

@@ -2,29 +2,33 @@
 
 Poses stand in the nominal frame of the base, as in the generated C: columns x y z and the rotation vector rx ry rz, or the
 same behind ``pose.``.
+
+A corrected path as text: a million rows in a second.
+
+Read a file of commands back before it is published: it must hold the joints that were solved for.
 """
 
 from __future__ import annotations
 
 import contextlib
+import io
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa  # type: ignore[import-untyped]
+import pyarrow.csv as pacsv  # type: ignore[import-untyped]
 
 from truepose.arrays import Array, Index, Mask
-from truepose.errors import InputError
-from truepose.identification.compensation.compensate import COMPILED_FROM, Compensation, ideal_constants
-from truepose.identification.compensation.compiled import (
-    CompiledKinematics,
-    NotCompiledError,
-    base_frame,
-    shared_out,
-)
+from truepose.codegen.evaluation.compiled import NotCompiledError
+from truepose.errors import InputError, ReadBackError
+from truepose.identification.compensation.compensate import COMPILED_FROM
+from truepose.identification.compensation.compiled import CompiledKinematics, base_frame, shared_out
 from truepose.identification.compensation.inverse import MET, Inverse, PoseSolver, Reach
-from truepose.identification.compensation.rows import twists_between
+from truepose.identification.compensation.rows import Compensation, ideal_constants, twists_between
 from truepose.identification.recording.angle_range import unfold_readings
 from truepose.identification.recording.joint_column import JointColumn, column_unit
 from truepose.identification.recording.load import joint_columns
@@ -92,12 +96,8 @@ def commands(table: Table, machine: Machine, found: Compensation) -> pd.DataFram
         turns = whole_turns(joint, commanded - found.nominal[:, k])
         corrected[joint.name] = convert(found.command[:, k] + turns, joint.unit, unit)
     headers = {c.name: c.name if c.unit is None else f"{c.name} [{c.unit}]" for c in table.columns}
-    return pd.DataFrame(
-        {
-            header: corrected[name] if name in corrected else list(table.cells[name])
-            for name, header in headers.items()
-        }
-    )
+    cells = {n: corrected[n] if n in corrected else list(table.cells[n]) for n in headers}
+    return pd.DataFrame({header: cells[name] for name, header in headers.items()})
 
 
 def whole_turns(joint: JointColumn, apart: Array) -> Array:
@@ -109,17 +109,13 @@ def whole_turns(joint: JointColumn, apart: Array) -> Array:
 def _with_joints(machine: Machine, table: Table, columns: Mapping[str, str]) -> tuple[Table, tuple[str, ...]]:
     """The table with nominal joints for its poses, and what they do not meet of these."""
     units = machine.units
-    parts = []
-    for name, internal in columns.items():
-        unit = table.unit(name, units.written(internal), internal)
-        parts.append(convert(table.numbers(name), unit, internal))
+    own = {name: table.unit(name, units.written(unit), unit) for name, unit in columns.items()}
+    parts = [convert(table.numbers(name), own[name], unit) for name, unit in columns.items()]
     poses = lie.pose_of(lie.exp_so3(np.column_stack(parts[3:])), np.column_stack(parts[:3]))
     solver = PoseSolver(machine, ideal_constants(machine, symbolic_model(machine, machine.effects)))
     q = _nominal_joints(solver, table, poses)
-    joints = {
-        joint.name: convert(q[:, k], joint.unit, joint.written_in(units))
-        for k, joint in enumerate(joint_columns(machine))
-    }
+    columns_of = enumerate(joint_columns(machine))
+    joints = {j.name: convert(q[:, k], j.unit, j.written_in(units)) for k, j in columns_of}
     return table.with_numbers(joints), _not_met(solver, table, poses, q)
 
 
@@ -191,4 +187,47 @@ def _check_reach(table: Table, rows: Index, found: Inverse) -> None:
     )
 
 
-__all__ = ["POSE", "commands", "load_path", "whole_turns"]
+MANY = 10_000
+"""Rows from which a table is written by columns."""
+
+
+def csv_text(frame: pd.DataFrame) -> str:
+    """A table as CSV, floats at full precision; what is long, by columns."""
+    if len(frame) >= MANY and all(_is_plain(frame[name]) for name in frame):
+        stream = io.BytesIO()
+        header = frame.head(0).to_csv(index=False, lineterminator="\n")
+        try:
+            table = pa.Table.from_pandas(frame, preserve_index=False)
+            pacsv.write_csv(table, stream, pacsv.WriteOptions(include_header=False, quoting_style="none"))
+            return header + stream.getvalue().decode()
+        except pa.ArrowException:
+            pass  # a text with a comma in it, or cells of several kinds
+    return str(frame.to_csv(index=False, lineterminator="\n"))
+
+
+def _is_plain(column: pd.Series[Any]) -> bool:
+    return column.dtype in (np.float64, np.int64, np.object_) or isinstance(column.dtype, pd.StringDtype)
+
+
+ROUNDING = 1e-12
+"""Largest difference of a reading, as a share of it: a file has all digits of a double, and degrees are converted and back."""
+
+
+def check_commands(file: Path, machine: Machine, command: Array, name: str) -> None:
+    """Raise ReadBackError, which ``name`` opens, unless a path's file holds the readings ``command`` (n, nq), mm and rad."""
+    try:
+        found = load_path(machine, file)[1].q.copy()
+    except InputError as exc:
+        told = str(exc).replace(f"{file}: ", "")
+        raise ReadBackError(f"{name}: what was to be written cannot be read: {told}") from exc
+    if found.shape != command.shape:
+        raise ReadBackError(f"{name}: what was to be written has {len(found)} rows, expected {len(command)}")
+    for k, joint in enumerate(joint_columns(machine)):
+        found[:, k] += whole_turns(joint, command[:, k] - found[:, k])
+    same = np.isclose(found, command, rtol=ROUNDING, atol=ROUNDING)
+    if not same.all():
+        row, k = np.argwhere(~same)[0]
+        raise ReadBackError(
+            f"{name}: what was to be written reads as another path: row {row + 1}: {machine.mechanism.readings[k]} is "
+            f"{float(found[row, k])!r}, expected {float(command[row, k])!r} (mm, rad)"
+        )

@@ -15,8 +15,7 @@ from truepose.arrays import Array, Index, Mask
 from truepose.errors import InputError
 from truepose.identification.compensation.compiled import base_frame
 from truepose.identification.compensation.inverse import MET, in_ranges, loop_scales, pose_gap
-from truepose.identification.compensation.newton import Problem, solve_rows
-from truepose.identification.compensation.singular import Easing
+from truepose.identification.compensation.singular import Easing, Problem, solve_rows
 from truepose.identification.prediction.predict import predictor_for
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
@@ -159,8 +158,8 @@ class Follower:
         before, _ = self._errors(target, rows)
         predictor.q = command
         after, not_asked = self._errors(target, rows)
-        found = Compensation(self.readings, q, command, target, before, after, task=self.task)
-        return replace(found, not_asked=not_asked, eased=eased)
+        known = self.readings, q, command, target, before, after
+        return Compensation(*known, task=self.task, not_asked=not_asked, eased=eased)
 
     def _readings(self, block: Index, target: Array, p: Array, x: Array) -> tuple[Array, Mask]:
         """(n, nq) readings that put the tool of constants ``p`` at ``target`` (n, 4, 4), and which meet turns nearly."""
@@ -260,6 +259,3 @@ def _displaced(poses: Array, twist: Array) -> Array:
     out[:, :3, 3] += twist[:, :3]
     out[:, :3, :3] = lie.exp_so3(twist[:, 3:]) @ poses[:, :3, :3]
     return out
-
-
-__all__ = ["Compensation", "Follower", "Index", "Method", "ideal_constants", "joined", "twists_between"]

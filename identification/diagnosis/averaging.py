@@ -19,11 +19,14 @@ import numpy as np
 import scipy.sparse as sp
 
 from truepose.arrays import Array, Mask
+from truepose.identification.diagnosis.holdout import Comparison
 from truepose.identification.diagnosis.posterior_summary import LEADING
-from truepose.identification.diagnosis.refit import FEW
+from truepose.identification.diagnosis.refit import FEW, Choice, Model, chosen_model
+from truepose.identification.diagnosis.result import WHOLE, Applied
 from truepose.identification.diagnosis.search import Found, chosen, start_from
-from truepose.identification.fit.bounded import coefficient_bounds
-from truepose.identification.fit.estimate import Estimate, result
+from truepose.identification.fit.bounds import coefficient_bounds
+from truepose.identification.fit.estimate import result
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.problem import Prior, Problem, prior_of
 from truepose.identification.posterior.state import State, moments, typical
 from truepose.identification.prediction.predictor import FIT, Predictor
@@ -53,6 +56,25 @@ class Averaged(Estimate):
         return self.own
 
 
+def deploy(
+    choice: Choice,
+    model: Model,
+    names: Model | None,
+    sure: Collection[int],
+    whole: Comparison,
+    firm: Collection[int],
+) -> tuple[Estimate, Applied]:
+    """Return what is deployed: averaged over sets with the ``firm`` candidates where that is all that was found."""
+    label, less, held = chosen_model(choice, model, names, sure, whole)
+    if less is None or label != WHOLE:
+        return choice.drawing if less is None else less.fit, choice.applied(label, held, whole)
+    after = averaged(choice.found, model.fit, firm)
+    seen = choice.as_it_is(after)
+    if seen is None or seen.worse:
+        return after if seen is None else model.fit, choice.applied(label, held, whole)
+    return after, choice.applied(label, seen, seen)
+
+
 def averaged(found: Found, likeliest: Estimate, firm: Collection[int] = ()) -> Estimate:
     """Average over all visited sets that hold the ``firm`` candidates, from the fit of the likeliest one.
 
@@ -65,17 +87,13 @@ def averaged(found: Found, likeliest: Estimate, firm: Collection[int] = ()) -> E
         states = [one for one in found.posterior.states if set(firm) <= chosen(found.problem, one[0]).keys()]
         if not states:
             return likeliest
-        found = replace(found, posterior=replace(found.posterior, states=_shared(states)))
+        total = sum(share for _, share in states)
+        shared = tuple((state, share / total) for state, share in states)  # they add up to one
+        found = replace(found, posterior=replace(found.posterior, states=shared))
     further = _open(found, held, {found.catalogue.cause(i) for i in firm})
     candidates = found.catalogue.candidates
     terms = (*likeliest.effects, *(replace(candidates[i], spread=spread) for i, spread in further.items()))
     return _moved(found, likeliest, terms, _mixture(found, (*held, *further)))
-
-
-def _shared(states: Sequence[tuple[State, float]]) -> tuple[tuple[State, float], ...]:
-    """Return states with shares that add up to one."""
-    total = sum(share for _, share in states)
-    return tuple((state, share / total) for state, share in states)
 
 
 def _open(found: Found, held: Collection[int], firm: Collection[EffectAtPlace]) -> dict[int, float]:
@@ -91,12 +109,9 @@ def _open(found: Found, held: Collection[int], firm: Collection[EffectAtPlace]) 
         for i, size in chosen(found.problem, state).items():
             share[i] += weight
             spread[i] = max(spread[i], size)
-    named = [
-        i
-        for i in share
-        if found.catalogue.named(i) and i not in gone and found.catalogue.cause(i) not in firm
-    ]
-    wanted = sorted((i for i in named if i not in held and share[i] >= LEADING), key=lambda i: -share[i])
+    cat, out = found.catalogue, {*gone, *held}
+    named = [i for i in share if cat.named(i) and i not in out and cat.cause(i) not in firm]
+    wanted = sorted((i for i in named if share[i] >= LEADING), key=lambda i: -share[i])
     return {i: spread[i] for i in wanted[:FEW]}
 
 
@@ -113,10 +128,6 @@ class _Mixture:
     def shift(self) -> Array:
         """(n,) from the likeliest state to the mean."""
         return np.asarray(self.shares @ self.means)
-
-    def lifted(self, turn: sp.csr_array) -> _Mixture:
-        """In other unknowns, to which ``turn`` (n', n) turns these."""
-        return _Mixture((turn @ self.means.T).T, self.shares, turn @ self.wider)
 
     def of(self, kept: Mask) -> _Mixture:
         """Of some of the n alone."""
@@ -143,15 +154,17 @@ def _mixture(found: Found, kept: Sequence[int]) -> _Mixture:
         within += share * (own @ (own @ known.covariance).T)
     mode = moments(spike_slab, _kept(found, found.mode, kept))
     own = turn[:, mode.at]
-    wider = _positive_root(within - own @ (own @ mode.covariance).T, np.sqrt(np.diag(within)))
-    return _Mixture(np.array(means) - own @ mode.mean, np.array(shares), wider).lifted(_lift(found, kept))
-
-
-def _lift(found: Found, kept: Sequence[int]) -> sp.csr_array:
-    """(n, k) from free geometry and the columns of candidates ``kept`` to it and their coefficients; sparse."""
-    lin = found.linearisation
-    turns = [sp.csr_array(lin.turn(i)) for i in kept]
-    return sp.csr_array(sp.block_diag([sp.eye_array(lin.free), *turns], format="csr"))
+    # a root of the part of the difference of covariances that adds, entries made comparable
+    scale = np.where(np.diag(within) > 0.0, np.sqrt(np.diag(within)), 1.0)
+    difference = within - own @ (own @ mode.covariance).T
+    values, vectors = np.linalg.eigh(difference / scale[:, None] / scale)
+    more = values > 0.0
+    wider = scale[:, None] * vectors[:, more] * np.sqrt(values[more])
+    # from the columns of candidates to their coefficients
+    turns = [sp.csr_array(found.linearisation.turn(i)) for i in kept]
+    lift = sp.csr_array(sp.block_diag([sp.eye_array(found.linearisation.free), *turns], format="csr"))
+    means = (lift @ (np.array(means) - own @ mode.mean).T).T
+    return _Mixture(means, np.array(shares), lift @ wider)
 
 
 def _without_rare(found: Found, kept: Collection[int]) -> list[tuple[State, float]]:
@@ -160,11 +173,8 @@ def _without_rare(found: Found, kept: Collection[int]) -> list[tuple[State, floa
     What is rare may stand in for what is not: a state is better left out than robbed of it.
     """
     every = [(_kept(found, state, kept), share) for state, share in found.posterior.states]
-    whole = [
-        one
-        for one, (state, _) in zip(every, found.posterior.states, strict=True)
-        if len(one[0].members) == len(state.members)
-    ]
+    pairs = zip(every, found.posterior.states, strict=True)
+    whole = [one for one, (state, _) in pairs if len(one[0].members) == len(state.members)]
     return whole if sum(share for _, share in whole) >= ENOUGH else every
 
 
@@ -192,21 +202,15 @@ def _turn(found: Found, kept: Sequence[int]) -> sp.csr_array:
     return out.tocsr()
 
 
-def _positive_root(difference: Array, size: Array) -> Array:
-    """(n, k) root of the part of a difference of covariances that adds; ``size`` (n,) makes its entries comparable."""
-    scale = np.where(size > 0.0, size, 1.0)
-    values, vectors = np.linalg.eigh(difference / scale[:, None] / scale)
-    more = values > 0.0
-    return np.asarray(scale[:, None] * vectors[:, more] * np.sqrt(values[more]))
-
-
 def _moved(found: Found, likeliest: Estimate, terms: tuple[PlacedEffect, ...], mixture: _Mixture) -> Estimate:
     """The fit at the mean, or as far towards it as readings agree, with the covariance of all about it."""
     machine, recording = likeliest.nominal, found.signatures.recording
     predictor = Predictor(machine, recording, terms, visits=FIT)
     prior, unit = _prior(likeliest, terms), prior_of(machine, terms).scale
     at, start = prior.free, start_from(likeliest, terms)
-    mixture = mixture.of(_free(prior, len(machine.parameters)))
+    moves, count = prior.sigma > 0.0, len(machine.parameters)
+    # what a fit moves; a coefficient of the remainder that no reading sees has no size, and is not moved
+    mixture = mixture.of(np.concatenate([moves[:count][moves[:count]], moves[count:]]))
     for part in (*0.5 ** np.arange(HALVINGS + 1), 0.0):
         p = start.copy()
         p[at] += unit[at] * part * mixture.shift
@@ -220,15 +224,6 @@ def _moved(found: Found, likeliest: Estimate, terms: tuple[PlacedEffect, ...], m
     further = (unit / prior.scale)[at][:, None] * mixture.around(part * mixture.shift)
     known = {name: getattr(plain, name) for name in plain.__dataclass_fields__}
     return Averaged(**known | {"noise": likeliest.noise}, own=np.hstack([own, further]))
-
-
-def _free(prior: Prior, count: int) -> Mask:
-    """(n,) what a fit moves, of free geometry (among the first ``count`` entries) and all coefficients.
-
-    A coefficient of the remainder that no reading sees has no size, and is not moved.
-    """
-    moves = prior.sigma > 0.0
-    return np.concatenate([moves[:count][moves[:count]], moves[count:]])
 
 
 def _prior(likeliest: Estimate, terms: Sequence[PlacedEffect]) -> Prior:

@@ -14,7 +14,8 @@ from scipy.stats import norm
 from truepose.arrays import Array, Mask
 from truepose.errors import ConvergenceError, InputError
 from truepose.identification.diagnosis.result import BlockProof, PoseError
-from truepose.identification.fit.estimate import Estimate, Minimum, fit_without
+from truepose.identification.fit.estimate import Minimum, fit_without
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.tool_pose import tool_points
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.recording import Recording
@@ -64,11 +65,7 @@ class Trial:
         """This model's errors beside those of ``other``, on the blocks that both have."""
         names = [name for name in self.blocks if name in other.blocks]
         squares = {name: _both(other.blocks[name].squares, self.blocks[name].squares) for name in names}
-        proofs = tuple(
-            self._proof(other, name, before, after)
-            for name, (before, after) in squares.items()
-            if len(before)
-        )
+        proofs = tuple(self._proof(other, name, *both) for name, both in squares.items() if len(both[0]))
         counted = [VALIDATION] if VALIDATION in names else [name for name in names if len(squares[name][0])]
         if not counted:
             return Comparison("none", *_both(other.fitted.squares, self.fitted.squares), proofs, None)
@@ -139,9 +136,7 @@ def held_out_blocks(recording: Recording, used: Mask) -> tuple[str, list[Block]]
         return ROLE, [*blocks, Block(VALIDATION, recording.validation.copy())]
     taken = np.any([np.zeros(len(used), dtype=bool), *(b.rows for b in blocks)], axis=0)
     for k, part in enumerate(np.array_split(recording.in_time(used & ~taken), FOLDS - 1), start=1):
-        mask = np.zeros(len(used), dtype=bool)
-        mask[part] = True
-        blocks.append(Block(f"{QUARTER} {k} in time", mask))
+        blocks.append(Block(f"{QUARTER} {k} in time", np.isin(np.arange(len(used)), part)))
     return "blocks", [b for b in blocks if b.rows.any() and not np.array_equal(b.rows, used)]
 
 
@@ -184,8 +179,13 @@ def trial(
     def try_block(block: Block) -> Held | None:
         with one_thread():  # blocks are tried beside each other
             rows = block.rows & ~outliers
-            fit = model if block.name == VALIDATION else _fit_without(model, predictor, outliers, block.rows)
-            return _held(fit, predictor, rows, silent) if fit is not None and rows.any() else None
+            try:
+                fit: Estimate | Minimum = model
+                if block.name != VALIDATION:
+                    fit = fit_without(model, predictor, outliers | block.rows, block.rows, LEFT)
+            except (ConvergenceError, InputError):  # too little is left
+                return None
+            return _held(fit, predictor, rows, silent) if rows.any() else None
 
     every = zip((block.name for block in blocks), in_order(try_block, blocks), strict=True)
     found = {block: held for block, held in every if held is not None}
@@ -197,14 +197,6 @@ def _held(fit: Estimate | Minimum, predictor: Predictor, rows: Mask, silent: Col
     squares = np.sum(fit.residual[rows] ** 2, axis=1)
     points = tool_points(predictor, fit.p, fit.x, silent).squares(fit.used, seen)
     return Held(np.where(seen[rows], squares, np.nan), points)
-
-
-def _fit_without(model: Estimate, predictor: Predictor, outliers: Mask, rows: Mask) -> Minimum | None:
-    """Return the minimum of the model fitted without some rows; None where too little is left."""
-    try:
-        return fit_without(model, predictor, outliers | rows, rows, LEFT)
-    except (ConvergenceError, InputError):
-        return None
 
 
 def _both(before: Array, after: Array) -> tuple[Array, Array]:

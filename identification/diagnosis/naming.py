@@ -2,21 +2,29 @@
 
 Findings, what leads, sets, inclusion and the verdict read the summary that is made here. Nothing that is told is worked out
 anywhere else, so no number is told twice with two values.
+
+Whether the data support what the posterior names: a fit that determines it, and both halves of the rows.
+
+The posterior weighs a linearised problem. A name also needs the nonlinear fit of the named set: its coefficients are seen by
+the readings, and they differ from zero by more than three sigma. A law that one half of the rows alone would not name is
+not replicated, and its probability is at most ``UNREPLICATED``.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import chi2
 
-from truepose.arrays import Index
+from truepose.arrays import Array, Index
 from truepose.identification.diagnosis.posterior_summary import (
     LEADING,
     LISTED,
     SHOWN,
+    SURE,
     Inclusion,
     Named,
     Presence,
@@ -25,11 +33,12 @@ from truepose.identification.diagnosis.posterior_summary import (
     inclusion,
     parts_of,
 )
-from truepose.identification.diagnosis.result import NAMED
+from truepose.identification.diagnosis.result import NAMED, Replication
 from truepose.identification.diagnosis.rivals import beside_untested, forms_hold, without_untested
 from truepose.identification.diagnosis.search import Found, chosen
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.posterior.state import slot_odds, supports
+from truepose.identification.signatures.untestable import Untestable
 from truepose.models.effects.empirical import Empirical
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.placed import EffectAtPlace
@@ -49,13 +58,10 @@ def named(found: Found, said: Inclusion) -> tuple[Named, ...]:
     causes = dict.fromkeys(int(problem.spike_slab.terms.cause[term]) for term, _ in found.mode.members)
     single = [_single(found, k) for k in causes if problem.causes[k].effect != Empirical.slug]
     presence = Presence(found.signatures.machine, found.catalogue, problem, found.posterior)
-    names = [
-        replace(
-            n,
-            levels=presence.levels(*n.cause, found.catalogue.candidates[n.candidates[0]].kind, n.probability),
-        )
-        for n in _supported(found, said, single)
-    ]
+    names, candidates = list[Named](), found.catalogue.candidates
+    for n in _supported(found, said, single):
+        levels = presence.levels(*n.cause, candidates[n.candidates[0]].kind, n.probability)
+        names.append(replace(n, levels=levels))
     own = {n.cause for n in names if n.said}
     told = sorted((told_once(n, said, own) for n in names), key=lambda n: -n.gain)
     of_effect = Counter(cause.effect for cause in own)
@@ -101,10 +107,8 @@ def _supported(found: Found, said: Inclusion, names: Sequence[Named]) -> list[Na
     alone = supports(found.problem.spike_slab, found.mode, [_places(found, n.candidates) for n in names])
     gains = [max(gain, _least(found, n)) for gain, n in zip(alone, names, strict=True)]
     held = forms_hold(found, said.nameless, [n.candidates for n in names])
-    return [
-        replace(_beside_alike(name, gain, like.itself), tested=like.tested)
-        for name, gain, like in zip(names, gains, held, strict=True)
-    ]
+    every = zip(names, gains, held, strict=True)
+    return [replace(_beside_alike(n, gain, itself), tested=tested) for n, gain, (itself, tested) in every]
 
 
 def _least(found: Found, one: Named) -> float:
@@ -129,13 +133,8 @@ def _beside_alike(one: Named, gain: float, held: float) -> Named:
     if alike > SHOWN:
         cause = EffectAtPlace(Empirical.slug, one.cause.place)
         members.append(Rival(cause, alike, gain + float(np.log((1.0 - held) / held))))
-    return replace(
-        one,
-        probability=held * one.probability,
-        certainty=held * one.certainty,
-        gain=gain,
-        equivalents=tuple(members),
-    )
+    own, whole = held * one.probability, held * one.certainty
+    return replace(one, probability=own, certainty=whole, gain=gain, equivalents=tuple(members))
 
 
 def told_once(one: Named, said: Inclusion, own: Collection[EffectAtPlace]) -> Named:
@@ -145,12 +144,8 @@ def told_once(one: Named, said: Inclusion, own: Collection[EffectAtPlace]) -> Na
     """
     others = [m for m in one.equivalents if m.cause not in own]
     twice = sum(m.probability for m in one.equivalents if m.cause in own)
-    as_told = [
-        replace(
-            m, probability=max(m.probability, 0.0 if m.cause.effect == Empirical.slug else said.of(m.cause))
-        )
-        for m in others
-    ]
+    at_all = [0.0 if m.cause.effect == Empirical.slug else said.of(m.cause) for m in others]
+    as_told = [replace(m, probability=max(m.probability, p)) for m, p in zip(others, at_all, strict=True)]
     ranked = tuple(sorted(as_told, key=lambda m: -m.probability))
     return replace(one, certainty=max(one.certainty - twice, one.probability), equivalents=ranked)
 
@@ -164,14 +159,8 @@ def _single(found: Found, number: int) -> Named:
     # all that may be in the slot, what has no name included
     certainty = min(1.0, own + sum(row[k] for k in rivals if problem.causes[k].effect != Empirical.slug))
     kept = float(min(1.0, max(1.0 - own, 0.0) / others)) if others > 0.0 else 1.0
-    shown = tuple(
-        Rival(
-            problem.causes[k],
-            kept * float(min(row[k], 1.0)),
-            float(np.log(min(row[k], 1.0) / max(row[number], 1e-9))),
-        )
-        for k in rivals
-    )
+    each = ((problem.causes[k], float(min(row[k], 1.0))) for k in rivals)
+    shown = tuple(Rival(cause, kept * p, float(np.log(p / max(row[number], 1e-9)))) for cause, p in each)
     terms = [t for t, _ in found.mode.members if int(problem.spike_slab.terms.cause[t]) == number]
     return Named(problem.causes[number], tuple(problem.candidates[t] for t in terms), own, certainty, shown)
 
@@ -197,16 +186,27 @@ class Summary:
         """Findings with a name."""
         return tuple(n for n in self.names if not n.nameless)
 
+    @property
+    def firm(self) -> tuple[int, ...]:
+        """Candidates of names that are more probable than not."""
+        return tuple(i for n in self.laws if n.probability > NAMED for i in n.candidates)
+
+    def sure(self, probability: float = 0.0) -> tuple[int, ...]:
+        """Return candidates that act at their place by their driver for sure, of names as probable as that."""
+        sure = [n for n in self.laws if n.levels.driver >= SURE and n.probability >= probability]
+        return tuple(i for n in sure for i in n.candidates)
+
 
 def summarised(found: Found, fit: Estimate) -> Summary:
     """Of a posterior; terms that the likeliest ``fit`` does not hold (bounds left nothing of them) are not told."""
     said = inclusion(found.problem, found.posterior)
     cat = found.catalogue
     held = {effect.label for effect in fit.effects}
-    kept = [
-        (n, tuple(i for i in n.candidates if cat.candidates[i].label in held)) for n in named(found, said)
-    ]
-    every = beside_untested(found, [replace(n, candidates=own) for n, own in kept if own])
+    kept = list[Named]()
+    for n in named(found, said):
+        own = tuple(i for i in n.candidates if cat.candidates[i].label in held)
+        kept += [replace(n, candidates=own)] if own else []
+    every = beside_untested(found, kept)
     shown = without_untested(found, every)
     names = _told(found, [n for n in shown if n.said])
     rest = [n for n in shown if n not in names and max(n.levels.driver, n.certainty) >= LEADING]
@@ -227,3 +227,85 @@ def _told(found: Found, names: Sequence[Named]) -> tuple[Named, ...]:
 def _speaks_of(machine: Machine, one: Named) -> set[tuple[str, str]]:
     """Parts, each with the driver that a name says of it."""
     return {(part, driver_of(one.levels.kind)) for part in parts_of(machine, *one.cause)}
+
+
+Replications = Callable[[Sequence[Named]], tuple[Replication | None, ...]]
+"""What the halves of the rows say of names."""
+CHANCE = 0.0027
+"""Probability that noise alone is as far from zero: three sigma of one coefficient."""
+UNREPLICATED = 0.5
+"""Most that a law is believed that one half of the rows would not name. Of 64 results that a second sample did not show by
+itself, 32 stood in both together (Open Science Collaboration 2015, Science 349:aac4716: 36 and 68 of 100)."""
+WEIGHTS = ("mass", "centre")
+"""Classes of constants that say how heavy a part is, and where."""
+UNSEEN = 0.9
+"""Share of its prior 1-sigma that a coefficient keeps where readings say nothing of it."""
+
+
+@dataclass(frozen=True)
+class Supported:
+    """The summary with what the data support, the replication of each of its names, and what no reading sees."""
+
+    summary: Summary
+    replications: tuple[Replication | None, ...]
+    unseen: tuple[Untestable, ...]
+
+
+def keep_supported(summary: Summary, found: Found, fit: Estimate, halves: Replications) -> Supported:
+    """Leave names to ``leading`` that the ``fit`` of the named set does not determine, and cap laws that are not replicated."""
+    kept, unseen, open_ = list[Named](), list[Untestable](), list[Named]()
+    for one in summary.names:
+        statistic, share = _determination(found, fit, one)
+        if statistic >= 1.0:
+            kept.append(one)
+        elif share >= UNSEEN:
+            why = f"{'+'.join(one.cause.place)}: no reading tells it apart from the geometry"
+            unseen.append(Untestable(one.cause.effect, why))
+        else:
+            open_.append(one)
+    replicated = halves(kept)
+    names = tuple(cap_law(one, half) for one, half in zip(kept, replicated, strict=True))
+    law = {n.cause: n.probability for n in names if not n.nameless}
+    hidden = {n.cause: 0.0 for n in summary.names if n not in kept and n not in open_ and not n.nameless}
+    inclusion = replace(summary.inclusion, places={**summary.inclusion.places, **law, **hidden})
+    leading = (*open_, *summary.leading)
+    return Supported(Summary(names, leading, inclusion), replicated, tuple(unseen))
+
+
+def _determination(found: Found, fit: Estimate, one: Named) -> tuple[float, float]:
+    """Return how far a name's coefficients are from zero, in parts of what chance allows, and the share of their prior 1-sigma
+    that they keep."""
+    labels = {found.catalogue.candidates[i].label for i in one.candidates}
+    at = [k for k, name in enumerate(fit.prior.names) if name.rpartition(":")[0] in labels]
+    free = np.flatnonzero(np.isin(fit.prior.free, at))
+    if not free.size:
+        return np.inf, 0.0  # held at a bound: nothing to judge
+    index = fit.prior.free[free]
+    sigma, covariance = fit.prior.sigma[index], _with_known_weights(fit, free)
+    scale = np.sqrt(np.diag(covariance))
+    value = fit.p[index] / scale
+    statistic = float(value @ np.linalg.pinv(covariance / scale[:, None] / scale, hermitian=True) @ value)
+    kept = np.minimum((scale / (sigma * fit.noise)) ** 2, 1.0)
+    known = max(float(np.sum(1.0 - kept)), 1.0)  # of a long series the readings determine a few coefficients
+    return statistic / float(chi2.isf(CHANCE, known)), float(np.sqrt(np.min(kept)))
+
+
+def _with_known_weights(fit: Estimate, free: Index) -> Array:
+    """Return the covariance of some free entries as if all masses were known: what yields is seen although its load is not."""
+    weights = np.flatnonzero(np.isin(np.array(fit.prior.parts)[fit.prior.free], WEIGHTS))
+    covariance, n = fit.covariance_among(np.concatenate([free, weights])), len(free)
+    own, across = covariance[:n, :n], covariance[:n, n:]
+    scale = np.sqrt(np.maximum(np.diag(covariance)[n:], 1e-300))
+    inverse = np.linalg.pinv(covariance[n:, n:] / scale[:, None] / scale, hermitian=True)
+    return np.asarray(own - (across / scale) @ inverse @ (across / scale).T)
+
+
+def cap_law(one: Named, half: Replication | None) -> Named:
+    """Return the name with the probability of its law that both halves of the rows allow."""
+    if one.nameless or half is None or half.replicated or one.probability <= UNREPLICATED:
+        return one
+    cause = EffectAtPlace(Empirical.slug, one.cause.place)
+    others = [m for m in one.equivalents if m.cause != cause]
+    rest = one.probability - UNREPLICATED + sum(m.probability for m in one.equivalents if m.cause == cause)
+    ranked = sorted((*others, Rival(cause, rest, one.gain)), key=lambda m: -m.probability)
+    return replace(one, probability=UNREPLICATED, equivalents=tuple(ranked))

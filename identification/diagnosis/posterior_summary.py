@@ -29,8 +29,6 @@ SHOWN = 0.02
 """Share of a slot from which on an explanation belongs to its class."""
 REPORTED, LISTED = 0.01, 8
 """Probability from which on an effect at a place is listed; most sets that are, and most explanations of a class."""
-OWN_POSITION: tuple[DriverKind, ...] = ("position", "position-periodic")
-"""One driver, whether what it makes is a wave or a curve."""
 Key = tuple[str, str]
 """A part, and what drives it; an empty driver for the part alone."""
 ANY = ""
@@ -67,8 +65,8 @@ def inclusion(problem: SelectionProblem, posterior: Posterior) -> Inclusion:
 
 
 def driver_of(kind: DriverKind) -> str:
-    """What kinds of one driver have in common."""
-    return OWN_POSITION[0] if kind in OWN_POSITION else kind
+    """What kinds of one driver have in common: a joint's position, whether what it makes is a wave or a curve."""
+    return "position" if kind == "position-periodic" else kind
 
 
 def parts_of(machine: Machine, slug: str, place: Iterable[str]) -> tuple[str, ...]:
@@ -89,10 +87,10 @@ class Presence:
         self, machine: Machine, cat: Catalogue, problem: SelectionProblem, posterior: Posterior
     ) -> None:
         self._machine, self._cat = machine, cat
-        self._states = [
-            (share, frozenset(key for t, _ in state.members for key in self._of(problem.candidates[t])))
-            for state, share in posterior.states
-        ]
+        self._states = list[tuple[float, frozenset[Key]]]()
+        for state, share in posterior.states:
+            keys = (key for t, _ in state.members for key in self._of(problem.candidates[t]))
+            self._states.append((share, frozenset(keys)))
 
     def at(self, parts: Sequence[str], kind: DriverKind | None = None) -> float:
         """Probability of something at all of these parts, with one driver or whatever drives it."""

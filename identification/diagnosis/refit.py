@@ -26,15 +26,17 @@ from truepose.identification.diagnosis.holdout import (
     trial,
 )
 from truepose.identification.diagnosis.null_fits import Fits
-from truepose.identification.diagnosis.result import WHOLE
-from truepose.identification.diagnosis.search import Found, noise_at, start_from
-from truepose.identification.fit.bounded import within_bounds
-from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.diagnosis.result import WHOLE, Applied
+from truepose.identification.diagnosis.search import Found, chosen, noise_at, start_from
+from truepose.identification.fit.bounds import within_bounds
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.problem import Prior, prior_of
-from truepose.identification.fit.summary import worst_allowed
+from truepose.identification.fit.summary import summarise, worst_allowed
 from truepose.identification.fit.tolerance_classes import WEIGHED, part_classes
 from truepose.identification.posterior.spike_slab import LONG_SET
 from truepose.identification.posterior.state import moments
+from truepose.identification.prior import STATED
 from truepose.models.effects.base import PlacedEffect
 
 Split = tuple[str, list[Block]]
@@ -89,25 +91,19 @@ def fitted(
 
     Where no minimum is found with both, the candidates alone are tried; None where they have none either.
     """
+    machine, cat, start = found.signatures.machine, found.catalogue, found.fit
+    held = [replace(cat.candidates[i], spread=spread) for i, spread in accepted.items()]
     for forms in (shapes, ()) if shapes else ((),):
+        extra = [s for s in forms if s.candidate not in accepted]
+        terms = [*held, *(cat.candidates[s.candidate] for s in extra)]
         try:
-            return _fitted(found, accepted, forms, exclude)
+            return estimate(
+                machine, found.signatures.recording, terms, start=start_from(start, terms), exclude=exclude,
+                prior=_prior(found, terms, len(accepted), extra), noise=noise_at(found.problem, found.mode),
+            )  # fmt: skip
         except ConvergenceError:
             continue
     return None
-
-
-def _fitted(
-    found: Found, accepted: Mapping[int, float], shapes: tuple[Shape, ...], exclude: Mask
-) -> Estimate:
-    machine, recording, cat = found.signatures.machine, found.signatures.recording, found.catalogue
-    terms = [replace(cat.candidates[i], spread=spread) for i, spread in accepted.items()]
-    extra = [s for s in shapes if s.candidate not in accepted]
-    terms += [cat.candidates[s.candidate] for s in extra]
-    prior = _prior(found, terms, len(accepted), extra)
-    start = start_from(found.fit, terms)
-    noise = noise_at(found.problem, found.mode)
-    return estimate(machine, recording, terms, start=start, exclude=exclude, prior=prior, noise=noise)
 
 
 def _prior(found: Found, terms: list[PlacedEffect], first: int, extra: list[Shape]) -> Prior:
@@ -115,9 +111,8 @@ def _prior(found: Found, terms: list[PlacedEffect], first: int, extra: list[Shap
     machine, problem = found.signatures.machine, found.problem
     prior = prior_of(machine, terms)
     sigma, count = prior.sigma.copy(), len(machine.parameters)
-    factors = dict(
-        zip(problem.classes, problem.spike_slab.unknowns.widening[found.mode.point.widening], strict=True)
-    )
+    wider = problem.spike_slab.unknowns.widening[found.mode.point.widening]
+    factors = dict(zip(problem.classes, wider, strict=True))
     free = [k for k in range(count) if sigma[k] > 0.0]
     classes = part_classes([prior.names[k] for k in free], [prior.parts[k] for k in free])
     for k, one in zip(free, classes, strict=True):
@@ -155,17 +150,34 @@ def refit(
     """
     recording = found.signatures.recording
     fit = fitted(found, accepted, shapes, exclude)
-    if fit is None:
-        return None
     try:
-        fit = within_bounds(fit, recording, exclude)
+        fit = fit and within_bounds(fit, recording, exclude)
     except ConvergenceError:
+        return None
+    if fit is None:
         return None
     nothing = {e.label for e in fit.fitted_effects() if not any(e.amplitudes)}
     left = {i: s for i, s in accepted.items() if found.catalogue.candidates[i].label not in nothing}
     if len(left) < len(accepted):
         return refit(found, left, shapes, exclude)
     return Model(accepted, shapes, fit)
+
+
+def likeliest_model(fits: Fits, found: Found) -> Model:
+    """Return the likeliest set's model; the fit of the last expansion point, and what it holds, where that has no minimum."""
+    accepted = dict.fromkeys(found.catalogue.stated, STATED) | chosen(found.problem, found.mode)
+    shapes = remainder_shapes(found)
+    if not accepted and not shapes:
+        return Model(accepted, (), fits.before)
+    return refit(found, accepted, shapes, fits.outliers) or Model(dict(found.accepted), (), found.fit)
+
+
+def model_of_names(fits: Fits, found: Found, model: Model) -> Model | None:
+    """Return the model with names alone; itself where it has nothing else, None where it has no names."""
+    own = {i: s for i, s in model.accepted.items() if found.catalogue.named(i)}
+    if not own:
+        return None
+    return refit(found, own, (), fits.outliers) if model.nameless(found) else model
 
 
 @dataclass(frozen=True)
@@ -192,12 +204,12 @@ class Choice:
         """Try both calibrations; what the file states is known."""
         recording, before = found.signatures.recording, fits.before
         split = held_out_blocks(recording, before.used)
-        known = {e.label for e in before.effects}
         own = {DRAWING: before, ORDINARY: fits.free}
         trials = {name: trial(fit, recording, fits.outliers, split) for name, fit in own.items()}
         better = trials[ORDINARY].against(trials[DRAWING]).score * AS_GOOD < 1.0
         plain = trials[ORDINARY if better else DRAWING]
-        return cls(found, before, fits.outliers, split, plain, trials, frozenset(known))
+        known = frozenset(e.label for e in before.effects)
+        return cls(found, before, fits.outliers, split, plain, trials, known)
 
     def with_known(self, sure: Collection[int]) -> Choice:
         """Return the choice where candidates ``sure`` are known, too."""
@@ -238,9 +250,24 @@ class Choice:
         recording, split = self.found.signatures.recording, (self.split[0], blocks)
         return trial(fit, recording, self.outliers, split, self._silent(fit))
 
-    def judged(self, fit: Estimate) -> Comparison:
-        """On validation rows where there are any, else on blocks held out in turn."""
-        return self.as_it_is(fit) or self.compared(fit)
+    def applied(self, label: str, held: Comparison, whole: Comparison) -> Applied:
+        """Return what is deployed and how it was held out; ``whole``: all that was found."""
+        held_out = held.split, held.pose, held.ratio
+        return Applied(label, *held_out, whole.pose, whole.ratio, self.baselines)
+
+    def gain_of_forms(self, names: Model | None, whole: Comparison) -> Mapping[str, float]:
+        """Return by how much forms without a name lower the rms of held-out rows beside the names, by kind (mm, rad).
+
+        Validation rows count where there are any, else blocks held out in turn.
+        """
+        without = 1.0
+        if names is not None:
+            without = (self.as_it_is(names.fit) or self.compared(names.fit)).ratio
+        if whole.ratio >= without:
+            return {}
+        summary = summarise(self.drawing, self.found.signatures.recording.validation)
+        rms = summary.validation_rms or summary.rms
+        return {kind: (without - whole.ratio) * value for kind, value in rms.items()}
 
     def _silent(self, fit: Estimate) -> set[str]:
         return {e.label for e in fit.effects if e.kind == "sensor" and e.label not in self.known}
@@ -251,15 +278,12 @@ class Choice:
         Physics holds everywhere; forms without a name must make nothing worse at the ends of what was seen either. What is
         worse there with names alone is not their doing.
         """
-        if held.worse:
-            return False
-        return not (model.nameless(self.found) and (self._harms(held, names) or self.strays(model, names)))
-
-    def _harms(self, held: Comparison, names: Model | None) -> bool:
-        """Whether what stands beside names makes the ends of what was seen worse."""
-        if names is None or not held.worse_beyond():
-            return held.worse_beyond()
-        return held.worse_beyond(self.beside_drawing(names.fit))
+        if held.worse or not model.nameless(self.found):
+            return not held.worse
+        harms = held.worse_beyond()
+        if harms and names is not None:
+            harms = held.worse_beyond(self.beside_drawing(names.fit))
+        return not (harms or self.strays(model, names))
 
     def strays(self, model: Model, names: Model | None) -> bool:
         """Return True if forms without a name move geometry farther from its tolerances than a true model ever leaves it.
@@ -277,22 +301,17 @@ class Choice:
         cat = self.found.catalogue
         silent = self._silent(model.fit)
         robot = {i: s for i, s in model.accepted.items() if cat.candidates[i].label not in silent}
-        if len(robot) < len(model.accepted):
-            yield from self._refitted("robot", robot, model.shapes)
+        wanted = list[tuple[str, Mapping[int, float], tuple[Shape, ...]]]()
+        wanted += [("robot", robot, model.shapes)] if len(robot) < len(model.accepted) else []
         if names is not None and model.nameless(self.found):
-            yield "names", names
             forms = {i: s for i, s in model.accepted.items() if not cat.named(i) or i in cat.stated}
-            yield from self._refitted("forms", forms, model.shapes)
+            wanted += [("names", names.accepted, ()), ("forms", forms, model.shapes)]
         known = {i: s for i, s in model.accepted.items() if i in sure or i in cat.stated}
-        if known and len(known) < len(model.accepted):
-            yield from self._refitted("sure-names", known, ())
-
-    def _refitted(
-        self, label: str, accepted: Mapping[int, float], shapes: tuple[Shape, ...]
-    ) -> Iterator[tuple[str, Model]]:
-        model = refit(self.found, accepted, shapes, self.outliers)
-        if model is not None:
-            yield label, model
+        wanted += [("sure-names", known, ())] if known and len(known) < len(model.accepted) else []
+        for label, accepted, shapes in wanted:
+            other = names if label == "names" else refit(self.found, accepted, shapes, self.outliers)
+            if other is not None:
+                yield label, other
 
 
 def determined_directions(fit: Estimate) -> Array:
@@ -323,9 +342,8 @@ def chosen_model(
     if long and names is not None and choice.may_be_applied(model, names, choice.beside_drawing(model.fit)):
         less = iter([("names", names)] if model.nameless(choice.found) else [])
     tried += [(label, other, choice.compared(other.fit)) for label, other in less]
-    allowed = [
-        one for one in tried if choice.may_be_applied(one[1], names, choice.beside_drawing(one[1].fit))
-    ]
+    held = [choice.beside_drawing(one.fit) for _, one, _ in tried]
+    allowed = [t for t, h in zip(tried, held, strict=True) if choice.may_be_applied(t[1], names, h)]
     if not allowed:
         return "plain", None, choice.drawing_alone
     best = min(held.score for _, _, held in allowed)

@@ -1,15 +1,15 @@
-"""What a diagnosis says, as data: everything that diagnosis.json and the report are written from."""
+"""What a diagnosis says, as data: everything that diagnosis.json and the report are written from.
+
+What an alarm is: a statistic, judged by what chance makes of it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from truepose.identification.diagnosis.alarm import Alarm
-from truepose.identification.diagnosis.place_evidence import PlaceEvidence
-from truepose.identification.fit.estimate import Estimate
-from truepose.identification.fit.fitted import Fitted
+from truepose.identification.fit.estimated import Estimate, Fitted
 from truepose.identification.fit.summary import FitSummary
 from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.recording.recording import Recording
@@ -20,6 +20,25 @@ from truepose.models.file.driver import DriverKind
 from truepose.models.file.machine_file import NO_WORSE
 from truepose.models.machine.machine import Machine
 from truepose.shown.result import Shown, Written, frame
+
+RAISED = 0.01
+"""p below which an alarm is raised."""
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """A statistic, its p-value when nothing is missing, what it is about, and the share of the residual that this explains."""
+
+    statistic: float
+    p: float
+    about: str = ""
+    share: float = 0.0
+
+    @property
+    def raised(self) -> bool:
+        """p below 1 %."""
+        return self.p < RAISED
+
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -49,6 +68,8 @@ UNKNOWN = Levels()
 """Nothing is known."""
 
 
+NOTABLE = 3.0
+"""Log Bayes factor below which there is nothing to speak of: of a candidate alone, and between explanations as good."""
 UNNAMED = "unknown"
 """What a report calls something that the catalogue does not know."""
 
@@ -260,15 +281,15 @@ class Diagnosis(Written, Fitted):
     leading: what is less probable than not, but leads; disagreement: largest difference of a probability between the
     posterior's chains; applied: what ``after`` holds, and why; missing: what this machine likely has and the recording cannot
     show; together: drivers that surely act although no place of theirs is sure. ``truepose.identification.report.results``
-    writes it down. evidence: what the recording says of every effect at every place and, ``evidence_anywhere``, at any, for
-    the statistics of a fleet; prior_notes: where the prior is from, if a fleet left it.
+    writes it down. examined: what ``diagnose`` was asked to say of the posterior besides; prior_notes: where the prior is
+    from, if a fleet left it.
 
     It stands for its ``machine``, the improved one, in every function that takes a machine.
     ``report(path)`` writes the report, ``save(directory)`` ``diagnosis.json``, ``improved.yaml`` and ``report.html``; the
     constants are in ``after.to_frame()``.
     """
 
-    internal = frozenset({"evidence", "evidence_anywhere", "terms"})
+    internal = frozenset({"examined", "terms"})
 
     nominal: Machine
     recording: Recording
@@ -301,8 +322,7 @@ class Diagnosis(Written, Fitted):
     applied: Applied | None = None
     missing: tuple[Missing, ...] = ()
     together: tuple[Together, ...] = ()
-    evidence: tuple[PlaceEvidence, ...] = ()
-    evidence_anywhere: tuple[PlaceEvidence, ...] = ()
+    examined: Any = None
     prior_notes: tuple[str, ...] = ()
 
     @property

@@ -17,7 +17,8 @@ theirs is compared, too; a compliance alone would then be as much likelier befor
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,8 +30,7 @@ from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.selection_problem import design_with_forms
 from truepose.identification.posterior.marginal import marginal
 from truepose.identification.prior import FORM_ERROR, OFF_FORM, POOR
-from truepose.identification.signatures.forms import PAIR
-from truepose.identification.signatures.linearisation import Linearisation
+from truepose.identification.signatures.linearisation import PAIR, Linearisation
 from truepose.identification.signatures.signatures import Signatures
 from truepose.identification.signatures.untestable import GRAVITY, places_of
 from truepose.models.effects.base import PlacedEffect, effects
@@ -44,8 +44,7 @@ FINER = (0, -2, -4, -8)
 """Steps of the noise at which all is weighed: with more freedom it can only be smaller."""
 
 
-@dataclass(frozen=True)
-class Likeness:
+class Likeness(NamedTuple):
     """Probability that something like a name is the thing itself, and whether its form could be tested at all."""
 
     itself: float
@@ -62,13 +61,11 @@ def forms_hold(found: Found, nameless: float, names: Sequence[Sequence[int]]) ->
         return []
     odds = (1.0 - nameless) * prior.ONLY_ALIKE + nameless * prior.PART_OF_IT
     every = _gains(found, [_modulated(found, name) for name in names])
-    return [
-        Likeness(
-            held_probability(gains, odds * prior.beyond_usual(_size(found, name)), _bent(found, name)),
-            bool(len(gains)),
-        )
-        for gains, name in zip(every, names, strict=True)
-    ]
+    out = list[Likeness]()
+    for gains, name in zip(every, names, strict=True):
+        rarer = odds * prior.beyond_usual(_size(found, name))
+        out.append(Likeness(held_probability(gains, rarer, _bent(found, name)), bool(len(gains))))
+    return out
 
 
 def _size(found: Found, name: Sequence[int]) -> float:
@@ -174,27 +171,21 @@ def _outweighed(name: Named) -> bool:
 def _lawless(found: Found, name: Named) -> Named:
     itself = Rival(name.cause, name.probability, name.gain)
     driver = sum(m.probability for m in name.equivalents if not m.tested)
-    return replace(
-        name,
-        cause=EffectAtPlace(Empirical.slug, name.cause.place[:1]),
-        candidates=(*_beside(found, name)[0], *name.candidates),
-        probability=0.0,
-        equivalents=tuple(sorted((*name.equivalents, itself), key=lambda m: -m.probability)),
-        levels=Levels(name.levels.place, "load", min(driver, name.levels.place)),
-        tested=False,
-    )
+    candidates = (*_beside(found, name)[0], *name.candidates)
+    others = tuple(sorted((*name.equivalents, itself), key=lambda m: -m.probability))
+    cause = EffectAtPlace(Empirical.slug, name.cause.place[:1])
+    levels = Levels(name.levels.place, "load", min(driver, name.levels.place))
+    return Named(cause, candidates, 0.0, name.certainty, others, name.gain, name.family, levels, tested=False)
 
 
 def _deflections(machine: Machine, found: Found) -> list[PlacedEffect]:
     """A compliance of every joint, at every load that may be meant; not of joints whose measured torque tested it."""
     effect, recording = effects.get(COMPLIANCE, "untested")(), found.signatures.recording
     tested = {c.place for c in found.catalogue.candidates if c.effect.slug == COMPLIANCE}
-    made = [
-        PlacedEffect.at(effect, machine, place, settings)
-        for place in places_of(effect, machine)
-        if place not in tested
-        for settings in effect.settings(machine, place, recording)
-    ]
+    made = list[PlacedEffect]()
+    for place in (place for place in places_of(effect, machine) if place not in tested):
+        settings = effect.settings(machine, place, recording)
+        made += [PlacedEffect.at(effect, machine, place, one) for one in settings]
     return [placed for placed in made if not placed.bent]
 
 
@@ -218,7 +209,13 @@ def _shared(
     for placed in unseen:
         worth = sum(_worth(found, own, lin, left, placed) * np.exp(-rare) for own, rare in wholes)
         odds[placed.place] = max(odds.get(placed.place, 0.0), float(worth))
-    rarer = _prior_ratio(found, name, len(odds), unseen[0].effect.commonness)
+    # prior odds of a compliance of one of so many joints against the name at its place
+    alike = {c.place for c in found.catalogue.candidates if c.effect.slug == name.cause.effect}
+    commonness, own = (
+        unseen[0].effect.commonness,
+        found.catalogue.candidates[name.candidates[0]].effect.commonness,
+    )
+    rarer = commonness / len(odds) * max(len(alike), 1) / own
     return _with_rivals(found, name, {place: rarer * worth for place, worth in odds.items()})
 
 
@@ -227,13 +224,8 @@ def _beside(found: Found, name: Named) -> tuple[tuple[int, ...], float]:
     machine, cat, problem = found.signatures.machine, found.catalogue, found.problem
     parts, held = set(parts_of(machine, *name.cause)), {e.label for e in found.fit.effects}
     terms = {problem.candidates[term]: term for term, _ in found.mode.members}
-    own = [
-        i
-        for i in terms
-        if not cat.named(i)
-        and cat.candidates[i].label in held
-        and parts & set(parts_of(machine, *cat.cause(i)))
-    ]
+    nameless = [i for i in terms if not cat.named(i) and cat.candidates[i].label in held]
+    own = [i for i in nameless if parts & set(parts_of(machine, *cat.cause(i)))]
     return tuple(own), sum(float(problem.spike_slab.terms.log_first[terms[i]]) for i in own)
 
 
@@ -250,22 +242,13 @@ def _worth(found: Found, own: Sequence[int], lin: Linearisation, left: Array, pl
     return float(np.exp(-0.5 * (1.0 - min(alike, 1.0)) * energy / (1.0 + FORM_ERROR**2 * energy)))
 
 
-def _prior_ratio(found: Found, name: Named, joints: int, commonness: float) -> float:
-    """Prior odds of a compliance of one of so many joints against the name at its place."""
-    alike = {c.place for c in found.catalogue.candidates if c.effect.slug == name.cause.effect}
-    own = found.catalogue.candidates[name.candidates[0]].effect.commonness
-    return commonness / joints * max(len(alike), 1) / own
-
-
 def _with_rivals(found: Found, name: Named, odds: dict[tuple[str, ...], float]) -> Named:
     machine, total = found.signatures.machine, sum(odds.values())
     kept, parts = 1.0 / (1.0 + total), set(parts_of(machine, *name.cause))
     here = sum(worth for place, worth in odds.items() if parts & set(parts_of(machine, COMPLIANCE, place)))
-    rivals = [
-        Rival(EffectAtPlace(COMPLIANCE, place), name.probability * worth * kept, name.gain, tested=False)
-        for place, worth in odds.items()
-        if name.probability * worth * kept > SHOWN
-    ]
+    likely = ((place, name.probability * worth * kept) for place, worth in odds.items())
+    causes = ((EffectAtPlace(COMPLIANCE, place), p) for place, p in likely if p > SHOWN)
+    rivals = [Rival(cause, p, name.gain, tested=False) for cause, p in causes]
     levels = Levels(name.levels.place * (1.0 + here) * kept, name.levels.kind, name.levels.driver * kept)
     alike = tuple(replace(m, probability=m.probability * kept) for m in name.equivalents)
     ranked = sorted((*alike, *rivals), key=lambda m: -m.probability)

@@ -1,4 +1,7 @@
-"""A linearisation and its catalogue as a posterior over sets: columns, terms and the grid of what is not known."""
+"""A linearisation and its catalogue as a posterior over sets: columns, terms and the grid of what is not known.
+
+Every candidate by itself, against the model without effects.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +16,9 @@ from truepose.arrays import Array, Index
 from truepose.identification import prior
 from truepose.identification.fit.tolerance_classes import PartClass, widenings
 from truepose.identification.learned_prior import FleetPrior
-from truepose.identification.posterior.design import Always, Design, Unknowns
+from truepose.identification.posterior.design import Always, Design, GridPoint, Term, Terms, Unknowns, Urn
 from truepose.identification.posterior.spike_slab import SpikeSlab
-from truepose.identification.posterior.terms import Term, Terms
-from truepose.identification.posterior.urn import Urn
+from truepose.identification.posterior.state import best_point
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Linearisation
 from truepose.models.machine.placed import EffectAtPlace
@@ -53,12 +55,8 @@ def selection_problem(lin: Linearisation, cat: Catalogue, rms: float) -> Selecti
     shares, more = _log_shares(cat, free)
     causes, terms = _terms(cat, lin, free, shares)
     classes = tuple(dict.fromkeys(lin.parts))
-    spike_slab = SpikeSlab(
-        _design(lin, cat, classes, nameless, turn),
-        Unknowns.over(len(lin.grams), rms, widenings(classes), rms if turn.shape[1] else 0.0),
-        terms,
-        prior.SIZES,
-    )
+    unknowns = Unknowns.over(len(lin.grams), rms, widenings(classes), rms if turn.shape[1] else 0.0)
+    spike_slab = SpikeSlab(_design(lin, cat, classes, nameless, turn), unknowns, terms, prior.SIZES)
     richness = prior.RICHNESS.scaled(more)
     return SelectionProblem(spike_slab, free, causes, classes, richness, nameless, turn)
 
@@ -77,12 +75,6 @@ def _remainder(lin: Linearisation, cat: Catalogue, nameless: Index) -> Array:
     scale = np.where(seen, share / np.where(seen, rms, 1.0), 0.0)
     values, vectors = np.linalg.eigh(gram * scale[:, None] * scale)
     return np.asarray(scale[:, None] * vectors[:, values > FLAT])
-
-
-def _seen(gram: Array) -> Array:
-    """(f, d) turns coefficients N(0, 1) into the directions that readings see of them."""
-    values, vectors = np.linalg.eigh(gram) if len(gram) else (np.zeros(0), np.zeros((0, 0)))
-    return np.asarray(vectors[:, values > FAINT])
 
 
 def design_with_forms(
@@ -106,7 +98,10 @@ def _design(
     stated = n + np.array(lin.indices(cat.stated), dtype=np.intp)
     forms = n + width + np.arange(lin.forms)
     noise = max(sum(float(gram[-1, -1]) for gram in lin.grams) / lin.n_observations, 1.0)
-    bend = _seen(lin.among(forms) / noise)
+    bend = np.zeros((0, 0))
+    if lin.forms:  # the directions that readings see, of coefficients N(0, 1)
+        values, vectors = np.linalg.eigh(lin.among(forms) / noise)
+        bend = vectors[:, values > FAINT]
     fixed = np.concatenate([np.arange(n), stated]).astype(np.intp)
     mixed = np.zeros((len(lin.grams[0]), bend.shape[1] + turn.shape[1] + 1))
     mixed[forms, : bend.shape[1]] = bend
@@ -141,31 +136,20 @@ def _terms(
 ) -> tuple[tuple[EffectAtPlace, ...], Terms]:
     """Causes, and a term for each free candidate (all that the file does not state) with its urns."""
     placed = [cat.candidates[i] for i in free]
-    table = pd.DataFrame(
-        {
-            "cause": [cat.cause(i) for i in free],
-            "kind": [_kind(cat, i) for i in free],
-            "feature": [c.effect.told(c.settings_map) for c in placed],
-            "share": np.exp(log_shares),
-        }
-    )
+    kinds, told = [_kind(cat, i) for i in free], [c.effect.told(c.settings_map) for c in placed]
+    table = pd.DataFrame({"cause": [cat.cause(i) for i in free], "kind": kinds, "feature": told})
+    table["share"] = np.exp(log_shares)
     table["in_kind"] = table["share"] / table.groupby("kind")["share"].transform("sum")
     number, causes = pd.factorize(table["cause"])
     feature = table.groupby(["kind", "feature"], sort=False).ngroup().to_numpy()
     share = np.log(table["in_kind"].to_numpy())
-    terms = [
-        Term(
-            columns=tuple(lin.indices([i])),
-            cause=int(number[k]),
-            feature=int(feature[k]),
-            log_share=float(share[k]),
-            lower=tuple(c.lower / c.scale for c in placed[k].coefficients[: len(lin.indices([i]))]),
-            upper=tuple(c.upper / c.scale for c in placed[k].coefficients[: len(lin.indices([i]))]),
-            alone=cat.named(i) and not placed[k].effect.adds(placed[k].settings_map),
-            length=len(placed[k].coefficients),
-        )
-        for k, i in enumerate(free)
-    ]
+    terms = list[Term]()
+    for k, (i, one) in enumerate(zip(free, placed, strict=True)):
+        columns, numbers = tuple(lin.indices([i])), (int(number[k]), int(feature[k]), float(share[k]))
+        seen = one.coefficients[: len(columns)]
+        lower, upper = tuple(c.lower / c.scale for c in seen), tuple(c.upper / c.scale for c in seen)
+        alone = cat.named(i) and not one.effect.adds(one.settings_map)
+        terms.append(Term(columns, *numbers, lower, upper, alone, len(one.coefficients)))
     return tuple(causes), Terms(terms, _urn(table, cat.learned))
 
 
@@ -185,24 +169,19 @@ def _urn(table: pd.DataFrame, learned: FleetPrior | None) -> Urn:
     kinds = table.groupby("kind", sort=False)
     numbers = dict(zip(table["kind"].drop_duplicates(), range(kinds.ngroups), strict=True))
     features = table.groupby(["kind", "feature"], sort=False)["in_kind"].sum()
+    sizes = [None if learned is None else learned.log_sizes(cause.effect) for cause in kinds["cause"].first()]
     return Urn(
         kind=table.drop_duplicates("cause")["kind"].map(numbers).to_numpy(dtype=np.intp),
         share=kinds["share"].sum().to_numpy(),
         number=kinds["cause"].nunique().to_numpy().astype(np.intp),
         feature_kind=features.index.get_level_values("kind").map(numbers).to_numpy(dtype=np.intp),
         feature_share=features.to_numpy(),
-        log_size=np.array([_log_sizes(cause, learned) for cause in kinds["cause"].first()]),
+        log_size=np.array([prior.SIZES.log_prior if own is None else own for own in sizes]),
         weight=prior.URN,
         alike=prior.ALIKE,
         further=prior.FURTHER,
         log_place=np.log(table.groupby("cause", sort=False)["in_kind"].sum().to_numpy()),
     )
-
-
-def _log_sizes(cause: EffectAtPlace, learned: FleetPrior | None) -> Array:
-    """(s,) log prior of the sizes of a kind, of which this is a cause."""
-    own = None if learned is None else learned.log_sizes(cause.effect)
-    return prior.SIZES.log_prior if own is None else own
 
 
 def _log_shares(cat: Catalogue, free: Sequence[int]) -> tuple[Array, float]:
@@ -220,3 +199,32 @@ def _log_shares(cat: Catalogue, free: Sequence[int]) -> tuple[Array, float]:
     out += [cat.learned.log_odds(cat.cause(i)) for i in free]
     more = float(logsumexp(out))
     return out - more, more
+
+
+EVERY = 4
+"""Steps of the noise between the points at which candidates are weighed alone."""
+
+
+def weighed_alone(problem: SelectionProblem, count: int) -> Array:
+    """(count,) log Bayes factor of each candidate alone, noise and tolerances marginalised; minus infinity for others,
+    and for those that the readings do not hold."""
+    spike_slab = problem.spike_slab
+    points = _points(spike_slab)
+    null = np.array([spike_slab.root(p).log_evidence for p in points])
+    terms = np.array([np.logaddexp.reduce(spike_slab.log_odds(p, ()), axis=0) for p in points])
+    terms -= spike_slab.terms.log_first
+    # at a size that nobody would notice it says neither for nor against
+    unnoticed = np.where(spike_slab.noticeable, 0.0, np.exp(spike_slab.terms.log_sizes)).sum(axis=0)
+    terms = np.logaddexp(terms, np.log(np.maximum(unnoticed, 1e-300)))
+    total = np.logaddexp.reduce(terms + null[:, None], axis=0) - np.logaddexp.reduce(null)
+    out = np.full(count, -np.inf)
+    out[list(problem.candidates)] = np.where(spike_slab.ranks <= spike_slab.capacity, total, -np.inf)
+    return out
+
+
+def _points(spike_slab: SpikeSlab) -> list[GridPoint]:
+    """Noises from the smallest to what nothing but noise would need, at stated tolerances and wider ones."""
+    unknowns, top = spike_slab.unknowns, best_point(spike_slab).noise[0]
+    widest = max(range(len(unknowns.widening)), key=lambda k: sum(unknowns.widening[k]))
+    noises = sorted({*range(0, top + 1, EVERY), top})
+    return [unknowns.all_at(k, widening) for k in noises for widening in {0, widest}]

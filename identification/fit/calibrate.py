@@ -3,10 +3,10 @@
 ``map`` holds parameters by their tolerances; ``huber`` is ``map`` with a loss that bends for outliers.
 ``ols`` trusts readings alone (directions they do not see stay at the drawing); ``liu``, ``ridge`` and ``pcr``
 do so too, but give up a little of their unbiasedness where columns are nearly dependent
-(``truepose.identification.fit.biased``).
+(``truepose.identification.leaves.shrinking``).
 
 ``gn`` starts undamped, ``lm`` damped; where one finds no minimum the other is tried, and a note says so.
-``ipopt`` keeps bounds and takes the passive joints as unknowns (``truepose.identification.fit.simultaneous``).
+Solvers that keep bounds are leaves (``truepose.identification.leaves.ipopt``).
 """
 
 from __future__ import annotations
@@ -21,21 +21,20 @@ import numpy as np
 
 from truepose.arrays import Array
 from truepose.errors import ConvergenceError, InputError
-from truepose.identification.fit.absurd import Judgement, judged
 from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.bounds import Bounds, bounds_of
-from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, blame, estimate, result
-from truepose.identification.fit.fitted import Fitted
-from truepose.identification.fit.only import held_but, kept_covariance, prior_but, with_zeros
+from truepose.identification.fit.estimate import FREE_WIDENING, blame, estimate, result, untied
+from truepose.identification.fit.estimated import Estimate, Fitted
+from truepose.identification.fit.leastsquares import Solution
 from truepose.identification.fit.problem import Prior, Problem, prior_of
 from truepose.identification.fit.reading_errors import estimate_reading_errors
-from truepose.identification.fit.relinearised import TUNING, Scaling, relinearised
-from truepose.identification.fit.set_ups import with_set_ups
-from truepose.identification.fit.simultaneous import simultaneous
-from truepose.identification.fit.widening import untied
+from truepose.identification.fit.relinearised import Scaling, linear_estimators, relinearised
+from truepose.identification.fit.set_ups import held_but, kept_covariance, prior_but, with_set_ups, with_zeros
+from truepose.identification.fit.summary import Judgement, judged
 from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.recording import Recording
+from truepose.leaves import modules_named
 from truepose.models.machine.machine import Machine
 from truepose.shown.result import Written, frame
 from truepose.wording import meant
@@ -43,12 +42,10 @@ from truepose.wording import meant
 if TYPE_CHECKING:
     import pandas as pd
 
-ESTIMATORS = ("map", "ols", "liu", "ridge", "pcr", "huber")
 DAMPING = {"gn": 0.0, "lm": 1e-4}
 """Initial damping."""
 TIGHT = 1e-13
 """What is left to gain of half the sum of squares: the same readings told otherwise give the same digits."""
-SOLVERS = (*DAMPING, "ipopt")
 SCALINGS: tuple[Scaling, ...] = ("tolerance", "unit", "raw")
 BIAS = "std is the estimator's 1-sigma with {} taken as known; its bias towards the drawing is not in it"
 
@@ -106,7 +103,7 @@ def calibrate(
     """Fit the machine with the effects of its file.
 
     ``only``: frames, parts or constants (``base``, ``q4``, ``q4.theta``), or the zeros of all joints (``offset``), that alone
-    are fitted; all else, effects included, is held as the file has it (``truepose.identification.fit.only``).
+    are fitted; all else, effects included, is held as the file has it (``truepose.identification.fit.set_ups``).
 
     ``scaling`` is the unit of the columns of ``liu``, ``ridge`` and ``pcr``, on which their bias depends, and
     ``tuning`` Liu's d, ridge's k or the number of components where it is not to be chosen by rule (see
@@ -123,23 +120,31 @@ def calibrate(
     method = {"estimator": estimator, "solver": solver, **({"only": ", ".join(only)} if only else {})}
     fit, notes = work.linear(estimator, scaling, tuning) if biased else work.unbiased(estimator)
     if biased and fit.shrunk is not None:
-        method |= {"scaling": scaling, TUNING[estimator]: f"{fit.shrunk.tuning:.6g}"}
+        method |= {"scaling": scaling, linear_estimators()[estimator][0]: f"{fit.shrunk.tuning:.6g}"}
     progress("fitting without tolerances")
     free, more = work.free(fit.p)
-    before = [*recording.notes, *work.predictor.cautions, *_left_out(fit, recording)]
+    why = "the mechanism cannot be assembled there; the row was left out"
+    before = [*recording.notes, *work.predictor.cautions]
+    before += [f"{recording.where(k)}: {why}" for k in fit.unassembled]
+    at_bounds = work.bounds.notes(fit.prior, fit.p, kept=solver not in DAMPING)
     kept = kept_covariance(machine, work.tolerances) if only else None
-    return Calibration(fit, free, recording, (*before, *notes, *work.at_bounds(fit), *more), method, kept)
+    return Calibration(fit, free, recording, (*before, *notes, *at_bounds, *more), method, kept)
+
+
+def bounded_solvers() -> dict[str, Callable[..., Solution]]:
+    """Return the solvers that keep bounds, by name: functions of a problem, where it starts, and its ``bounds``."""
+    return {name: solve for leaf in modules_named("solving") for name, solve in leaf.SOLVERS.items()}
 
 
 def _checked(estimator: str, solver: str, scaling: str) -> bool:
     """Whether the estimator is a biased one, where it exists and goes with the solver."""
-    _check("estimator", estimator, ESTIMATORS)
-    _check("solver", solver, SOLVERS)
+    _check("estimator", estimator, ("map", *linear_estimators(), "huber"))
+    _check("solver", solver, (*DAMPING, *bounded_solvers()))
     _check("scaling", scaling, SCALINGS)
-    biased = estimator in TUNING and estimator != "ols"
-    if biased and solver == "ipopt":
+    biased = estimator in linear_estimators() and estimator != "ols"
+    if biased and solver not in DAMPING:
         raise InputError(
-            f"--solver: found 'ipopt' with --estimator {estimator}, which relinearises by itself and keeps no "
+            f"--solver: found {solver!r} with --estimator {estimator}, which relinearises by itself and keeps no "
             "bounds; expected gn or lm, or the estimators map, ols or huber"
         )
     return biased
@@ -201,16 +206,13 @@ class _Work:
     def fitted(self, solver: str | None = None, **options: Any) -> tuple[Estimate, list[str]]:
         """By the solver asked for; of gn and lm by the other where that one finds no minimum."""
         solver = solver or self.solver
-        common: dict[str, Any] = {
-            "start": self.start,
-            "predictor": self.predictor,
-            "prior": self.tolerances,
-            "tolerance": TIGHT,
-            **options,
-        }
-        fitting = partial(estimate, self.machine, self.recording, self.machine.effects, **common)
-        if solver == "ipopt":
-            return fitting(solver=partial(simultaneous, bounds=self.bounds)), []
+        own = {"start": self.start, "predictor": self.predictor, "prior": self.tolerances, "tolerance": TIGHT}
+        machine, recording = self.machine, self.recording
+        fitting: Callable[..., Estimate] = partial(
+            estimate, machine, recording, machine.effects, **{**own, **options}
+        )
+        if solver not in DAMPING:
+            return fitting(solver=partial(bounded_solvers()[solver], bounds=self.bounds)), []
         try:
             return fitting(damping=DAMPING[solver]), []
         except ConvergenceError as first:
@@ -249,11 +251,11 @@ class _Work:
         fit = result(problem, solution, self.machine.effects)
         if name == "ols":
             return fit, []
-        return replace(fit, shrunk=known), [BIAS.format(TUNING[name])]
+        return replace(fit, shrunk=known), [BIAS.format(linear_estimators()[name][0])]
 
     def least_squares(self) -> tuple[Estimate, list[str]]:
         """Readings alone; unseen directions stay at the drawing."""
-        if self.solver != "ipopt":
+        if self.solver in DAMPING:
             with contextlib.suppress(ConvergenceError):  # curved valleys are walked down by damped steps
                 return self._linear(self.flat, self.near.p, "ols", "tolerance", None)
         try:
@@ -266,18 +268,12 @@ class _Work:
 
     def free(self, start: Array) -> tuple[Estimate | None, list[str]]:
         """The fit that tolerances, and no bounds, hardly hold; none, and a note, where it finds no minimum."""
-        damped = "lm" if self.solver == "ipopt" else self.solver
+        damped = self.solver if self.solver in DAMPING else "lm"
         try:
             return self.fitted(damped, start=start, widen=FREE_WIDENING)[0], []
         except ConvergenceError as exc:
-            why = (
-                f"the fit with {FREE_WIDENING:g} times wider tolerances, for comparison, has no result: {exc}"
-            )
-            return None, [why]
-
-    def at_bounds(self, fit: Estimate) -> list[str]:
-        """What of the fit stands at a bound, or beyond one where the solver keeps none."""
-        return self.bounds.notes(fit.prior, fit.p, kept=self.solver == "ipopt")
+            what = f"the fit with {FREE_WIDENING:g} times wider tolerances, for comparison,"
+            return None, [f"{what} has no result: {exc}"]
 
 
 def _check(what: str, name: str, known: Sequence[str]) -> None:
@@ -285,13 +281,3 @@ def _check(what: str, name: str, known: Sequence[str]) -> None:
         hint = meant(name, known)
         ending = f"; {hint}" if hint else ""
         raise InputError(f"--{what}: found {name!r}, expected one of {', '.join(known)}{ending}")
-
-
-def _left_out(fit: Estimate, recording: Recording) -> list[str]:
-    return [
-        f"{recording.where(k)}: the mechanism cannot be assembled there; the row was left out"
-        for k in fit.unassembled
-    ]
-
-
-__all__ = ["ESTIMATORS", "SCALINGS", "SOLVERS", "Calibration", "calibrate"]

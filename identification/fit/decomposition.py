@@ -188,6 +188,3 @@ class Decomposition:
 def moved_by(directions: Array) -> Mask:
     """(n,) the entries that orthonormal directions (k, n), in steps, move by enough to leave them open."""
     return np.asarray(np.linalg.norm(directions, axis=0) >= TAKES_PART)
-
-
-__all__ = ["COMPONENT", "ROUNDING", "TAKES_PART", "Decomposition", "Observability", "moved_by"]

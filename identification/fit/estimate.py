@@ -2,6 +2,14 @@
 
 Use ``estimate`` for a fit under tolerances, with ``widen`` for the free fit beside it and ``loss="huber"``
 against outliers. Parameters are scaled by their tolerance, readings by sigma, before anything is decomposed.
+
+Huber's loss on whole rows, by least squares that are weighed again until the weights settle.
+
+Which tolerances a fit may give up: those of parameters that the readings can tell from each other.
+
+A description with more constants than readings can see (every joint frame of a graph has six) leaves
+directions along which a fit under wide tolerances only wanders. Widening an independent set of the
+parameters gives the readings all the freedom that they can use, to first order; the rest stay as stated.
 """
 
 from __future__ import annotations
@@ -11,19 +19,94 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from scipy.linalg import qr
 
-from truepose.arrays import Array, Mask
+from truepose.arrays import Array, Index, Mask
 from truepose.errors import ConvergenceError
 from truepose.identification.fit.estimated import Estimate
-from truepose.identification.fit.leastsquares import Solution, Status, minimise, triangular, triangular_parts
+from truepose.identification.fit.leastsquares import Solution, minimise, triangular, triangular_parts
 from truepose.identification.fit.noise import channel_groups
 from truepose.identification.fit.problem import Prior, Problem, prior_of
-from truepose.identification.fit.robust import robust
-from truepose.identification.fit.widening import widened
-from truepose.identification.prediction.predictor import FIT, Predictor
+from truepose.identification.prediction.predictor import FIT, Predictor, told
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine.machine import Machine
+
+HUBER = 1.345
+REWEIGHTINGS = 12
+SETTLED = 3e-3
+
+
+def robust(problem: Problem, loss: str, solve: Callable[[Array], Solution]) -> Solution:
+    """The minimum from scaled steps of zero: of plain least squares (``gauss``), or with ``problem.weights`` of the loss."""
+    solution = solve(problem.nothing)
+    if loss == "gauss":
+        return solution
+    for _ in range(REWEIGHTINGS):  # far rows may be why plain least squares found no rest
+        squares = problem.residuals(problem.at(solution.t), problem.x) ** 2
+        size = np.sqrt(np.sum(squares, axis=1) / told(squares, problem.lost))
+        scale = max(float(np.median(size[problem.used])), 1e-300)
+        weights = np.minimum(1.0, HUBER * 1.2 * scale / np.maximum(size, 1e-300))
+        settled = np.max(np.abs(weights - problem.weights)[problem.used]) < SETTLED
+        problem.weights = weights
+        solution = solve(solution.t)
+        if settled:
+            break
+    return solution
+
+
+LEAST_SHOWN = 0.1
+"""Sigmas that a widened tolerance must move the readings by, beside all others, to count."""
+FRAME = "frame"
+
+
+def widened(problem: Problem, factor: float) -> Prior:
+    """The problem's prior with the tolerances of an independent set of parameters multiplied.
+
+    The set is found by pivoted QR of the readings' Jacobian at the start, columns in widened tolerances.
+    Frames keep theirs: moving the whole chain between base and tool changes no reading. Frames and unknown
+    parameters (infinite tolerance) come first in the order, since they are free already.
+    """
+    prior, free = problem.prior, problem.prior.free
+    sigma = prior.sigma[free]
+    unknown = np.isinf(sigma)
+    first = unknown | np.array([prior.parts[k] == FRAME for k in free], dtype=bool)
+    size = np.where(unknown, 1.0, sigma / prior.scale[free])
+    factored = triangular(problem.data(problem.p, problem.x), len(free) + 1)[:, : len(free)]
+    jacobian = factored * size * factor
+    chosen = free[~first][independent_columns(jacobian[:, first], jacobian[:, ~first])]
+    multiplied = prior.sigma.copy()
+    multiplied[chosen] *= factor
+    return prior.with_sigma(multiplied)
+
+
+def untied(problem: Problem) -> Prior:
+    """No tolerances for an independent set of the parameters; the rest, and what is exactly known, are held.
+
+    The set holds what the readings see by a tenth of a sigma a tolerance at least: what they see worse is left
+    to the drawing, since an estimate from readings alone would stray by more than ten tolerances.
+    """
+    prior, free = problem.prior, problem.prior.free
+    sigma = prior.sigma[free]
+    size = np.where(np.isinf(sigma), 1.0, sigma / prior.scale[free])
+    jacobian = triangular(problem.data(problem.p, problem.x), len(free) + 1)[:, : len(free)] * size
+    chosen = np.zeros(len(prior.sigma))
+    chosen[free[independent_columns(jacobian[:, :0], jacobian)]] = np.inf
+    return prior.with_sigma(chosen)
+
+
+def independent_columns(taken: Array, columns: Array) -> Index:
+    """Places of the columns that show something new beside ``taken`` and each other."""
+    if not columns.shape[1] or not np.isfinite(columns).all():
+        return np.arange(columns.shape[1])
+    if taken.shape[1]:
+        left, size, _ = np.linalg.svd(taken, full_matrices=False)
+        span = left[:, size > 1e-12 * max(float(np.max(size)), 1e-300)]
+        columns = columns - span @ (span.T @ columns)
+    upper, order = qr(columns, mode="r", pivoting=True)
+    shown = np.abs(np.diag(upper)) > LEAST_SHOWN
+    return np.asarray(order[: len(shown)][shown], dtype=np.intp)
+
 
 Solver = Callable[[Problem, Array], Solution]
 """A problem and where it starts, scaled steps (n_free,), to its minimum."""
@@ -105,10 +188,8 @@ def _tries(
     tries = FREE_TRIES if free else TRIES
     if damping is not None:
         tries = ((damping, tries[0][1]),)
-    return [
-        partial(minimise, problem.blocks, damping=first, tolerance=tolerance, limit=limit)
-        for first, limit in tries
-    ]
+    common = partial(minimise, problem.blocks, tolerance=tolerance)
+    return [partial(common, damping=first, limit=limit) for first, limit in tries]
 
 
 @dataclass(frozen=True)
@@ -195,18 +276,3 @@ def blame(solution: Solution, prior: Prior) -> str:
         f"responsible: {', '.join(worst)} (largest last steps); "
         "check their nominal values and units, or state tolerances for them"
     )
-
-
-__all__ = [
-    "Estimate",
-    "Minimum",
-    "Prior",
-    "Solver",
-    "Status",
-    "blame",
-    "estimate",
-    "fit_without",
-    "prior_of",
-    "result",
-    "wrapped",
-]

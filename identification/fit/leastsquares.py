@@ -17,8 +17,7 @@ from scipy.linalg.lapack import dgeqrf, dgesdd
 from scipy.sparse import csr_array
 
 from truepose.arrays import Array
-from truepose.identification.prediction.by_ports import Part
-from truepose.identification.prediction.gram_sum import GramSum
+from truepose.identification.prediction.by_ports import GramSum, Part
 from truepose.threads import Cached
 
 Rows: TypeAlias = Array | Part

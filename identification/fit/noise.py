@@ -118,6 +118,3 @@ def _farthest(values: Array) -> float:
             break
         size = after
     return WILD * size
-
-
-__all__ = ["Scatter", "channel_groups", "unexplained"]

@@ -2,6 +2,13 @@
 
 ``prior_of`` reads the tolerances; ``Problem`` gives rows of [J r] at scaled steps from a start. What a solver
 makes of them is not known here.
+
+The readings' share of a large fit as a few rows: their normal equations, summed by compiled code.
+
+Only for machines whose pose is an explicit expression of the readings, before sensors whose readings stand for
+themselves, with recordings that are worth a compiler. Normal equations square the condition number. They serve steps
+alone, and only where the tolerances outweigh their rounding; rank, null space and covariance come from the readings
+row by row (``Problem.data``).
 """
 
 from __future__ import annotations
@@ -11,18 +18,88 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
+import casadi as ca
 import numpy as np
 
 from truepose.arrays import Array, Index, Mask
+from truepose.codegen.evaluation import engine
+from truepose.codegen.evaluation.gram import GramFunction
 from truepose.errors import InputError
 from truepose.identification.fit.leastsquares import WIDE_PROBLEM, Rows
-from truepose.identification.fit.normal import NormalEquations
 from truepose.identification.fit.turn import Turn, turn_of
-from truepose.identification.prediction.by_ports import Part
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prior import LONG
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine.machine import Machine
+
+MARGIN = 10.0
+"""How far the tolerances' information on any parameter is above the rounding of the readings' sums.
+
+A step is then wrong by a tenth at most, where tolerances alone decide; the next one starts from exact residuals.
+"""
+
+
+@dataclass(frozen=True)
+class NormalEquations:
+    """function: sums of [J r] of the whitened readings by the free parameters, at inputs (q, z, y) of every row."""
+
+    function: GramFunction
+    inputs: tuple[Array, Array, Array]
+
+    @classmethod
+    def of(cls, predictor: Predictor, free: Index) -> NormalEquations | None:
+        """Of parameters ``free`` (n,); None where rows are few, loops have to be closed, or rows are compared."""
+        machine, recording = predictor.machine, predictor.recording
+        if len(predictor.model.home) or any(sensor.compares for sensor in machine.sensors):
+            return None
+        if predictor.evaluations < engine.FEWEST_ROWS:
+            return None
+        key = tuple(free.tolist())
+        if key not in predictor.sums:
+            predictor.sums[key] = _sums(predictor, free)
+        function = predictor.sums[key]
+        columns = [recording.observations[name] for sensor in machine.sensors for name in sensor.columns]
+        inputs = predictor.q, predictor.z, np.column_stack(columns)
+        return cls(function, inputs) if function.engine.compiled else None
+
+    def rows(self, p: Array, weight: Array, scale: Array, least: float) -> Array | None:
+        """(n_free + 1, n_free + 1) rows of [J r] with the sums of all of them, J by steps of ``scale`` (n_free,).
+
+        p (np,) parameters; weight (n,) of each row; least: the smallest information that the prior has of a step.
+        None where rounding of the sums could be seen beside it, or where they could not be compiled.
+        """
+        if least <= 0.0:
+            return None
+        gram = self.function(*self.inputs, p, weight=weight).matrix
+        steps = np.append(scale, 1.0)
+        gram *= np.outer(steps, steps)
+        rounding = float(np.finfo(float).eps * len(gram) * np.max(np.diag(gram)[:-1], initial=0.0))
+        if not self.function.engine.compiled or not MARGIN * rounding < least:
+            return None
+        size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+        values, vectors = np.linalg.eigh(gram / np.outer(size, size))
+        rows: Array = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T * size
+        return rows
+
+
+def _sums(predictor: Predictor, free: Index) -> GramFunction:
+    model, places = predictor.model, {name: k for k, name in enumerate(predictor.model.names)}
+    count = sum(len(sensor.columns) for sensor in predictor.machine.sensors)
+    y, residuals, first = ca.SX.sym("y", count), list[ca.SX](), 0
+    for sensor in predictor.machine.sensors:
+        own = [*(parameter.name for parameter in sensor.parameters), *sensor.reads]
+        columns = slice(first, first + len(sensor.columns))
+        first = columns.stop
+        # what an effect adds to a reading is taken off the reading, as in ``readings``
+        seen = y[columns] - model.reading_shift[columns]
+        residual = sensor.residual(
+            model.worlds[sensor.view], {name: model.p[places[name]] for name in own}, seen
+        )
+        residuals.append(residual / ca.DM([channel.sigma for channel in sensor.channels]))
+    residual = ca.vertcat(*residuals)
+    jacobian = ca.jacobian(residual, model.p)[:, free.tolist()]
+    inputs = [model.q, model.z, y, model.p]
+    return GramFunction("normal", inputs, residual, jacobian, rows=predictor.evaluations)
 
 
 @dataclass(frozen=True)
@@ -106,7 +183,8 @@ class Problem:
         """Long series start where their prior is in what readings do not see, and stay there."""
         free, scale = self.prior.free, self.prior.scale[self.prior.free]
         places = {int(k): i for i, k in enumerate(free)}
-        ends = np.cumsum([len(self.predictor.machine.parameters), *self._lengths])
+        lengths = [len(effect.coefficients) for effect in self.predictor.model.effects]
+        ends = np.cumsum([len(self.predictor.machine.parameters), *lengths])
         effects = [
             np.array([places[k] for k in range(a, b) if k in places], dtype=np.intp)
             for a, b in pairwise(ends)
@@ -120,10 +198,6 @@ class Problem:
         self.p = self.p.copy()
         self.p[free] -= scale * (turn.rest @ (turn.rest.T @ away))
         self.turn = turn
-
-    @property
-    def _lengths(self) -> list[int]:
-        return [len(effect.coefficients) for effect in self.predictor.model.effects]
 
     @property
     def nothing(self) -> Array:
@@ -192,18 +266,18 @@ class Problem:
             rows = np.flatnonzero(used[block.rows])
             part = block.part(rows, place, self.prior.scale, root[block.rows][rows])
             if part is not None and len(free) >= WIDE_PROBLEM:
-                yield part if self.turn is None else self._slimmed(self.turn.of_part(part))
+                if self.turn is not None:
+                    part, columns = self.turn.of_part(part), len(self.nothing) + 1
+                    if columns <= WIDE_PROBLEM:  # so few steps are left that a factor of the rows pays
+                        yield part.written(columns).reshape(-1, columns)
+                        continue
+                yield part
                 continue
             w = root[block.rows][rows, None]
             jacobian = block.jacobian[rows][:, :, free] * self.prior.scale[free] * w[..., None]
             stacked = np.concatenate([jacobian, (block.residual[rows] * w)[..., None]], axis=2)
             flat = stacked.reshape(-1, len(free) + 1)
             yield flat if self.turn is None else self.turn.of_rows(flat)
-
-    def _slimmed(self, part: Part) -> Rows:
-        """As it is, or written out where so few steps are left that a factor of the rows pays."""
-        columns = len(self.nothing) + 1
-        return part if columns > WIDE_PROBLEM else part.written(columns).reshape(-1, columns)
 
     def prior_rows(self, p: Array) -> Array:
         """(n, k + 1) rows of [J r] of the tolerances, one for each free parameter, at ``p`` (np,)."""
@@ -217,9 +291,8 @@ class Problem:
 
     def residuals(self, p: Array, x: Array) -> Array:
         """(n, m) whitened residuals of all rows."""
-        return np.concatenate(
-            [block.residual for block in self.predictor.blocks(p, x, self.used * self.weights)]
-        )
+        blocks = self.predictor.blocks(p, x, self.used * self.weights)
+        return np.concatenate([block.residual for block in blocks])
 
     def residuals_of(self, rows: Mask, p: Array, x: Array) -> Array:
         """(n, m) the same of some rows (n,); NaN in others, unless readings compare rows."""

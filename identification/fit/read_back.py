@@ -123,6 +123,3 @@ def _predictions(predictor: Predictor, p: Array, start: Array) -> tuple[Array, A
     x, good = predictor.assemble(p, start)
     _, values, poses = predictor.values(p, x)
     return values, poses, good
-
-
-__all__ = ["read_back"]

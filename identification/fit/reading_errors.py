@@ -75,10 +75,8 @@ def _correct(predictor: Predictor, p: Array, stated: Array) -> tuple[Recording, 
     offset = np.nan_to_num(np.subtract(*as_stated))
     added = {channel.name: frozen(column) for channel, column in zip(channels, offset.T, strict=True)}
     observations = {**recording.observations, **added}
-    return (
-        replace(recording, reading_errors=frozen(errors), observations=observations),
-        offset / np.array([channel.sigma for channel in channels]),
-    )
+    corrected = replace(recording, reading_errors=frozen(errors), observations=observations)
+    return corrected, offset / np.array([channel.sigma for channel in channels])
 
 
 def _predict(predictor: Predictor, p: Array, errors: Array) -> tuple[Array, Array]:
@@ -107,6 +105,3 @@ def _inverse(slopes: Array) -> Array:
     size = np.sqrt(np.mean(np.sum(slopes**2, axis=1), axis=0))
     scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
     return np.asarray(scale[:, None] * np.linalg.pinv(slopes * scale, rcond=LEAST_MOVEMENT))
-
-
-__all__ = ["estimate_reading_errors"]

@@ -1,33 +1,136 @@
 """A linear estimator on a machine: applied to the problem linearised at its own result.
 
 With residuals r and derivative J at a step t from the drawing, the problem linearised there is y = J t' + noise
-with y = J t - r. A linear estimator B (``truepose.identification.fit.biased``) makes B(J, y) of it; the estimate is
+with y = J t - r. A linear estimator B (``truepose.identification.fit.relinearised``) makes B(J, y) of it; the estimate is
 the t that it leaves where it is. For least squares that is Gauss-Newton, for ridge with given k the minimum
 of |r|^2 + k |t|^2. What tunes B is chosen anew from each linearisation.
 
 Parameters without a tolerance have no drawing value to be pulled to: they are taken out of the problem before
 B sees it and follow by least squares.
+
+Estimators of a linear problem y = H b + noise whose columns are nearly dependent are plain functions of arrays.
+
+``decompose`` makes one SVD of H; an estimate is then a share, between 0 and 1, of each coordinate of the least-squares
+solution along the right singular vectors: all of it (``ols``), or less (``truepose.identification.leaves.shrinking``).
+
+The unit of the columns is part of a biased estimator (1 is compared with their squared singular values):
+``raw`` takes them as they are, ``unit`` makes every column one long, an array states sizes of steps, such as
+tolerances. With readings in units of their noise and columns in units of their tolerances, ridge with k = 1
+(and Liu with d = 0) is the maximum a posteriori estimate under those tolerances.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from truepose.arrays import Array, Mask
-from truepose.identification.fit.biased import LinearEstimate, Spectrum, decompose, liu, ols, pcr, ridge
+from truepose.arrays import Array
+from truepose.errors import InputError
 from truepose.identification.fit.decomposition import ROUNDING, Decomposition
 from truepose.identification.fit.leastsquares import Solution, Status, triangular
 from truepose.identification.fit.problem import Prior, Problem
+from truepose.leaves import modules_named
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """A linear problem by its singular values: y = H b + noise, b = scale * directions @ coordinates.
+
+    values (r,) singular values of the scaled H, largest first; directions (m, r); scale (m,); alpha (r, ...)
+    least-squares coordinates of each right-hand side; noise (...) estimated variance of one reading.
+    """
+
+    values: Array
+    directions: Array
+    scale: Array
+    alpha: Array
+    noise: Array
+
+    def counted_from(self, b: Array) -> Spectrum:
+        """The same problem with b counted from ``-b`` (m,): what was zero there is now ``b``.
+
+        Where H b is large and known exactly, it need not be part of y: rounding would be of its size.
+        """
+        return replace(self, alpha=self.alpha + self.directions.T @ (b / self.scale))
+
+
+@dataclass(frozen=True)
+class LinearEstimate:
+    """b (m, ...), the share (r, ...) kept of each least-squares coordinate, and what tuned it (...):
+    Liu's d, ridge's k, the number of components."""
+
+    b: Array
+    share: Array
+    tuning: Array
+    spectrum: Spectrum
+
+    def root(self, noise: float | None = None) -> Array:
+        """(m, r) F with covariance F F' of the estimate of one right-hand side.
+
+        It is the estimator's variance with its tuning taken as known; bias is not in it. ``noise`` is the
+        variance of one reading (default: the estimate).
+        """
+        variance = float(self.spectrum.noise) if noise is None else noise
+        s = self.spectrum
+        root: Array = s.scale[:, None] * s.directions * (self.share / s.values * np.sqrt(variance))
+        return root
+
+    def covariance(self, noise: float | None = None) -> Array:
+        """(m, m) covariance of the estimate of one right-hand side; see ``root``."""
+        root = self.root(noise)
+        out: Array = root @ root.T
+        return out
+
+
+def decompose(
+    h: Array, y: Array, scale: Literal["raw", "unit"] | Array = "raw", *, n_observations: int | None = None
+) -> Spectrum:
+    """The problem of ``h`` (n, m) and ``y`` (n,) or (n, k), one column a right-hand side.
+
+    ``n_observations`` is how many there were where ``h`` and ``y`` are a triangular factor of them. Directions that
+    no reading sees stay at zero. Raises InputError when no reading is left to tell the noise.
+    """
+    size = column_scale(h) if isinstance(scale, str) and scale == "unit" else np.ones(h.shape[1])
+    size = size if isinstance(scale, str) else np.asarray(scale, dtype=float)
+    u, s, vt = np.linalg.svd(h * size, full_matrices=False)
+    seen = s > ROUNDING * np.max(s, initial=1e-300)
+    u, s, vt = u[:, seen], s[seen], vt[seen]
+    freedom = (len(h) if n_observations is None else n_observations) - len(s)
+    if freedom < 1:
+        raise InputError(
+            f"found {freedom + len(s)} readings for {len(s)} combinations of parameters, "
+            "expected more: what is left over tells the noise"
+        )
+    along = u.T @ y
+    noise = np.sum((y - u @ along) ** 2, axis=0) / freedom
+    return Spectrum(s, vt.T, size, (along.T / s).T, noise)
+
+
+def column_scale(h: Array) -> Array:
+    """(m,) factors that make every column of ``h`` (n, m) one long; 1 for a column of zeros."""
+    length = np.linalg.norm(h, axis=0)
+    out: Array = 1.0 / np.where(length > 0.0, length, 1.0)
+    return out
+
+
+def ols(problem: Spectrum) -> LinearEstimate:
+    """Least squares; directions that no reading sees stay at zero. ``tuning`` is the rank."""
+    rank = np.full(problem.noise.shape, float(len(problem.values)))
+    return shrink(problem, np.ones_like(problem.alpha), rank)
+
+
+def shrink(problem: Spectrum, share: Array, tuning: Array) -> LinearEstimate:
+    """Return the estimate that keeps a ``share`` (r, ...) of each least-squares coordinate."""
+    b = (problem.directions @ (share * problem.alpha)).T * problem.scale
+    return LinearEstimate(b.T, share, tuning, problem)
+
 
 Scaling = Literal["tolerance", "unit", "raw"]
-Linear = Callable[[Spectrum], LinearEstimate]
-TUNING: Mapping[str, str] = {"ols": "rank", "liu": "d", "ridge": "k", "pcr": "components"}
-"""What the linear estimators are tuned by."""
+Linear = Callable[[Spectrum, float | None], LinearEstimate]
+"""A linear problem, and what the estimator is tuned by (None: by its own rule), to an estimate."""
 LIMIT = 400
 TOLERANCE = 1e-7
 """At rest, no parameter moves by more than this part of its own 1-sigma."""
@@ -57,15 +160,12 @@ class Shrunk:
         return self.root
 
 
-def linear_estimator(name: str, tuning: float | None = None) -> Linear:
-    """The estimator of a name, by its own rule or with what tunes it (Liu's d, ridge's k, components) given."""
-    known: dict[str, Linear] = {
-        "ols": ols,
-        "liu": partial(liu, d=tuning),
-        "ridge": partial(ridge, k=tuning),
-        "pcr": partial(pcr, components=None if tuning is None else round(tuning)),
+def linear_estimators() -> dict[str, tuple[str, Linear]]:
+    """Return what each linear estimator is tuned by, and the estimator, by name; the biased ones are of a leaf."""
+    found: dict[str, tuple[str, Linear]] = {"ols": ("rank", lambda problem, _: ols(problem))}
+    return found | {
+        name: one for leaf in modules_named("estimating") for name, one in leaf.ESTIMATORS.items()
     }
-    return known[name]
 
 
 def relinearised(
@@ -83,7 +183,7 @@ def relinearised(
     of components where its rule is not to choose it. The status tells whether the estimate came to rest.
     Raises InputError when no reading is left over to tell the noise.
     """
-    columns = _Columns.of(problem, drawing, scaling)
+    columns, (_, linear) = _Columns(problem, drawing, scaling), linear_estimators()[name]
     t, share, last, moved = start.astype(float), 1.0, np.inf, np.zeros(len(start))
     known: Shrunk | None = None
     status = Status.LIMIT
@@ -93,7 +193,7 @@ def relinearised(
             status = Status.FAILED if known is None else Status.STALLED
             break
         frozen = known.tuning if tuning is None and known is not None and iteration > FROZEN else tuning
-        aim, known = columns.solved(factor, t, linear_estimator(name, frozen))
+        aim, known = columns.solved(factor, t, linear, frozen)
         moved, spread = aim - t, np.linalg.norm(np.hstack([known.root, known.unknown.T]), axis=1)
         if np.all(np.abs(moved) <= TOLERANCE * spread + LOST * (1.0 + np.abs(t))):
             t, status = aim, Status.CONVERGED
@@ -105,7 +205,6 @@ def relinearised(
     return Solution(t, factor, cost, status, iteration, last, moved), known
 
 
-@dataclass(frozen=True)
 class _Columns:
     """Steps of the problem as columns of the estimator: t = origin + [loose, or unit * b of what is held].
 
@@ -113,23 +212,16 @@ class _Columns:
     None for columns of length one; reading: size of a whitened reading; n_observations: their number.
     """
 
-    held: Mask
-    origin: Array
-    unit: Array | None
-    reading: float
-    n_observations: int
-
-    @classmethod
-    def of(cls, problem: Problem, drawing: Prior, scaling: Scaling) -> _Columns:
+    def __init__(self, problem: Problem, drawing: Prior, scaling: Scaling) -> None:
         free = problem.prior.free
         step, sigma = problem.prior.scale[free], drawing.sigma[free]
-        held = np.isfinite(sigma)
-        origin = np.where(held, (drawing.mean[free] - problem.p[free]) / step, 0.0)
-        units = {"tolerance": (sigma / step)[held], "raw": 1.0 / step[held], "unit": None}
-        reading = problem.predictor.channels[0].sigma if scaling == "raw" else 1.0
-        return cls(held, origin, units[scaling], reading, problem.n_observations)
+        self.held, self.n_observations = np.isfinite(sigma), problem.n_observations
+        self.origin = np.where(self.held, (drawing.mean[free] - problem.p[free]) / step, 0.0)
+        units = {"tolerance": (sigma / step)[self.held], "raw": 1.0 / step[self.held], "unit": None}
+        self.unit = units[scaling]
+        self.reading = problem.predictor.channels[0].sigma if scaling == "raw" else 1.0
 
-    def solved(self, factor: Array, t: Array, linear: Linear) -> tuple[Array, Shrunk]:
+    def solved(self, factor: Array, t: Array, linear: Linear, tuning: float | None) -> tuple[Array, Shrunk]:
         """Steps (n_free,) that the estimator makes of the triangular factor of [J r] at ``t``."""
         n, k = len(t), int(np.sum(~self.held))
         j, at = factor[:, :n], t - self.origin
@@ -144,7 +236,7 @@ class _Columns:
             unit,
             n_observations=self.n_observations - rank,
         )
-        found = linear(problem.counted_from(at[self.held]))
+        found = linear(problem.counted_from(at[self.held]), tuning)
         follow = -inverse @ r[:k, k:n]  # the loose ones follow the held ones
         steps = self._placed(
             at[~self.held] - inverse @ r[:k, n] + follow @ (found.b - at[self.held]), found.b
@@ -172,6 +264,3 @@ def _inverse(r: Array) -> tuple[Array, int]:
     u, s, vt = np.linalg.svd(r)
     seen = s > ROUNDING * max(float(s[0]), 1e-300)
     return (vt[seen].T / s[seen]) @ u[:, seen].T, int(seen.sum())
-
-
-__all__ = ["TUNING", "Scaling", "Shrunk", "linear_estimator", "relinearised"]

@@ -129,6 +129,3 @@ def _offset(left: Left, channel: Channel, k: int) -> float | None:
     off = -left.residual[left.far, k] * channel.sigma
     middle = float(np.median(off))
     return middle if len(off) > 1 and np.max(np.abs(off - middle)) <= 4.0 * _SAME * abs(middle) else None
-
-
-__all__ = ["FAR", "Left", "column_words", "row_words"]

@@ -4,20 +4,30 @@ Readings are not the purpose; the tool's pose is. What a model says of its senso
 agree and moves no tool, so it does not count here. Frames that nobody measured do not count either: predicted points
 are moved onto the fitted rows' readings as one rigid body. Nor does the part of the position that the machine's stated task
 leaves free, or that no joint moves: a planar arm is not judged by what leads out of its plane.
+
+How well the tool's position is known, and from what: the uncertainty budget of a calibrated model.
+
+The covariance of the estimates is A^-1 (N + L) A^-1 with A = H + L, H what the readings say, N the same with the noise found
+and L what the tolerances say. Its two parts are the readings' noise as it went through the fit, and what the readings left to
+the drawing. What is beyond them in an average over explanations is how far these are apart. What no parameter explains adds
+to all (GUM, JCGM 100:2008, 5.1.2: variances of independent sources add).
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from truepose.arrays import Array, Mask
+from truepose.arrays import Array, Index, Mask
 from truepose.identification.fit.align import rigid_motion
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.decomposition import Decomposition
+from truepose.identification.fit.estimated import Estimate
+from truepose.identification.fit.noise import unexplained
+from truepose.identification.fit.turn import Turned
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.recording.recording import Recording
+from truepose.identification.recording.recording import Recording, frozen
 from truepose.models import lie
 from truepose.models.file.machine_file import ExpectedPose
 from truepose.models.machine.controllability import judged_axes
@@ -111,4 +121,118 @@ def calibrated_pose(fit: Estimate, recording: Recording, than: str = "the drawin
     return ExpectedPose(than, before, after, rows)
 
 
-__all__ = ["ToolPoints", "calibrated_pose", "tool_points"]
+READINGS, TOLERANCES, EXPLANATIONS, UNEXPLAINED = "readings", "tolerances", "explanations", "unexplained"
+SAMPLES = 250
+"""Poses at which the workspace is sampled."""
+
+
+@dataclass(frozen=True)
+class ToolSpread:
+    """Positions (n, 3) of the tool in the sensor's frame, mm, and the variance (n,) of each source there, mm^2.
+
+    A variance is that of the whole vector: the sum over x, y and z. Directions that neither readings nor tolerances determine
+    are not in it.
+    """
+
+    position: Array
+    variance: Mapping[str, Array]
+
+    @property
+    def std(self) -> Array:
+        """(n,) combined standard uncertainty of the position, mm."""
+        return np.asarray(np.sqrt(sum(self.variance.values())))
+
+
+def tool_spread(fit: Estimate, recording: Recording, rows: Index, q: Array | None = None) -> ToolSpread:
+    """At some rows of a recording, or at other readings ``q`` (k, nq) with the drivers of these rows.
+
+    Poses that cannot be assembled are left out.
+    """
+    part = recording.subset(rows)
+    if part.from_row is not None:
+        part = replace(part, from_row=part.rows)  # where the tool is depends on no other row
+    if q is not None:
+        part = replace(part, q=frozen(np.array(q)))
+    predictor = Predictor(fit.nominal, part, fit.effects)
+    x, good = predictor.assemble(fit.p, fit.x[rows])
+    predictor, x = predictor.of_rows(np.flatnonzero(good)), x[good]
+    pose, twist = predictor.twists(fit.p, x)
+    free = fit.prior.free
+    slopes = twist[:, :3, free] * fit.prior.scale[free]
+    parts = _by_source(fit, slopes)
+    whole, known = _spread(slopes, fit.root), sum(parts.values())
+    further = np.maximum(whole - known, 0.0)
+    if fit.shrunk is None and np.any(further > 1e-6 * whole):
+        parts[EXPLANATIONS] = further
+    own = _own(fit)
+    if own > 0.0:
+        parts[UNEXPLAINED] = np.full(len(pose), own)
+    return ToolSpread(pose[:, :3, 3], parts)
+
+
+def _by_source(fit: Estimate, slopes: Array) -> dict[str, Array]:
+    """Variance (n,) of positions with derivatives ``slopes`` (n, 3, n_free) by what it comes from."""
+    if fit.shrunk is not None:
+        return {READINGS: _spread(slopes, fit.root)}
+    scatter, known, weight, rest = fit.scatter, fit.decomposition, fit.prior_weight, np.zeros(len(slopes))
+    if isinstance(known, Turned):  # what readings do not see of long series is all tolerance
+        turn, own = known.turn, known.own
+        free = turn.rest.multiply((1.0 / np.where(weight > 0.0, weight, 1.0))[:, None]).tocsr()
+        rest = np.sum((slopes.reshape(-1, len(weight)) @ free).reshape(len(slopes), -1) ** 2, axis=1)
+        slopes = (slopes.reshape(-1, len(weight)) @ turn.matrix).reshape(*slopes.shape[:2], -1)
+        known, weight = own, own.weight
+    if scatter.slope != 1.0:  # a robust loss holds on to its readings by its slope
+        known = Decomposition.of(np.sqrt(scatter.slope) * fit.factor[:, :-1], weight)
+    posterior = known.root @ known.root.T
+    pairs = zip(scatter.variance, fit.parts or (fit.factor,), strict=True)
+    noise = np.vstack([np.sqrt(v) * part[:, :-1] for v, part in pairs])
+    by_readings = _spread(slopes, posterior @ noise.T)
+    return {READINGS: by_readings, TOLERANCES: _spread(slopes, posterior * weight) + rest}
+
+
+def _spread(slopes: Array, root: Array) -> Array:
+    """(n,) trace of J C J', from J (n, 3, k) and a root of C; one that is far wider than high is first made square."""
+    (high, wide), flat = root.shape, slopes.reshape(-1, slopes.shape[2])
+    if high / max(len(flat), 1) + high / max(wide, 1) < 1.0:
+        root = np.asarray(np.linalg.qr(root.T, mode="r")).T
+    return np.asarray(np.sum((flat @ root) ** 2, axis=1).reshape(slopes.shape[:2]).sum(axis=1))
+
+
+def _own(fit: Estimate) -> float:
+    """Variance of a position, over its three axes, that no parameter explains, mm^2."""
+    left = unexplained(fit.nominal, fit.residual[fit.used], fit.effective_parameters)
+    sizes = [size for kind, (size, unit) in left.items() if kind.endswith(".position") and unit == "mm"]
+    return sum(3.0 * size**2 for size in sizes)
+
+
+def workspace(fit: Estimate, recording: Recording) -> tuple[ToolSpread, Mask]:
+    """Over what the joints covered in the recording, and over the ranges that the machine file states; which poses (n,) lie
+    within what was covered."""
+    low, high = recording.q.min(axis=0), recording.q.max(axis=0)
+    ranges = [a.range for a in fit.nominal.mechanism.actuators]
+    first = np.array([low[k] if r is None else min(r[0], low[k]) for k, r in enumerate(ranges)])
+    last = np.array([high[k] if r is None else max(r[1], high[k]) for k, r in enumerate(ranges)])
+    share = _spread_evenly(SAMPLES, len(low))
+    q = np.vstack([low + share * (high - low), first + share * (last - first)])
+    rows = np.linspace(0, len(recording) - 1, len(q)).astype(np.intp)
+    inside = np.all((q >= low - 1e-9) & (q <= high + 1e-9), axis=1)
+    parts = [
+        (tool_spread(fit, recording, rows[chosen], q[chosen]), within)
+        for chosen, within in ((inside, True), (~inside, False))
+        if chosen.any()
+    ]
+    sources = dict.fromkeys(source for part, _ in parts for source in part.variance)
+    variance = {
+        s: np.concatenate([p.variance.get(s, np.zeros(len(p.position))) for p, _ in parts]) for s in sources
+    }
+    position = np.concatenate([part.position for part, _ in parts])
+    return ToolSpread(position, variance), np.concatenate([np.full(len(p.position), w) for p, w in parts])
+
+
+def _spread_evenly(n: int, dimensions: int) -> Array:
+    """(n, d) points of the additive recurrence of the generalised golden ratio (Roberts 2018): even, and no two alike."""
+    root = 2.0
+    for _ in range(60):
+        root = (1.0 + root) ** (1.0 / (dimensions + 1))
+    step = (1.0 / root) ** np.arange(1, dimensions + 1)
+    return np.asarray(np.mod(0.5 + np.outer(np.arange(1, n + 1), step), 1.0))

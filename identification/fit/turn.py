@@ -210,6 +210,3 @@ class Turned(Decomposition):
     def share(self, factor: Array) -> float:
         """Degrees of freedom that readings with this factor (k, steps) use."""
         return self.own.share(factor)
-
-
-__all__ = ["Turn", "Turned", "seen_directions", "turn_of"]

@@ -19,15 +19,14 @@ import numpy as np
 
 from truepose.errors import InputError
 from truepose.files import atomic_write_text
-from truepose.identification.fit.absurd import Judgement, judged
-from truepose.identification.fit.estimate import Estimate
-from truepose.identification.fit.estimated import check_estimate
+from truepose.identification.fit.estimated import Estimate, check_estimate
 from truepose.identification.fit.noise import unexplained
 from truepose.identification.fit.read_back import read_back
+from truepose.identification.fit.summary import Judgement, judged
 from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.file.driver import MEASURED_LOADS, ROW, DeclaredDriver, Driver
+from truepose.models.file.driver import MEASURED_LOADS, ROW, Driver
 from truepose.models.file.machine_file import ExpectedPose, machine_text
 from truepose.models.machine.machine import Machine, Mass
 from truepose.models.machine.mechanism import AXES, Direction, Parameter
@@ -248,30 +247,22 @@ def _declare_drivers(document: dict[str, Any], estimate: Estimate) -> None:
     }  # the file has them otherwise
     read = dict.fromkeys(name for effect in estimate.effects for name in effect.drivers)
     known = {d.name: d for d in map(machine.declared, read) if d is not None and d.name not in named}
-    added = [
-        {"name": d.name}
-        | ({"unit": d.unit} if d.unit else {})
-        | ({"drives": d.drives} if _says_more(d) else {})
-        for d in known.values()
-    ]
+    added = list[dict[str, Any]]()
+    for d in known.values():
+        # what a joint's drive holds would drive other joints, where nothing was said
+        more = d.everywhere or Driver.of(d.name).kind not in MEASURED_LOADS
+        unit = {"unit": d.unit} if d.unit else {}
+        added.append({"name": d.name} | unit | ({"drives": d.drives} if more else {}))
     if added:
         document["drivers"] = [*document.get("drivers", ()), *added]
 
 
-def _says_more(driver: DeclaredDriver) -> bool:
-    """Whether what it drives must be said: what a joint's drive holds would drive other joints then."""
-    return driver.everywhere or Driver.of(driver.name).kind not in MEASURED_LOADS
-
-
 def effect_entry(effect: PlacedEffect, std: Mapping[str, float]) -> dict[str, Any]:
     """One entry of ``effects:``; ``std`` by full name (label:coefficient)."""
-    parameters = {}
-    for c in effect.coefficients:
-        parameters[c.name] = {
-            "value": effect.values[c.name],
-            "unit": c.unit,
-            "std": std[f"{effect.label}:{c.name}"],
-        }
+    parameters = {
+        c.name: {"value": effect.values[c.name], "unit": c.unit, "std": std[f"{effect.label}:{c.name}"]}
+        for c in effect.coefficients
+    }
     entry: dict[str, Any] = {"effect": effect.effect.slug, "place": list(effect.place)}
     return {**entry, **dict(effect.settings), "parameters": parameters}
 
@@ -283,13 +274,3 @@ def _unshared(value: Any) -> Any:
     if isinstance(value, Sequence) and not isinstance(value, str):
         return [_unshared(item) for item in value]
     return value
-
-
-__all__ = [
-    "calibrated_document",
-    "calibrated_text",
-    "covariance_of",
-    "effect_entry",
-    "in_file_units",
-    "write_calibrated",
-]

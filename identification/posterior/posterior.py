@@ -1,5 +1,8 @@
 """The posterior over sets, from two chains: how probable each term and cause is, which stand in for each other, the
-likeliest sets, and how far the chains agree."""
+likeliest sets, and how far the chains agree.
+
+Chains with what they have counted, each weighted by the evidence of the region that it is in.
+"""
 
 from __future__ import annotations
 
@@ -8,16 +11,120 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import softmax
 
 from truepose.arrays import Array, Index
-from truepose.identification.posterior.chains import Chains
 from truepose.identification.posterior.design import GridPoint
-from truepose.identification.posterior.mode import tops
-from truepose.identification.posterior.plausible import plausible
-from truepose.identification.posterior.sampler import Chain
+from truepose.identification.posterior.sampler import Chain, Sweep, plausible
 from truepose.identification.posterior.spike_slab import Member, Members, SpikeSlab
-from truepose.identification.posterior.state import State
+from truepose.identification.posterior.state import State, log_posterior, tops
 from truepose.identification.prior import Richness
+
+CHANCE = 1.0
+"""Nats by which the evidence of one region may come out differently, beside what the halves of a chain differ by."""
+
+
+class Tally:
+    """Sums over the sweeps of one chain; ``given``: terms that every state holds."""
+
+    def __init__(self, spike_slab: SpikeSlab) -> None:
+        self._cause, self._given = spike_slab.terms.cause, spike_slab.given
+        self.terms, self.number = np.zeros(len(spike_slab.terms)), spike_slab.terms.n_causes
+        self.beside, self.held = np.zeros((self.number, self.number)), np.zeros(self.number)
+        self.draws = list[tuple[Members, GridPoint]]()
+
+    @property
+    def sweeps(self) -> int:
+        """How many were counted."""
+        return len(self.draws)
+
+    def add(self, sweep: Sweep) -> None:
+        """One sweep more."""
+        for term, _ in self._given:
+            one = np.zeros(len(self.terms))
+            one[term] = 1.0
+            self._count(one, filled=True)
+        for visit in sweep.visits:
+            self._count(visit.terms, filled=visit.filled)
+        self.draws.append((tuple(sorted((*self._given, *sweep.members))), sweep.point))
+
+    def _count(self, terms: Array, *, filled: bool) -> None:
+        self.terms += terms
+        if filled:
+            own = self._by_cause(terms)
+            some = np.flatnonzero(own > 1e-4)
+            self.beside[np.ix_(some, some)] += np.outer(own[some], own[some])
+            self.held += own
+
+    def _by_cause(self, terms: Array) -> Array:
+        return np.asarray(np.bincount(self._cause, weights=terms, minlength=self.number), dtype=float)
+
+    @property
+    def causes(self) -> Array:
+        """(n,) probability of each cause."""
+        return np.asarray(np.minimum(self._by_cause(self.terms) / self.sweeps, 1.0))
+
+
+class Chains:
+    """Chains with what they have counted, each weighted by the evidence of the region that it is in.
+
+    Regions that no chain crosses between are weighed as Gelfand and Dey (1994, JRSS B 56:501) do: the evidence of a region is
+    the posterior of some of its states, by the share of draws that fall on them. The states are those of one half of a
+    chain, and the draws those of the other.
+    """
+
+    def __init__(self, part: SpikeSlab, richness: Richness, chains: Sequence[Chain]) -> None:
+        self._chains, self._richness = chains, richness
+        self._part = part
+        self._logs = dict[tuple[Members, GridPoint], float]()
+        self.tallies = [Tally(part) for _ in chains]
+
+    def run(self) -> None:
+        """Let every chain go on by a sweep, and count it."""
+        for chain, tally in zip(self._chains, self.tallies, strict=True):
+            tally.add(next(chain.sweeps(1)))
+
+    @property
+    def sweeps(self) -> int:
+        """Sweeps of each chain that were counted."""
+        return self.tallies[0].sweeps
+
+    def log_posterior(self, draw: tuple[Members, GridPoint]) -> float:
+        """Of a state that was drawn, up to a constant."""
+        if draw not in self._logs:
+            members, point = draw
+            free = tuple(m for m in members if m not in self._part.given)
+            self._logs[draw] = log_posterior(self._part, self._richness, free, point)
+        return self._logs[draw]
+
+    @property
+    def weights(self) -> Array:
+        """(k,) of the chains; equal where their regions differ by no more than chance makes of one."""
+        found = self.log_evidences
+        if np.ptp(found.mean(axis=1)) <= CHANCE + np.max(np.ptp(found, axis=1)):
+            return np.full(len(found), 1.0 / len(found))
+        return np.asarray(softmax(found.mean(axis=1)))
+
+    @property
+    def log_evidences(self) -> Array:
+        """(k, 2) of the chains' regions, up to a constant that all share: states of either half, seen by the other."""
+        halves = [(t.draws[: len(t.draws) // 2], t.draws[len(t.draws) // 2 :]) for t in self.tallies]
+        return np.array([[self._seen(first, last), self._seen(last, first)] for first, last in halves])
+
+    def _seen(
+        self, some: Sequence[tuple[Members, GridPoint]], others: Sequence[tuple[Members, GridPoint]]
+    ) -> float:
+        states = set(some)
+        share = (sum(draw in states for draw in others) + 0.5) / (len(others) + 1.0)
+        logs = [self.log_posterior(draw) for draw in sorted(states)]
+        return float(np.logaddexp.reduce(logs) - np.log(share))
+
+    @property
+    def disagreement(self) -> float:
+        """Twice the largest distance of a cause in chains from its mean; of two of one weight, how they differ."""
+        shares, weights = np.array([t.causes for t in self.tallies]), self.weights
+        return float(2.0 * np.max(weights @ np.abs(shares - weights @ shares), initial=0.0))
+
 
 AGREED = 0.03
 """Largest difference of a cause's probability between two chains that is none."""
@@ -97,9 +204,7 @@ class Sampling:
         self._part = whole.conditioned([(number[term], size) for term, size in around.certain])
 
         def free(state: State) -> list[Member]:
-            return [
-                (number[term], size) for term, size in state.members if (term, size) not in around.certain
-            ]
+            return [(number[t], size) for t, size in state.members if (t, size) not in around.certain]
 
         starts = ((top.point, free(top)), (other.point, free(other) if other is not top else free(top)[::2]))
         chains = [
@@ -109,13 +214,14 @@ class Sampling:
         self._budget = BUDGET / (SHORTER if spike_slab.is_long(top.members) else 1)
         self._chains, self._done, self._apart = Chains(self._part, richness, chains), 0, other is not top
         for _ in range(BURN):
-            if self._part.work.done < SETTLING * self._budget and not stop():
-                self._chains.settle()
+            if self._part.work < SETTLING * self._budget and not stop():
+                for chain in chains:
+                    next(chain.sweeps(1))
 
     @property
     def work(self) -> float:
         """Operations that the chains took."""
-        return self._part.work.done
+        return self._part.work
 
     def posterior(self, rounds: int = ROUNDS) -> Posterior:
         """What the chains say once they agree, or after so many rounds in all."""
@@ -123,36 +229,29 @@ class Sampling:
         least = (rounds + 1) // 2 if self._apart else 1
         budget = self._budget * (SETTLING + (1.0 - SETTLING) * rounds / ROUNDS)
         while self._done < least or (self._done < rounds and self._chains.disagreement > AGREED):
-            round_over = self._part.work.done + self._budget / ROUNDS
+            round_over = self._part.work + self._budget / ROUNDS
             for _ in range(ROUND):
-                over = self._part.work.done > budget or self._stop()
+                over = self._part.work > budget or self._stop()
                 if over and self._chains.sweeps >= FEWEST:
-                    return _gathered(self._part, self._index, self._chains, cut=True)
-                if self._part.work.done > round_over and self._chains.sweeps >= FEWEST:
+                    return _gathered(self._index, self._chains, cut=True)
+                if self._part.work > round_over and self._chains.sweeps >= FEWEST:
                     break  # long sweeps: it is asked more often whether the chains agree
                 self._chains.run()
             self._done += 1
-        return _gathered(self._part, self._index, self._chains, cut=False)
+        return _gathered(self._index, self._chains, cut=False)
 
 
-def _gathered(part: SpikeSlab, index: Index, chains: Chains, *, cut: bool) -> Posterior:
+def _gathered(index: Index, chains: Chains, *, cut: bool) -> Posterior:
     weights, tallies = chains.weights, chains.tallies
     shares, points = Counter[tuple[Members, GridPoint]](), Counter[GridPoint]()
     for weight, tally in zip(weights.tolist(), tallies, strict=True):
         for draw in tally.draws:
             shares[draw] += weight / tally.sweeps
             points[draw[1]] += weight / tally.sweeps
-    states = [
-        (
-            State(
-                tuple(sorted((int(index[term]), size) for term, size in draw[0])),
-                draw[1],
-                chains.log_posterior(draw),
-            ),
-            share,
-        )
-        for draw, share in sorted(shares.items(), key=lambda item: -item[1])
-    ]
+    states = list[tuple[State, float]]()
+    for draw, share in shares.most_common():
+        members = tuple(sorted((int(index[term]), size) for term, size in draw[0]))
+        states.append((State(members, draw[1], chains.log_posterior(draw)), share))
     by_sweep = weights / [t.sweeps for t in tallies]
     beside = sum(w * t.beside for w, t in zip(by_sweep, tallies, strict=True))
     held = np.sum([w * t.held for w, t in zip(by_sweep, tallies, strict=True)], axis=0)[:, None]
@@ -177,9 +276,8 @@ def mode(posterior: Posterior, spike_slab: SpikeSlab) -> State:
     own, whole = posterior.causes, _with_classes(posterior)
 
     def agreement(state: State) -> float:
-        causes = sorted(
-            {int(spike_slab.terms.cause[term]) for term, _ in state.members}, key=lambda k: -own[k]
-        )
+        held = {int(spike_slab.terms.cause[term]) for term, _ in state.members}
+        causes = sorted(held, key=lambda k: -own[k])
         return sum(there(k, causes[:i]) - 0.5 for i, k in enumerate(causes))
 
     def there(k: int, before: Sequence[int]) -> float:
@@ -189,9 +287,8 @@ def mode(posterior: Posterior, spike_slab: SpikeSlab) -> State:
             return float(own[k] + own[mates[0]] - max(whole[mates[0]], own[k], own[mates[0]]))
         return float(FOR_CLASS * whole[k] + (1.0 - FOR_CLASS) * own[k])
 
-    return max(
-        (state for state, _ in posterior.states), key=lambda s: (round(agreement(s), 3), s.log_posterior)
-    )
+    states = (state for state, _ in posterior.states)
+    return max(states, key=lambda s: (round(agreement(s), 3), s.log_posterior))
 
 
 def _with_classes(posterior: Posterior) -> Array:

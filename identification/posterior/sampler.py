@@ -10,20 +10,25 @@ spike) or holding one term; how likely a slot is filled is integrated out, too. 
 * exchanges two full slots at once (Metropolis and Hastings), so that a pair may become another pair.
 
 Inclusion probabilities are Rao-Blackwellised: each visit of a slot counts its full conditional, not what was drawn.
+
+What chains draw from: terms and values of the grid that are not hopeless around a few states, and what is certain there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import gammaln, softmax
 
-from truepose.arrays import Array
-from truepose.identification.posterior.design import GridPoint
+from truepose.arrays import Array, Mask
+from truepose.identification.posterior.design import GridPoint, Unknowns
+from truepose.identification.posterior.halves import map_large
+from truepose.identification.posterior.marginal import Marginal
 from truepose.identification.posterior.spike_slab import Conditional, Member, Members, SpikeSlab
+from truepose.identification.posterior.state import LOUDER, State, slot_odds
 from truepose.identification.prior import Richness
 
 JOINT, OTHERS = 0.2, 4
@@ -69,16 +74,15 @@ class Chain:
     def sweeps(self, number: int) -> Iterator[Sweep]:
         """So many sweeps."""
         for _ in range(number):
-            visits = tuple(self._each_slot())
+            # every slot is drawn anew, full or empty, in an order that does not depend on what they hold
+            slots: list[Member | None] = [*self.members, *[None] * (self._slots - len(self.members))]
+            visits = tuple(
+                self._redraw(slots[k], self._near() if self._rng.random() < JOINT else [self.point])
+                for k in self._rng.permutation(len(slots))
+            )
             self._exchange()
             self._other_kind()
             yield Sweep(tuple(self.members), self.point, visits)
-
-    def _each_slot(self) -> Iterator[Visit]:
-        """Every slot drawn anew, full or empty, in an order that does not depend on what they hold."""
-        slots: list[Member | None] = [*self.members, *[None] * (self._slots - len(self.members))]
-        for k in self._rng.permutation(len(slots)):
-            yield self._redraw(slots[k], self._near() if self._rng.random() < JOINT else [self.point])
 
     def _redraw(self, member: Member | None, points: Sequence[GridPoint]) -> Visit:
         """Draw a slot together with the point, one of these; the present one is among them."""
@@ -137,20 +141,16 @@ class Chain:
         kind, new, log = self._weighing.terms.kind, list[Member](), 0.0
         while len(rest) + len(new) < self._slots:
             beside = [*rest, *new]
-            odds = (
-                self._conditional(beside).log_odds
-                + self._slot(len(beside))
-                + np.log(self._slots - len(beside))
-            )
+            odds = self._conditional(beside).log_odds + self._slot(len(beside))
+            odds = odds + np.log(self._slots - len(beside))
             if not new:
                 of_kind = np.full(int(kind.max()) + 1, -np.inf)
                 np.logaddexp.at(of_kind, kind, np.logaddexp.reduce(odds, axis=0))
                 of_kind[kind[[t for t, _ in rest]]] = -np.inf
                 shares = softmax(0.5 * of_kind)
                 of = int(kind[given[0][0]]) if given else int(self._rng.choice(len(shares), p=shares))
-                log += float(
-                    0.5 * of_kind[of] + np.logaddexp.reduce(0.5 * of_kind)
-                )  # its weight over its share
+                # its weight over its share
+                log += float(0.5 * of_kind[of] + np.logaddexp.reduce(0.5 * of_kind))
             odds = np.where(kind == of, odds, -np.inf)
             if new:
                 log += float(np.logaddexp.reduce(odds, axis=None, initial=0.0))
@@ -190,12 +190,11 @@ class Chain:
         """Three neighbouring noises, of all kinds or of one, the present one among them: as likely chosen from each of them."""
         kinds, first = len(self.point.noise), int(self._rng.integers(-2, 1))
         which = int(self._rng.integers(-1, kinds)) if kinds > 1 else -1
-        around = [
-            self.point.louder(first + k)
-            if which < 0
-            else self.point.with_noise(which, self.point.noise[which] + first + k)
-            for k in range(3)
-        ]
+        near, steps = self.point, range(first, first + 3)
+        if which < 0:
+            around = [near.louder(k) for k in steps]
+        else:
+            around = [near.with_noise(which, near.noise[which] + k) for k in steps]
         return [p for p in around if self._weighing.unknowns.holds(p)]
 
     def _conditional(self, members: Sequence[Member], leaving: Member | None = None) -> Conditional:
@@ -204,3 +203,99 @@ class Chain:
     def _slot(self, number: int) -> float:
         """Log odds of a slot being filled beside ``number`` members and what is given."""
         return self._richness.slot(len(self._weighing.given) + number)
+
+
+HOPELESS, CERTAIN = 6.0, 20.0
+"""Log odds below which a term is left out of the chains, and from which on a member is no question any more."""
+
+
+@dataclass(frozen=True)
+class Plausible:
+    """What chains draw from: ``terms`` (c,) that are not hopeless in some slot, and such values of the grid; ``certain``:
+    members that nothing can replace."""
+
+    terms: Mask
+    reach: Reach
+    certain: Members
+
+
+def plausible(spike_slab: SpikeSlab, richness: Richness, states: Sequence[State]) -> Plausible:
+    """Around states, whose log posterior is the measure: what each slot may hold, and one more, here and where the grid may be.
+
+    The rival of a term is another term, or a departure of the grid from what is stated.
+    """
+    long = spike_slab.is_long(states[0].members)
+    interest = np.full(len(spike_slab.terms), -np.inf)
+    reach: dict[str, set[int]] = {axis: set() for axis in Reach._fields}
+    certain = set.intersection(*(set(state.members) for state in states))
+    for state in states:
+        table = _without_each(spike_slab, richness, state)
+        alive = {p for row in table.values() for p, log in row.items() if log > -CERTAIN}
+        for leaving, row in table.items():
+            rest = [m for m in state.members if m not in leaving]
+            points = {state.point}
+            if not leaving:
+                points = _stated(state.point, row)
+            elif not long:  # of a long set, which takes long, only where it is
+                points |= {state.point.at("remainder", 0), max(row, key=lambda p: row[p])}
+            for point in points:
+                odds = np.logaddexp.reduce(spike_slab.log_odds(point, rest, leaving), axis=0)
+                odds += row[point] + slot_odds(richness, len(rest))
+                np.maximum(interest, odds, out=interest)
+                alive |= {point} if odds.max(initial=-np.inf) > -CERTAIN else set()
+                others = np.logaddexp.reduce(np.delete(odds, [m[0] for m in leaving]), initial=row[point])
+                certain -= set(leaving) if others > -CERTAIN else set()
+        interest[[term for term, _ in state.members]] = np.inf
+        for axis, values in reach.items():
+            values |= {getattr(p, axis) for p in alive}
+    axes = Reach(*(tuple(sorted(values)) for values in reach.values()))
+    return Plausible(interest > -HOPELESS, axes, tuple(sorted(certain)))
+
+
+def _stated(point: GridPoint, row: Mapping[GridPoint, float]) -> set[GridPoint]:
+    """A point, quieter ones, and stated tolerances without a remainder: where a term may stand that the grid stands in for."""
+    first, stated = point.noise[0], (point.at("widening", 0), point.at("remainder", 0))
+    quieter = {p for p in row if p.noise[0] < first and p == point.louder(p.noise[0] - first)}
+    return {point, *quieter} | {p for p in row if p in stated}
+
+
+def _without_each(
+    spike_slab: SpikeSlab, richness: Richness, state: State
+) -> dict[Members, dict[GridPoint, float]]:
+    """Log posterior of a state as it is, and without each of its members, less its own, at points around.
+
+    By what leaves; the points differ from the state's in one coordinate.
+    """
+    part, columns, sizes = spike_slab.of_members(state.members)
+    widths = [len(spike_slab.terms.columns[t]) for t, _ in state.members]
+    owner = np.repeat(np.arange(len(widths)), widths)
+    own = spike_slab.log_evidence(state.point, state.members)
+    out: dict[Members, dict[GridPoint, float]] = {(): {}, **{(m,): {} for m in state.members}}
+    points = _around(spike_slab.unknowns, state.point)
+    roots, width = [part.root(point) for point in points], len(columns)
+
+    def weighed(root: Marginal) -> tuple[float, list[float]]:
+        there = root.including(columns, sizes)
+        each = (there.without(np.flatnonzero(owner == k)) for k in range(len(state.members)))
+        return there.log_evidence - own, [without.log_evidence - own for without in each]
+
+    whole_prior, slot = (
+        spike_slab.log_prior(state.members),
+        slot_odds(richness, max(len(state.members) - 1, 0)),
+    )
+    prior = {
+        m: spike_slab.log_prior([k for k in state.members if k != m]) - whole_prior for m in state.members
+    }
+    every = map_large(weighed, roots, width**2 * (2.0 * width + part.design.n))
+    for point, (whole, gone) in zip(points, every, strict=True):
+        out[()][point] = whole
+        for member, value in zip(state.members, gone, strict=True):
+            out[member,][point] = value + prior[member] - slot
+    return out
+
+
+def _around(unknowns: Unknowns, point: GridPoint) -> list[GridPoint]:
+    """A point, and what differs from it in one coordinate: all widenings and remainders, a few noises."""
+    noises = [point.louder(k) for k in LOUDER]
+    others = [p for axis in Reach._fields for p in unknowns.along(point, axis)]
+    return [p for p in dict.fromkeys([point, *noises, *others]) if unknowns.holds(p)]

@@ -1,23 +1,87 @@
-"""Evidence of sets of terms, and what a further slot may hold: remembered, for a chain comes back to the same sets."""
+"""Evidence of sets of terms, and what a further slot may hold: remembered, for a chain comes back to the same sets.
+
+Work that evidences took, counted in operations: a search that ends by it does the same steps on every processor.
+
+What was worked out and may be asked for again, within a limit of memory.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import replace
 from functools import cached_property
+from typing import Generic, TypeVar
 
 import numpy as np
 from scipy.linalg import block_diag
 
 from truepose.arrays import Array, Index, Mask
-from truepose.identification.posterior.conditional import log_gains, plausibility
-from truepose.identification.posterior.design import Design, GridPoint, Unknowns
-from truepose.identification.posterior.large import map_large
-from truepose.identification.posterior.marginal import Marginal, marginal, nbytes
-from truepose.identification.posterior.memory import REMEMBERED, Memory
-from truepose.identification.posterior.terms import Term, Terms
-from truepose.identification.posterior.work import Work
+from truepose.identification.posterior.design import Design, GridPoint, SameSize, Term, Terms, Unknowns
+from truepose.identification.posterior.halves import map_large
+from truepose.identification.posterior.marginal import Marginal, log_gains, marginal, nbytes, plausibility
 from truepose.identification.prior import LONG, Sizes
+
+CALL, DENSE, SMALL = 1e5, 0.04, 3.0
+"""What counts for one: a call with what is around it, a multiplication among large matrices, one among many small ones.
+In nanoseconds of a processor of 2023, about."""
+
+
+def cost_of_taking(columns: int, width: int) -> float:
+    """Return what it takes to take in some columns beside ``width`` others."""
+    return CALL + DENSE * columns**2 * (columns / 3.0 + width)
+
+
+def cost_of_weighing(groups: Sequence[SameSize], sizes: int) -> float:
+    """Return what it takes to weigh all terms at all sizes."""
+    shapes = [group.columns.shape for group in groups]
+    return float(sum(CALL + count * k**2 * sizes * (SMALL + DENSE * k) for count, k in shapes))
+
+
+REMEMBERED = 80_000_000
+"""Bytes of values that take much memory which are kept."""
+Value = TypeVar("Value")
+
+
+class Memory(Generic[Value]):
+    """The latest so many values, and of those that take much memory no more than fit into ``REMEMBERED``."""
+
+    def __init__(self, limit: int, size: Callable[[Value], int] | None = None) -> None:
+        self._limit, self._values, self._size = max(limit, 4), OrderedDict[Hashable, Value](), size
+        self._sizes, self._total = dict[Hashable, int](), 0
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._values.clear()
+        self._sizes.clear()
+        self._total = 0
+
+    def get_or(self, key: Hashable, make: Callable[[], Value]) -> Value:
+        """The value of a key, made where it is not there."""
+        return self.get_all([key], lambda _: [make()])[0]
+
+    def get_all(
+        self, keys: Sequence[Hashable], make: Callable[[Sequence[int]], Sequence[Value]]
+    ) -> list[Value]:
+        """The values of keys; those that are not there, by their places, are made at once."""
+        new = [k for k, key in enumerate(keys) if key not in self._values]
+        made = dict(zip(new, make(new), strict=True)) if new else {}
+        found = [made[k] if k in made else self._values[key] for k, key in enumerate(keys)]
+        for key, value in zip(keys, found, strict=True):
+            self._values[key] = value
+            self._values.move_to_end(key)
+            if self._size is not None:  # values grow while they are used
+                size = self._size(value)
+                self._total += size - self._sizes.get(key, 0)
+                self._sizes[key] = size
+        while len(self._values) > max(self._limit, len(keys)) or (
+            self._total > REMEMBERED
+            and len(self._values) > len(keys)  # what was asked for stays, however large
+        ):
+            key, _ = self._values.popitem(last=False)
+            self._total -= self._sizes.pop(key, 0)
+        return found
+
 
 Member = tuple[int, int]
 """A term and the index of its size."""
@@ -39,41 +103,33 @@ SETS = 200_000
 """Evidences that are kept."""
 
 
-@dataclass(frozen=True)
 class Conditional:
     """What a slot may hold beside other members: log odds (s, c) of each term at each size, before those of the slot.
 
     log_evidence: of the other members.
     """
 
-    log_odds: Array
-    log_evidence: float
-    log_sum: float
-    sums: Array
-    shares: Array
-
-    @classmethod
-    def of(cls, log_odds: Array, log_evidence: float) -> Conditional:
-        """From log odds (s, c)."""
+    def __init__(self, log_odds: Array, log_evidence: float) -> None:
+        self.log_odds, self.log_evidence = log_odds, log_evidence
         top = float(np.max(log_odds, initial=-1e300))
         weight = np.exp(log_odds - top)
         total = max(float(weight.sum()), 1e-300)  # no term may be wanted at all
-        log_sum = top + float(np.log(total))
-        return cls(log_odds, log_evidence, log_sum, np.cumsum(weight / total), weight.sum(axis=0) / total)
+        self._log_sum, self._sums = top + float(np.log(total)), np.cumsum(weight / total)
+        self._shares = weight.sum(axis=0) / total
 
     def log_total(self, slot: float) -> float:
         """Log of the sum of the odds of everything, nothing (1) included."""
-        return float(np.logaddexp(0.0, self.log_sum + slot))
+        return float(np.logaddexp(0.0, self._log_sum + slot))
 
     def terms(self, slot: float) -> Array:
         """(c,) probability of each term."""
-        return np.asarray(self.shares * np.exp(self.log_sum + slot - self.log_total(slot)))
+        return np.asarray(self._shares * np.exp(self._log_sum + slot - self.log_total(slot)))
 
     def draw(self, slot: float, rng: np.random.Generator) -> Member | None:
         """A member, or nothing."""
-        if np.log(rng.random()) > self.log_sum + slot - self.log_total(slot):
+        if np.log(rng.random()) > self._log_sum + slot - self.log_total(slot):
             return None
-        at = min(int(np.searchsorted(self.sums, rng.random())), len(self.sums) - 1)
+        at = min(int(np.searchsorted(self._sums, rng.random())), len(self._sums) - 1)
         size, term = divmod(at, self.log_odds.shape[1])
         return int(term), int(size)
 
@@ -94,7 +150,7 @@ class SpikeSlab:
         self._taken, self._priors = Memory[Marginal](8, nbytes), Memory[Array](32)
         self._conditionals = Memory[Conditional](REMEMBERED // (16 * (len(terms) + 1) * len(sizes.values)))
         self._evidences = Memory[float](SETS)
-        self.work = Work()
+        self.work = 0.0
 
     def restricted(self, wanted: Mask) -> tuple[SpikeSlab, Index]:
         """The problem with the terms wanted (c,) only, and their numbers in this one."""
@@ -103,12 +159,8 @@ class SpikeSlab:
         columns = np.unique(np.concatenate([*own, np.zeros(0, dtype=np.intp)])).astype(np.intp)
         place = np.zeros(self.design.width, dtype=np.intp)
         place[columns] = np.arange(len(columns))
-        return SpikeSlab(
-            self.design.restricted(columns),
-            self.unknowns,
-            self.terms.restricted(index.tolist(), place),
-            self.sizes,
-        ), index
+        terms = self.terms.restricted(index.tolist(), place)
+        return SpikeSlab(self.design.restricted(columns), self.unknowns, terms, self.sizes), index
 
     def of_members(self, members: Sequence[Member]) -> tuple[SpikeSlab, Index, Array]:
         """The problem with these members' terms only, and the members' columns and sizes there, in their order."""
@@ -135,12 +187,8 @@ class SpikeSlab:
         if at > FEWER * self.design.width:
             return self  # hardly any fewer
         columns = np.concatenate([*self.terms.columns, np.zeros(0, dtype=np.intp)]).astype(np.intp)
-        return SpikeSlab(
-            self.design.turned(columns, block_diag(*turns)),
-            self.unknowns,
-            Terms(terms, self.terms.urn, self.terms.groups),
-            self.sizes,
-        )
+        design = self.design.turned(columns, block_diag(*turns))
+        return SpikeSlab(design, self.unknowns, Terms(terms, self.terms.urn), self.sizes)
 
     def conditioned(self, given: Sequence[Member]) -> SpikeSlab:
         """The same problem with members that are no question any more: they are taken in once at every point."""
@@ -157,7 +205,7 @@ class SpikeSlab:
         """Without any term, at a point."""
 
         def made() -> Marginal:
-            self.work.count_taken(self.design.n, self.design.width)
+            self.work += cost_of_taking(self.design.n, self.design.width)
             return marginal(self.design, self.unknowns, self.terms, point)
 
         return self._roots.get_or(point, made)
@@ -209,7 +257,7 @@ class SpikeSlab:
         own = self.columns(self.given)
 
         def made() -> Marginal:
-            self.work.count_taken(len(own[0]), self.design.width)
+            self.work += cost_of_taking(len(own[0]), self.design.width)
             return self.root(point).beside(*own, self._left, self._open)
 
         return self._bases.get_or(point, made)
@@ -228,7 +276,7 @@ class SpikeSlab:
         own, width = self.columns(others, self._open), len(self._left)
 
         def made() -> Marginal:
-            self.work.count_taken(len(own[0]), width)
+            self.work += cost_of_taking(len(own[0]), width)
             return base.including(*own)
 
         whole = self._taken.get_or((point, tuple(others)), made)
@@ -236,19 +284,12 @@ class SpikeSlab:
             return whole
         widths = [len(self.terms.columns[term]) for term, _ in others]
         gone = np.flatnonzero(np.repeat([m in leaving for m in others], widths))
-        self.work.count_left(len(gone), len(own[0]), width)
+        self.work += CALL + DENSE * len(gone) * len(own[0]) * (len(gone) + width)
         return whole.without(gone)
 
     def log_odds(self, point: GridPoint, members: Sequence[Member], leaving: Members = ()) -> Array:
         """(s, c) log odds of each further term at each size beside the members, prior included; a slot's odds are not."""
         return self.conditional(point, members, leaving).log_odds
-
-    def _log_prior_beside(self, members: Members) -> Array:
-        """(s, c) log prior of each further term at each size; what would not be noticed is nothing, nor what the readings
-        do not hold."""
-        every = (*self.given, *members)
-        room = self.capacity - sum(self.ranks[term] for term, _ in every)
-        return np.where(self.noticeable & (self.ranks <= room), self.terms.log_prior(every), -np.inf)
 
     def conditional(self, point: GridPoint, members: Sequence[Member], leaving: Members = ()) -> Conditional:
         """What a further slot may hold beside the members; ``leaving`` as in ``beside``."""
@@ -260,14 +301,19 @@ class SpikeSlab:
         """The same at several points, worked out at once; ``leaving`` were there at one of them, ``here``."""
         rest = tuple(sorted(members))
 
+        def priors() -> Array:  # what would not be noticed is nothing, nor what the readings do not hold
+            every = (*self.given, *rest)
+            room = self.capacity - sum(self.ranks[term] for term, _ in every)
+            return np.where(self.noticeable & (self.ranks <= room), self.terms.log_prior(every), -np.inf)
+
         def made(new: Sequence[int]) -> list[Conditional]:
-            prior = self._priors.get_or(rest, lambda: self._log_prior_beside(rest))
+            prior = self._priors.get_or(rest, priors)
             there = [self.beside(points[k], rest, leaving if points[k] == here else ()) for k in new]
             groups = [group for group in self._open.by_size if np.isfinite(prior[:, group.terms]).any()]
             odds = log_gains(there, self.sizes, groups) + prior
             for _ in new:
-                self.work.count_weighed(groups, len(self.sizes.values))
-            return [Conditional.of(o, m.log_evidence) for o, m in zip(odds, there, strict=True)]
+                self.work += cost_of_weighing(groups, len(self.sizes.values))
+            return [Conditional(o, m.log_evidence) for o, m in zip(odds, there, strict=True)]
 
         return self._conditionals.get_all([(p, rest) for p in points], made)
 
@@ -283,7 +329,7 @@ class SpikeSlab:
         def made(new: Sequence[int]) -> list[float]:
             bases = [self.base(points[k]) for k in new]
             for _ in new:
-                self.work.count_taken(width, width)
+                self.work += cost_of_taking(width, width)
             if not members:
                 return [base.log_evidence for base in bases]
             gains = map_large(lambda base: base.gain(*own), bases, width**2 * (width / 3.0 + self.design.n))
@@ -311,8 +357,6 @@ class SpikeSlab:
 
     def log_prior(self, members: Sequence[Member]) -> float:
         """Log prior of members and their sizes beside what is given, without that of their number."""
-        if not all(self.noticeable[size, term] for term, size in members) or not self.holds(
-            (*self.given, *members)
-        ):
-            return -np.inf
-        return self.terms.log_prior_of((*self.given, *members))
+        every = (*self.given, *members)
+        noticed = all(self.noticeable[size, term] for term, size in members)
+        return self.terms.log_prior_of(every) if noticed and self.holds(every) else -np.inf

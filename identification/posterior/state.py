@@ -1,17 +1,24 @@
-"""A state of the posterior: a set of terms with their sizes at a point of the grid; its posterior, and its coefficients."""
+"""A state of the posterior: a set of terms with their sizes at a point of the grid; its posterior, and its coefficients.
+
+The posterior mode by coordinate ascent, slot by slot and axis by axis, from a start.
+
+Forward selection with a second look: a state gains the likeliest term while one is likelier than nothing, then every slot
+is filled anew beside the others, until nothing changes.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri
 
 from truepose.arrays import Array, Index
 from truepose.identification.posterior.design import GridPoint
-from truepose.identification.posterior.marginal import ROUNDING
-from truepose.identification.posterior.spike_slab import Members, SpikeSlab
+from truepose.identification.posterior.marginal import ROUNDING, Marginal, log_gains_together, prior_sigma
+from truepose.identification.posterior.spike_slab import Member, Members, SpikeSlab
 from truepose.identification.prior import Richness
 
 _STEPS = (2 ** np.arange(5)).tolist()
@@ -64,9 +71,8 @@ def log_posterior(spike_slab: SpikeSlab, richness: Richness, members: Members, p
 def best_point(spike_slab: SpikeSlab) -> GridPoint:
     """The likeliest noise without any term, at stated tolerances and without a remainder."""
     count = max(len(axis.values) for axis in spike_slab.unknowns.noise)
-    return max(
-        (spike_slab.unknowns.all_at(k) for k in range(count)), key=lambda p: spike_slab.root(p).log_evidence
-    )
+    points = (spike_slab.unknowns.all_at(k) for k in range(count))
+    return max(points, key=lambda p: spike_slab.root(p).log_evidence)
 
 
 @dataclass(frozen=True)
@@ -82,11 +88,9 @@ def moments(spike_slab: SpikeSlab, state: State) -> Moments:
     """Given the state's members, their sizes, and its noise, tolerances and remainder."""
     design, unknowns = spike_slab.design, spike_slab.unknowns
     columns, sizes = spike_slab.columns(state.members)
-    tau = unknowns.size.values[state.point.remainder]
-    own = np.flatnonzero(~design.always.remainder | (tau > 0.0))
+    sigma, there = prior_sigma(design, unknowns, state.point)
+    own = np.flatnonzero(there)
     at = np.concatenate([own, design.n + columns]).astype(np.intp)
-    factors = np.array([*unknowns.widening[state.point.widening], 1.0])
-    sigma = design.always.sigma * np.where(design.always.remainder, tau, factors[design.always.part])
     gram, right = np.diag(np.concatenate([sigma[own], sizes]) ** -2.0), np.zeros(len(at))
     for part, scale in zip(design.grams, unknowns.scales(state.point), strict=True):
         gram += part[np.ix_(at, at)] / scale**2
@@ -112,3 +116,212 @@ def typical(states: Sequence[tuple[State, float]], number: int) -> list[tuple[St
     picked = np.searchsorted(ends, ends[-1] * (np.arange(number) + 0.5) / number)
     which, counts = np.unique(np.minimum(picked, len(states) - 1), return_counts=True)
     return [(states[k][0], float(count) / number) for k, count in zip(which, counts, strict=True)]
+
+
+ROUNDS = 30
+"""Most rounds of an ascent: each adds one term at most."""
+OFTEN = 1.25
+"""How many times more terms a set has gained before its likeliest noise is looked for anew."""
+CLIMBING = 5e9
+"""Operations after which the ascents from some starts end wherever they are."""
+STEPS = (4, 1)
+"""Steps on an axis of the grid that are repeated while they gain, in turn."""
+
+LIKELY, EXCHANGES = 20.0, 4
+"""Log odds against an exchange of a kind for another, as it is proposed, up to which an ascent is worth it; most of them."""
+
+
+def ascended(
+    spike_slab: SpikeSlab,
+    richness: Richness,
+    point: GridPoint,
+    members: Sequence[Member],
+    limit: float = np.inf,
+) -> State:
+    """Return a state whose every slot holds the likeliest cause beside the others, or nothing, at the likeliest point near.
+
+    Where so much work (``limit``) was done before, it is as far as the ascent came.
+    """
+    current = list(members)
+    while not spike_slab.holds(current):
+        current.pop()
+    looked = -1
+    for _ in range(ROUNDS):
+        if spike_slab.work > limit:
+            break
+        before, here = set(current), point
+        if not looked <= len(current) < OFTEN * looked:
+            point, looked = nearest_top(spike_slab, point, current, thorough=False), len(current)
+        grown = _grown(spike_slab, richness, point, current)
+        if len(grown) > len(current):
+            current = grown
+            continue
+        for member in sorted(current, key=lambda m: spike_slab.sizes.values[m[1]]):
+            rest = [m for m in current if m != member]
+            current = [*rest, *_likeliest(spike_slab, richness, point, rest, (member,))]
+        point = nearest_top(spike_slab, point, current)
+        if set(current) == before and point == here:
+            break
+    found = tuple(sorted(current))
+    return State(found, point, log_posterior(spike_slab, richness, found, point))
+
+
+def alternatives(
+    spike_slab: SpikeSlab, richness: Richness, state: State, limit: float = np.inf
+) -> list[State]:
+    """Where ascents lead when all members of a kind give way to a group of another kind: the likeliest such exchanges."""
+    kinds = spike_slab.terms.kind
+    found = list[tuple[float, tuple[Member, ...]]]()
+    for kind in {int(kinds[t]) for t, _ in state.members}:
+        rest = [m for m in state.members if kinds[m[0]] != kind]
+        before = log_posterior(spike_slab, richness, tuple(rest), state.point) - state.log_posterior
+        best = dict[int, tuple[float, tuple[Member, ...]]]()
+        for gain, added in _groups(spike_slab, richness, state.point, rest):
+            other = int(kinds[added[0][0]])
+            if other != kind:
+                best[other] = max(best.get(other, (-np.inf, ())), (before + gain, (*rest, *added)))
+        found += best.values()
+    likely = sorted((each for each in found if each[0] > -LIKELY), reverse=True)[:EXCHANGES]
+    return [ascended(spike_slab, richness, state.point, members, limit) for _, members in likely]
+
+
+def _groups(
+    spike_slab: SpikeSlab, richness: Richness, point: GridPoint, members: Sequence[Member]
+) -> Iterator[tuple[float, tuple[Member, ...]]]:
+    """All causes of a kind, the likeliest term of each, at their likeliest common size: what acts faintly at all its places.
+
+    Each with the log posterior that it gains.
+    """
+    terms = spike_slab.terms
+    beside, before = spike_slab.beside(point, members), spike_slab.log_prior(members)
+    odds = np.logaddexp.reduce(spike_slab.conditional(point, members).log_odds, axis=0)
+    there = np.isin(terms.cause, terms.cause[[m for m, _ in members]])
+    for kind in np.unique(terms.kind):
+        own = np.flatnonzero((terms.kind == kind) & np.isfinite(odds) & ~there)
+        likeliest = {int(terms.cause[t]): int(t) for t in own[np.argsort(odds[own])]}.values()
+        if len(likeliest) < 2:
+            continue
+        columns = np.concatenate([terms.columns[t] for t in likeliest])
+        size = int(np.argmax(log_gains_together(beside, columns, spike_slab.sizes)))
+        added = tuple((t, size) for t in likeliest if spike_slab.noticeable[size, t])
+        if len(added) > 1:
+            yield _growth(spike_slab, richness, beside, before, members, added), added
+
+
+def _grown(
+    spike_slab: SpikeSlab, richness: Richness, point: GridPoint, members: Sequence[Member]
+) -> list[Member]:
+    """With the likeliest term more, or with a whole group where that is likelier: what acts at all its places, faintly."""
+    single, value = _likeliest(spike_slab, richness, point, members), 0.0
+    if single:
+        beside, before = spike_slab.beside(point, members), spike_slab.log_prior(members)
+        value = _growth(spike_slab, richness, beside, before, members, single)
+    gain, group = max(_groups(spike_slab, richness, point, members), default=(-np.inf, ()))
+    return [*members, *(group if gain > value else single)]
+
+
+def _growth(
+    spike_slab: SpikeSlab, richness: Richness, beside: Marginal, before: float, members: Sequence[Member],
+    added: Sequence[Member],
+) -> float:  # fmt: skip
+    """Log posterior that members ``added`` gain together beside others, which a marginal has taken in."""
+    slots = sum(slot_odds(richness, len(members) + k) for k in range(len(added)))
+    prior = spike_slab.log_prior([*members, *added]) - before
+    return beside.gain(*spike_slab.columns(added)) + prior + slots
+
+
+def _likeliest(
+    spike_slab: SpikeSlab, richness: Richness, point: GridPoint, rest: Sequence[Member], leaving: Members = ()
+) -> list[Member]:
+    """The likeliest term of the likeliest cause in a slot, at its likeliest size; none where nothing is likelier."""
+    odds = spike_slab.conditional(point, rest, leaving).log_odds
+    own = np.logaddexp.reduce(odds, axis=0)
+    cause, top = spike_slab.terms.cause, float(own.max(initial=-np.inf))
+    if not np.isfinite(top):
+        return []  # nothing may stand beside the rest
+    weight = np.bincount(cause, weights=np.exp(own - top))
+    best = int(np.argmax(weight))
+    if float(np.log(weight[best])) + top + slot_odds(richness, len(rest)) < 0.0:
+        return []
+    term = int(np.argmax(np.where(cause == best, own, -np.inf)))
+    return [(term, int(np.argmax(odds[:, term])))]
+
+
+def nearest_top(
+    spike_slab: SpikeSlab, point: GridPoint, members: Sequence[Member], *, thorough: bool = True
+) -> GridPoint:
+    """The likeliest point of the grid near one, coordinate by coordinate until none gains.
+
+    Not ``thorough``: one noise of all kinds and the remainder, once.
+    """
+    unknowns, best, value = spike_slab.unknowns, point, spike_slab.log_evidence(point, members)
+    kinds = len(point.noise) if thorough and len(point.noise) > 1 else 0  # the noise of each by itself, too
+    lines: list[Line] = [*_LINES, *(partial(_along_kind, kind) for kind in range(kinds))]
+    while True:
+        before = best
+        for line in lines:
+            best, value = _along(spike_slab, members, line, best, value)
+        if thorough:
+            best, value, _ = _better(spike_slab, members, unknowns.along(best, "widening"), best, value)
+        if best == before or not thorough:
+            return best
+
+
+Line = Callable[[GridPoint, int], GridPoint]
+
+
+def _along(
+    spike_slab: SpikeSlab, members: Sequence[Member], line: Line, best: GridPoint, value: float
+) -> tuple[GridPoint, float]:
+    """The best point of a line that longer and shorter steps reach, and its log evidence.
+
+    Evidence has one top along the noise: where neither neighbour is better, longer steps are not tried.
+    """
+
+    def stepped(step: int) -> tuple[GridPoint, float, bool]:
+        near = [p for p in (line(best, -step), line(best, step)) if spike_slab.unknowns.holds(p)]
+        return _better(spike_slab, members, near, best, value)
+
+    if line is not _along_remainder and not stepped(1)[2]:
+        return best, value
+    for step in STEPS:
+        moved = True
+        while moved:
+            best, value, moved = stepped(step)
+    return best, value
+
+
+def _along_remainder(point: GridPoint, step: int) -> GridPoint:
+    return point._replace(remainder=point.remainder + step)
+
+
+_LINES: tuple[Line, ...] = (lambda point, step: point.louder(step), _along_remainder)
+
+
+def _along_kind(kind: int, point: GridPoint, step: int) -> GridPoint:
+    return point.with_noise(kind, point.noise[kind] + step)
+
+
+def _better(
+    spike_slab: SpikeSlab,
+    members: Sequence[Member],
+    points: Sequence[GridPoint],
+    best: GridPoint,
+    value: float,
+) -> tuple[GridPoint, float, bool]:
+    """The best of some points and the present one, its log evidence, and whether it is another one."""
+    found = spike_slab.log_evidences(points, members)
+    top, at = max(((value, k) for k, value in enumerate(found)), default=(-np.inf, 0))
+    return (points[at], top, True) if top > value else (best, value, False)
+
+
+def tops(spike_slab: SpikeSlab, richness: Richness, known: Sequence[State] = ()) -> list[State]:
+    """Where ascents lead, from known states or else from nothing, and what is nearly as likely by exchanges of kinds; the
+    likeliest first."""
+    starts = [(state.point, state.members) for state in known] or [(best_point(spike_slab), ())]
+    limit = spike_slab.work + CLIMBING
+    found = [ascended(spike_slab, richness, *start, limit) for start in starts]
+    best = max(found, key=lambda state: state.log_posterior)
+    found += alternatives(spike_slab, richness, best, limit)
+    every = sorted({state.members: state for state in found}.values(), key=lambda state: -state.log_posterior)
+    return [state for state in every if state.log_posterior > every[0].log_posterior - LIKELY]

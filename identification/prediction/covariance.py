@@ -82,7 +82,8 @@ class Covariance:
             names = tuple(str(name) for name in section["names"])
             factor, rows = _factor(section["factor"], len(names))
             unknown = np.array([str(row).split() for row in section.get("unknown", [])], dtype=float)
-            own = {name: _quantity(item) for name, item in section.get("unexplained", {}).items()}
+            items = section.get("unexplained", {}).items()
+            own = {name: (float(item["value"]), str(item["unit"])) for name, item in items}
             seen = {str(name): _range(item) for name, item in section.get("seen", {}).items()}
         except (AttributeError, KeyError, TypeError, ValueError, IndexError) as exc:
             raise InputError(
@@ -100,13 +101,10 @@ class Covariance:
     def document(self) -> dict[str, Any]:
         """Names, rows of the lower triangle as text (packed, where they are many), unknown directions as text."""
         packed = len(self.names) > MANY
-        out: dict[str, Any] = {
-            "form": f"{_FORM}; {_PACKED}" if packed else _FORM,
-            "names": list(self.names),
-            "factor": _packed(self.factor)
-            if packed
-            else [_text(self.factor[k, : k + 1]) for k in range(len(self.names))],
-        }
+        rows = [] if packed else [_text(self.factor[k, : k + 1]) for k in range(len(self.names))]
+        form = f"{_FORM}; {_PACKED}" if packed else _FORM
+        factor = _packed(self.factor) if packed else rows
+        out: dict[str, Any] = {"form": form, "names": list(self.names), "factor": factor}
         if len(self.unknown):
             out["unknown"] = [_text(row) for row in self.unknown]
         if self.unexplained:
@@ -127,10 +125,6 @@ class Covariance:
             seen = np.linalg.norm(jacobian @ unit.T, axis=-1) > UNSEEN * size
             out = np.where(seen, np.inf, out)
         return out
-
-
-def _quantity(item: Mapping[str, Any]) -> Quantity:
-    return float(item["value"]), str(item["unit"])
 
 
 def _range(item: Sequence[float]) -> tuple[float, float]:

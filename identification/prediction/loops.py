@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from truepose.arrays import Array, Index, Mask
 from truepose.codegen.evaluation.batch import BatchFunction
-from truepose.identification.prediction.blocks import TOGETHER
+from truepose.identification.prediction.sensor_rows import TOGETHER
 from truepose.models.machine.closure import ROUNDS, closed, coordinate_scale, slides_of
 from truepose.models.machine.kinematics import SymbolicModel
 from truepose.threads import in_order
@@ -30,9 +30,8 @@ class Loops:
         """Equations, their derivative by x, and gaps."""
         self.scale = coordinate_scale(m.machine, len(m.home), m.gap.numel())
         slides = slides_of(m.machine.mechanism)
-        self.slides = np.array(
-            [*slides, *(len(m.home) - len(slides)) * [False]], dtype=bool
-        )  # forces come last
+        forces = (len(m.home) - len(slides)) * [False]  # these come last
+        self.slides = np.array([*slides, *forces], dtype=bool)
 
     def assemble(
         self,

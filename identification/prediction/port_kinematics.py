@@ -68,10 +68,9 @@ class PortKinematics:
     def sight(self, q: Array, z: Array, p: Array, values: Array) -> Sight:
         """What the sensors have before them in rows of readings q (n, nq) and drivers z (n, nz), with their ``values``."""
         own = self.port[: values.shape[1]]
-        shifts = np.column_stack(
-            [values[:, own == k] @ p[self.column[: len(own)][own == k]] for k in self.shifted]
-            or [np.zeros((len(q), 0))]
-        )
+        column = self.column[: len(own)]
+        moved = [values[:, own == k] @ p[column[own == k]] for k in self.shifted]
+        shifts = np.column_stack(moved or [np.zeros((len(q), 0))])
         pose, twist, slopes, shift, shift_by, moving = self.function(q, z, p, shifts)
         ports = ByPorts(slopes, self.port, self.column, np.hstack([values, moving[..., 0]]))
         return Sight(pose, twist, shift[..., 0], shift_by, at=self.at, ports=ports)
@@ -120,6 +119,3 @@ def twists_by(world: ca.SX, *variables: ca.SX) -> list[ca.SX]:
     """(6, v) derivatives of a pose (4, 4), as twists, by each vector of variables."""
     flat, turn = ca.vec(world[:3, :]), twist_rows(world)
     return [turn @ ca.jacobian(flat, by) for by in variables]
-
-
-__all__ = ["PortKinematics", "twist_rows", "twists_by"]

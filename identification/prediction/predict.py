@@ -1,12 +1,19 @@
 """What the sensors should have read, row by row, with the 1-sigma of the model.
 
 ``predict`` uses the machine's own effects with the recording's drivers. The 1-sigma is that of the model
-alone, without the sensor's noise (``truepose.identification.prediction.spread``).
+alone, without the sensor's noise (``truepose.identification.prediction.predict``).
+
+How far the model may be off, column by column: parameters, what no parameter explains, and rows that were never seen.
+
+The variance of a column is J C J', C from the file's ``covariance:`` for what it names and from tolerances for the
+rest; plus the square of what the fit left ``unexplained`` in that kind of reading; plus, outside of what was seen, what
+forms without a name (``empirical``) and the errors of form of named effects may be there. What is unexplained of
+rotations is that of a small turn; a column of a rotation vector near half a turn moves more than that.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,17 +21,125 @@ import pandas as pd
 
 from truepose.arrays import Array, Index, Mask
 from truepose.errors import InputError
-from truepose.identification.prediction.blocks import TOGETHER
 from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.prediction.spread import column_std
+from truepose.identification.prediction.sensor_rows import TOGETHER
+from truepose.identification.prior import FORM_ERROR
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
-from truepose.models.file.driver import ROW, Driver
+from truepose.models.effects.common import sensor_names
+from truepose.models.effects.empirical import Empirical
+from truepose.models.file.driver import PAYLOAD, ROW, Driver
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import AXIS_UNITS
+from truepose.models.sensors.base import Sensor
 from truepose.models.units import convert
 from truepose.wording import joined
+
+LEAST_RANGE = 1e-6
+"""Half of a range that is taken for a driver that was never varied."""
+
+
+def column_std(predictor: Predictor, values: Array, jacobian: Array) -> Array:
+    """(n, k) 1-sigma of the sensors' columns from their values (n, k) and derivatives by p (n, k, np)."""
+    machine, p_sigma = predictor.machine, _stated(predictor)
+    names = predictor.model.names
+    variance = _beyond(predictor, values, jacobian)
+    left = np.flatnonzero(p_sigma > 0)
+    coefficients = [c.scale for e in machine.effects for c in e.coefficients]
+    scales = np.array([*(p.scale for p in machine.parameters), *coefficients])
+    known = _covariance(machine)
+    if known is not None:
+        missing = [name for name in known.names if name not in names]
+        if missing:
+            assert machine.file is not None
+            raise InputError(
+                f"{machine.file.path}: covariance.names: found {missing[0]!r}, no parameter of this machine"
+            )
+        at = np.array([names.index(name) for name in known.names], dtype=int)
+        variance += known.std(jacobian[..., at], scales[at]) ** 2
+        variance += np.where(np.any(jacobian != 0.0, axis=2), _unexplained(machine, known), 0.0)
+        left = np.setdiff1d(left, at)
+    stated = Covariance.of_tolerances([names[k] for k in left], p_sigma[left])
+    return np.asarray(np.sqrt(variance + stated.std(jacobian[..., left], scales[left]) ** 2))
+
+
+def _covariance(machine: Machine) -> Covariance | None:
+    if machine.file is None or machine.file.covariance is None:
+        return None
+    return Covariance.read(machine.file.covariance, f"{machine.file.path}: covariance")
+
+
+def _unexplained(machine: Machine, known: Covariance) -> Array:
+    """(k,) variance of each column that no parameter explains."""
+    out = []
+    for name, sensor in zip(sensor_names(machine), machine.sensors, strict=True):
+        kinds = [_kinds(sensor)[unit] for unit in sensor.columns.values()]
+        out += [known.unexplained.get(f"{name}.{kind}", (0.0, ""))[0] ** 2 for kind in kinds]
+    return np.array(out)
+
+
+def _kinds(sensor: Sensor) -> dict[str, str]:
+    """The kind of reading (position, rotation, distance) by unit; each sensor has one of a unit."""
+    kinds = {channel.unit: channel.kind for channel in reversed(sensor.channels)}
+    return {unit: kinds.get(unit, "") for unit in sensor.columns.values()}
+
+
+def _beyond(predictor: Predictor, values: Array, jacobian: Array) -> Array:
+    """(n, k) variance that effects have where they were not seen.
+
+    Held at the end of its range, a form without a name of amplitude c is off by the change of a random curve of that
+    size since there: variance 2 c^2 (1 - exp(-o)), o the overshoot in halves of the range. It grows like a random walk at
+    once and ends at that of two values that know nothing of each other. So does the error of form of a named effect, a
+    tenth of its signal, of which the fitted rows know nothing out there.
+    """
+    machine, model = predictor.machine, predictor.model
+    at = dict(zip(model.readings, predictor.q.T, strict=True))
+    at |= dict(zip(model.drivers, predictor.z.T, strict=True))
+    columns = [name for sensor in machine.sensors for name in sensor.columns]
+    at |= dict(zip(columns, values.T, strict=True))
+    out, first = np.zeros(values.shape), len(machine.parameters)
+    known = _covariance(machine)
+    seen = {} if known is None else known.seen
+    for effect in machine.effects:
+        own = slice(first, first + len(effect.coefficients))
+        first = own.stop
+        over = effect.effect.overshoot(machine, effect.place, effect.settings_map, at)
+        whole = over is not None or effect.effect.slug == Empirical.slug
+        if over is None:
+            weight = (PAYLOAD, *machine.force_columns) if effect.needs_load else ()
+            over = _outside(seen, at, {*model.readings, *effect.drivers, *weight})
+        signal = jacobian[..., own] * effect.amplitudes
+        moved = np.sum(signal**2, axis=2) if whole else (FORM_ERROR * np.sum(signal, axis=2)) ** 2
+        out += -2.0 * np.expm1(-over)[:, None] * moved
+    return out
+
+
+def _outside(
+    seen: Mapping[str, tuple[float, float]], at: Mapping[str, Array], sources: Collection[str]
+) -> Array:
+    """(n,) how far values of sources lie outside of what was seen, in halves of each range; 0 where nothing is known."""
+    out = np.zeros(len(next(iter(at.values()))))
+    for name in sources:
+        if name in seen and name in at:
+            low, high = seen[name]
+            half = max((high - low) / 2, LEAST_RANGE)
+            out += np.maximum(np.abs(at[name] - (low + high) / 2) / half - 1.0, 0.0)
+    return out
+
+
+def _stated(predictor: Predictor) -> Array:
+    """(np,) 1-sigma as the file states it: tolerances, and the ``std`` of effects."""
+    machine = predictor.machine
+    sigma = [parameter.tolerance for parameter in machine.parameters]
+    specs = machine.file.effects if machine.file else ()
+    for k, effect in enumerate(machine.effects):
+        spec = specs[k] if k < len(specs) else None
+        for c in effect.coefficients:
+            known = spec is not None and spec.effect == effect.effect.slug
+            sigma.append((spec.std_of(c.name, c.unit) if spec and known else None) or 0.0)
+    return np.array(sigma)
+
 
 POSE = ("pose.x", "pose.y", "pose.z", "pose.rx", "pose.ry", "pose.rz")
 
@@ -113,17 +228,15 @@ def _of_some(predictor: Predictor, p: Array, x: Array, with_std: bool) -> tuple[
 def unassembled(recording: Recording, frame: pd.DataFrame) -> list[str]:
     """A note for each row that has no prediction."""
     rows = np.flatnonzero(frame[POSE[0]].isna().to_numpy())
-    return [
-        f"{recording.where(int(k))}: the mechanism cannot be assembled there; the row is empty" for k in rows
-    ]
+    why = "the mechanism cannot be assembled there; the row is empty"
+    return [f"{recording.where(int(k))}: {why}" for k in rows]
 
 
 def unheard(machine: Machine, recording: Recording) -> list[str]:
     """A note for each driver that the effects read and the rows do not log: it stands at its default."""
     late = any(ROW in effect.drivers for effect in machine.effects) and not _is_the_fitted(machine, recording)
-    ended = (
-        ["what drifted in the order of the fitted rows is predicted as it was at their end"] if late else []
-    )
+    drifted = "what drifted in the order of the fitted rows is predicted as it was at their end"
+    ended = [drifted] if late else []
     missing = [n for effect in machine.effects for n in effect.drivers if recording.driver(n) is None]
     columns = dict.fromkeys(Driver.of(name).column for name in missing if name != ROW)
     return ended + [f"no column {name!r}: effects that depend on it see its default" for name in columns]

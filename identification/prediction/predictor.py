@@ -2,6 +2,13 @@
 
 Closed loops are solved for (``truepose.identification.prediction.loops``); derivatives of the pose follow from the
 implicit function theorem, dx/dp = -(dg/dx)^-1 dg/dp, never from differentiating iterations.
+
+Joints that formulas move: where a formula has no value (the root of a negative number), no machine can be assembled.
+
+Readings that were lost: which channels of which rows they take with them.
+
+A lost reading is NaN in the recording. A channel that depends on it reads nothing in that row: its residual and all its
+derivatives are zero, as are those of a row that reads its change since itself, so that sums need not know of it.
 """
 
 from __future__ import annotations
@@ -17,20 +24,64 @@ from truepose.arrays import Array, Index, Mask
 from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.codegen.evaluation.gram import GramFunction
 from truepose.errors import InputError
-from truepose.identification.prediction.computed import computed_displacements
 from truepose.identification.prediction.loops import Loops
-from truepose.identification.prediction.lost import all_lost, lost_of
 from truepose.identification.prediction.port_kinematics import PortKinematics, twists_by
 from truepose.identification.prediction.sensor_rows import Block, Sight, joined, sights
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.file.driver import PAYLOAD
-from truepose.models.machine.assembly import load_scale
+from truepose.models.machine.assembly import displacement_of, load_scale
 from truepose.models.machine.closure import solved
-from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.sensor import Channel, Comparison, Rows
+from truepose.models.sensors.base import Sensor
 from truepose.threads import in_order
+
+
+def computed_displacements(model: SymbolicModel) -> ca.SX:
+    """(k,) mm or rad, of the joints that formulas move; no number where a formula has no value."""
+    machine, values = model.machine, model.values
+    laws = [follower.law for follower in machine.mechanism.followers if follower.law is not None]
+    q = model.moved if laws else {}
+    own = {name: displacement_of(machine, name, values, q) for name in q}
+    return ca.vertcat(ca.SX(0, 1), *(law.value(own, values, bounded=False) for law in laws))
+
+
+def all_lost(machine: Machine, parts: Sequence[Mask | None], rows: int) -> Mask | None:
+    """(rows, m) where a channel reads nothing, from those of every sensor; None where no reading was lost."""
+    if all(part is None for part in parts):
+        return None
+    sizes = [len(sensor.channels) for sensor in machine.sensors]
+    empty = (np.zeros((rows, size), dtype=np.bool_) for size in sizes)
+    return np.hstack([none if part is None else part for part, none in zip(parts, empty, strict=True)])
+
+
+def told(residual: Array, lost: Mask | None) -> Array:
+    """(n,) how many channels of each row read something, at least one; ``residual`` (n, m)."""
+    rows, channels = residual.shape
+    return np.full(rows, float(channels)) if lost is None else np.maximum(channels - lost.sum(axis=1), 1.0)
+
+
+def lost_of(sensor: Sensor, recording: Recording) -> Mask | None:
+    """(n, m) the same of one sensor; None where it lost nothing, or its columns are not there."""
+    if not sensor.columns or any(name not in recording.observations for name in sensor.columns):
+        return None
+    gone = np.column_stack([np.isnan(recording.observations[name]) for name in sensor.columns])
+    return gone @ _depends(sensor).T if gone.any() else None
+
+
+def _depends(sensor: Sensor) -> Mask:
+    """(m, k) whether each channel depends on each column: all turns of a pose depend on all of its rotation vector."""
+    count = len(sensor.columns)
+    if sensor.compares:  # readings are taken off one by one
+        return np.eye(count, dtype=np.bool_)
+    world, reading = ca.SX.sym("world", 4, 4), ca.SX.sym("reading", count)
+    names = [*(parameter.name for parameter in sensor.parameters), *sensor.reads]
+    residual = sensor.residual(world, {name: ca.SX.sym(name) for name in names}, reading)
+    pattern = ca.jacobian(residual, reading).sparsity()
+    return np.asarray(ca.DM(pattern, 1.0).full() != 0, dtype=np.bool_)
+
 
 BLOCK = 1024
 """Rows that are worked out together."""
@@ -51,8 +102,7 @@ def require_sensor(machine: Machine) -> None:
 class Predictor:
     """Residuals, poses and loads of one machine with some effects over one recording of n rows.
 
-    ``visits``: how often each row will be evaluated (FIT in a fit), which decides whether compiling pays, with ``size``, the
-    number of rows if the recording is a part of them.
+    ``visits``: how often each row will be evaluated (FIT in a fit), which decides whether compiling pays.
     Everywhere ``p`` (np,) are parameters and ``x`` (n, nx) passive coordinates; lengths are in mm, angles in rad.
     """
 
@@ -64,14 +114,13 @@ class Predictor:
         *,
         ports: bool = False,
         visits: int = 1,
-        size: int | None = None,
     ) -> None:
         self.machine = machine
         weighed = recording.driver(PAYLOAD) is not None
         self.model = symbolic_model(machine, effects, ports=ports, weighed=weighed)
         self._read(recording)
         m = self.model
-        self.evaluations = visits * (len(self.q) if size is None else size)
+        self.evaluations = visits * len(self.q)
         self.sums: dict[tuple[int, ...], GramFunction] = {}
         """Normal equations by free entries of p, where a fit has asked for them."""
         self._built: dict[str, BatchFunction] = {}
@@ -85,9 +134,8 @@ class Predictor:
             tool, *further = ([world, *twists_by(world, m.x, m.p)] for world in m.worlds.values())
             outputs = [*tool, ca.jacobian(m.closure, m.x), ca.jacobian(m.closure, m.p)]
             outputs += [m.reading_shift, ca.jacobian(m.reading_shift, m.x), ca.jacobian(m.reading_shift, m.p)]
-            self._kinematics = self._function(
-                "kinematics", [*outputs, *itertools.chain.from_iterable(further)]
-            )
+            outputs += itertools.chain.from_iterable(further)
+            self._kinematics = self._function("kinematics", outputs)
         else:
             self._kinematics = self._by_ports.function
         self._sensors = sights(machine, m.names, self.evaluations)
@@ -118,12 +166,8 @@ class Predictor:
     def cautions(self) -> tuple[str, ...]:
         """Notes of the sensors on how they read this recording, and on what is evaluated more slowly than it could be."""
         told = [c for s in self.machine.sensors for c in s.cautions(self.recording.labels)]
-        functions = (
-            self._loops.closure,
-            self._pose,
-            self._kinematics,
-            *(f for s in self._sensors for f in s.functions),
-        )
+        sensors = (f for s in self._sensors for f in s.functions)
+        functions = (self._loops.closure, self._pose, self._kinematics, *sensors)
         slow = dict.fromkeys(f.engine.why for f in functions if f.engine.missed)
         return (*told, *(f"{why}: evaluated by CasADi's virtual machine, more slowly" for why in slow))
 

@@ -251,14 +251,6 @@ class Recording(Shown):
             _rows=index if self._rows is None else frozen(self._rows[index]),
         )
 
-    def alone(self, rows: Rows, drivers: Sequence[str]) -> Recording:
-        """Some rows without the whole that they are of, for work elsewhere; they keep what these drivers are there."""
-        part = self.subset(rows)
-        told = {name: part.driver(name) for name in drivers if name not in part.logged}
-        alone = replace(part, _whole=None, _rows=None)
-        alone._told.update(told)
-        return alone
-
     def _index(self, wanted: slice | IntArray | BoolArray) -> IntArray:
         """(k,) places from 0 on; those counted from the end are."""
         if isinstance(wanted, slice):

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from truepose.files import FILES_SHA256, atomic_directory, atomic_write_text, sha256_of
-from truepose.identification.diagnosis.outliers import far_rows
+from truepose.identification.diagnosis.null_fits import far_rows
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.tool_pose import calibrated_pose

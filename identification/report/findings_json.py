@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from truepose.identification.diagnosis.outliers import fringes_by_row
+from truepose.identification.diagnosis.null_fits import fringes_by_row
 from truepose.identification.diagnosis.result import (
     Alternative,
     Diagnosis,

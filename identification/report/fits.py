@@ -9,7 +9,7 @@ import numpy as np
 
 from truepose.arrays import Array, Mask
 from truepose.identification.diagnosis.result import Diagnosis
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.summary import FitSummary, rms_by_kind
 from truepose.models.machine.machine import Machine
 

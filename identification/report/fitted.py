@@ -12,8 +12,8 @@ import pandas as pd
 from truepose.errors import InputError
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.calibrate import Calibration
-from truepose.identification.fit.estimate import Estimate
-from truepose.identification.fit.fitted import (
+from truepose.identification.fit.estimated import (
+    Estimate,
     Fitted,
     machine_of,
     predicted_frame,

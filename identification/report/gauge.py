@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from truepose.arrays import Array, Mask
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.report.diagnosis_words import several
 from truepose.models.machine.machine import FRAME_OF, FRAMES
 from truepose.models.machine.mechanism import AXES

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from truepose.identification.diagnosis.result import Diagnosis
-from truepose.identification.fit.absurd import Judgement, judged_diagnosis
+from truepose.identification.fit.summary import Judgement, judged_diagnosis
 from truepose.identification.report.json_text import Json
 
 

@@ -6,13 +6,13 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from truepose.identification.diagnosis.outliers import outlying_rows
+from truepose.identification.diagnosis.null_fits import outlying_rows
 from truepose.identification.diagnosis.result import Diagnosis
-from truepose.identification.fit.estimate import Estimate
-from truepose.identification.fit.revisits import revisits
+from truepose.identification.fit.estimated import Estimate
+from truepose.identification.fit.repeatability import revisits
 from truepose.identification.fit.summary import rms_by_kind
 from truepose.identification.fit.tolerance_classes import PartClass
-from truepose.identification.identifiability.note import Note
+from truepose.identification.identifiability.observability import Note
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.tried import tried
 from truepose.identification.report.numbers import measure

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from truepose.identification.diagnosis.result import Diagnosis
-from truepose.identification.fit.absurd import judged
 from truepose.identification.fit.calibrate import Calibration
-from truepose.identification.fit.estimate import Estimate
-from truepose.identification.fit.summary import summarise
+from truepose.identification.fit.estimated import Estimate
+from truepose.identification.fit.summary import judged, summarise
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report import diagnosis_words as words
 from truepose.identification.report import render

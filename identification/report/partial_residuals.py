@@ -15,7 +15,7 @@ import numpy as np
 
 from truepose.arrays import Array, Index
 from truepose.codegen.evaluation.batch import BatchFunction
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.prediction.covariance import UNSEEN
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.sensor_rows import Block

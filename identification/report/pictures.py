@@ -8,7 +8,7 @@ import numpy as np
 
 from truepose.identification.compensation.rows import Compensation
 from truepose.identification.diagnosis.result import Diagnosis
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.identifiability.analysis import Identifiability
 from truepose.shown.drawing import bars, dots
 

@@ -6,14 +6,11 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 from truepose.errors import InputError
-from truepose.identification.diagnosis.alarm import Alarm
-from truepose.identification.diagnosis.outliers import FarRow
-from truepose.identification.diagnosis.result import Applied, Diagnosis, PoseError, Proof, Remainder
-from truepose.identification.fit.absurd import judged
+from truepose.identification.diagnosis.null_fits import FarRow
+from truepose.identification.diagnosis.result import Alarm, Applied, Diagnosis, PoseError, Proof, Remainder
 from truepose.identification.fit.calibrate import Calibration
-from truepose.identification.fit.estimate import Estimate
-from truepose.identification.fit.estimated import check_estimate
-from truepose.identification.fit.summary import FitSummary, summarise
+from truepose.identification.fit.estimated import Estimate, check_estimate
+from truepose.identification.fit.summary import FitSummary, judged, summarise
 from truepose.identification.identifiability.observability import Knowledge, identifiable, unseen
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.diagnosis_words import form_words

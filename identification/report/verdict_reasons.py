@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from truepose.identification.diagnosis.findings import NOTABLE
-from truepose.identification.diagnosis.result import Diagnosis, Proof
+from truepose.identification.diagnosis.result import NOTABLE, Diagnosis, Proof
 from truepose.identification.posterior.posterior import AGREED
 from truepose.identification.report.diagnosis_words import (
     against_words,

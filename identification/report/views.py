@@ -14,7 +14,7 @@ from truepose.identification.compensation.inverse import Inverse, Reach
 from truepose.identification.compensation.rows import Compensation
 from truepose.identification.diagnosis.result import Diagnosis, Finding
 from truepose.identification.fit.calibrate import Calibration
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.summary import FitSummary, summarise
 from truepose.identification.identifiability.analysis import Identifiability
 from truepose.identification.report import diagnosis_words, pictures

@@ -1,6 +1,8 @@
 """Every (effect, place, settings) that a recording could speak of, with its prior; forms without a name among them.
 
 These are the effect ``empirical`` wherever something was varied.
+
+Forms without a name in the load that a joint or a mount carries, or in what a joint's drive was measured to hold.
 """
 
 from __future__ import annotations
@@ -14,27 +16,18 @@ import numpy as np
 
 from truepose.arrays import Array
 from truepose.identification.learned_prior import FleetPrior
+from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prior import ELSEWHERE, TOGETHER
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.tried import tried
-from truepose.identification.signatures.load_forms import forms_of_held_load, forms_of_load
-from truepose.identification.signatures.untestable import (
-    Untestable,
-    every_effect,
-    missing_length,
-    of_such_machines,
-    places_of,
-    still_sources,
-    unloaded,
-    why_untestable,
-)
+from truepose.identification.signatures import untestable
+from truepose.identification.signatures.untestable import Untestable, places_of, still_sources
+from truepose.models.effects import empirical as sources
 from truepose.models.effects.base import PlacedEffect, Settings
 from truepose.models.effects.common import sensor_names
 from truepose.models.effects.empirical import (
-    CURVE,
-    FROM,
-    LINE,
-    MOUNT_CURVE,
+    LOAD_CURVE,
+    TURNS,
     WIDTH,
     Empirical,
     seen_over,
@@ -43,6 +36,56 @@ from truepose.models.effects.sights import XYZ, point_names
 from truepose.models.file.driver import MEASURED_LOADS, ROW, Driver
 from truepose.models.machine.machine import FRAMES, Machine
 from truepose.models.machine.placed import EffectAtPlace
+
+SAME = 1e-6
+"""Share of a load (N, N m) below which its changes are rounding."""
+
+
+def forms_of_load(machine: Machine, recording: Recording) -> dict[str, list[Settings]]:
+    """Forms of each joint and mount whose load varies, by the loads (N, N m) at the drawing's geometry."""
+    if not machine.loaded:
+        return {}
+    predictor = Predictor(machine, recording, ports=True)
+    x, assembled = predictor.assemble(predictor.model.p_home)
+    joints = {name: machine.mechanism.actuator(name).displacement for name in machine.mechanism.readings}
+    moments = {mount: [f"{mount}.motion.{axis}" for axis in TURNS] for mount in FRAMES}
+    ports = [*joints.values(), *(port for own in moments.values() for port in own)]
+    loads = predictor.loads_at(ports, predictor.model.p_home, x)
+    rows = assembled & ~recording.validation
+    out: dict[str, list[Settings]] = {}
+    for name, port in joints.items():
+        own = _range(loads[port][rows])
+        if own is not None:
+            out[name] = [seen_over({sources.LOAD: own}, LOAD_CURVE)]
+    for mount, axes in moments.items():
+        moment = np.array([loads[port][rows] for port in axes])
+        each, size = _range(moment), _range(np.sqrt(np.sum(moment**2, axis=0)))
+        if each is not None and size is not None:
+            out[mount] = [
+                seen_over({sources.LOAD: each}, LOAD_CURVE),
+                seen_over({sources.MOMENT: size}, LOAD_CURVE),
+            ]
+    return out
+
+
+def forms_of_held_load(
+    machine: Machine, recording: Recording, seen: Collection[str]
+) -> dict[str, list[Settings]]:
+    """Forms of each joint in the torque or current of its own drive, where it was recorded and is not among those ``seen``."""
+    rows, out = ~recording.validation, dict[str, list[Settings]]()
+    for name, values in recording.drivers.items():
+        driver, own = Driver.of(name), _range(values[rows])
+        held = driver.kind in MEASURED_LOADS and driver.place in machine.mechanism.readings
+        if held and name not in seen and own is not None:
+            out.setdefault(driver.place, []).append(seen_over({name: own}, LOAD_CURVE))
+    return out
+
+
+def _range(load: Array) -> tuple[float, float] | None:
+    """Smallest and largest; None where nothing is carried, or always the same."""
+    if not len(load) or np.ptp(load) <= SAME * max(float(np.max(np.abs(load))), SAME):
+        return None
+    return float(np.min(load)), float(np.max(load))
 
 
 @dataclass(frozen=True)
@@ -68,9 +111,8 @@ class Catalogue:
         share = total - float(np.log(len(added) + len(beside)))
         for i in beside:
             log_prior[i] = share
-        return replace(
-            self, candidates=(*self.candidates, *added), log_prior=(*log_prior, *[share] * len(added))
-        )
+        log_prior += [share] * len(added)
+        return replace(self, candidates=(*self.candidates, *added), log_prior=tuple(log_prior))
 
     def cause(self, index: int) -> EffectAtPlace:
         """What a candidate blames, at whatever settings."""
@@ -83,15 +125,9 @@ class Catalogue:
         What yields to load is one thing at one place, and no part of a remainder. The order of rows stands in for time where
         nobody logged it: it may drive one thing, but a remainder in it would be a description of the rows.
         """
-        return tuple(
-            i
-            for i, placed in enumerate(self.candidates)
-            if i not in self.apart
-            and not self.named(i)
-            and placed.kind != "sensor"
-            and not placed.needs_load
-            and ROW not in placed.drivers
-        )
+        forms = [i for i in range(len(self.candidates)) if i not in self.apart and not self.named(i)]
+        kinds = ((i, self.candidates[i]) for i in forms)
+        return tuple(i for i, e in kinds if e.kind != "sensor" and not e.needs_load and ROW not in e.drivers)
 
     def named(self, index: int) -> bool:
         """Whether a candidate is an effect of the catalogue."""
@@ -102,25 +138,22 @@ def catalogue(machine: Machine, recording: Recording) -> Catalogue:
     """All testable candidates; every slug is equally likely, and its places share (parts alone before several at once)."""
     found, missing, seen = list[PlacedEffect](), list[Untestable](), ranges(machine, recording)
     still = still_sources(machine, recording)
-    smooth = {name: v for name, v in _smooth(machine, recording).items() if name not in still}
-    for effect in every_effect():
+    rows, known = ~recording.validation, {*still, *recording.joints}
+    smooth = {name: v[rows] for name, v in _bending(machine, recording).items() if name not in known}
+    for effect in untestable.every_effect():
         places, reasons = places_of(effect, machine), list[str]()
-        asked = of_such_machines(effect.slug, machine)
+        asked = untestable.of_such_machines(effect.slug, machine)
         if not places and asked and effect.needs_load and not machine.loaded:
-            missing.append(Untestable(effect.slug, unloaded(machine)))
+            missing.append(Untestable(effect.slug, untestable.unloaded(machine)))
         for place in places:
-            variants, others = (
-                effect.settings(machine, place, recording),
-                effect.elsewhere(machine, place, smooth),
-            )
+            variants = effect.settings(machine, place, recording)
+            others = effect.elsewhere(machine, place, smooth)
             if not variants and not others:
-                usual = (
-                    "the recording holds one session only" if recording.n_sessions < 2 else "nothing to vary"
-                )
-                reasons.append(effect.unvaried or usual)
+                one = "the recording holds one session only"
+                reasons.append(effect.unvaried or (one if recording.n_sessions < 2 else "nothing to vary"))
             for settings in (*variants, *others):
                 placed = PlacedEffect.at(effect, machine, place, effect.within(place, settings, seen))
-                reason = why_untestable(placed, recording, still)
+                reason = untestable.why_untestable(placed, recording, still)
                 if reason is None:
                     found.append(placed)
                 elif not others:  # what another place's column stands in for can be tested
@@ -129,10 +162,10 @@ def catalogue(machine: Machine, recording: Recording) -> Catalogue:
             kinds = list(dict.fromkeys(reasons))
             more = f"; and {len(kinds) - 4} more" if len(kinds) > 4 else ""
             missing.append(Untestable(effect.slug, "; ".join(kinds[:4]) + more))
-    missing += [Untestable(one.effects[0], one.why) for one in missing_length(machine)]
+    missing += [Untestable(one.effects[0], one.why) for one in untestable.missing_length(machine)]
     found += empirical_forms(machine, recording)
-    found += [placed for placed in machine.effects if placed.label not in {e.label for e in found}]
-    labels = {e.label for e in machine.effects}
+    known, labels = {e.label for e in found}, {e.label for e in machine.effects}
+    found += [placed for placed in machine.effects if placed.label not in known]
     stated = tuple(k for k, e in enumerate(found) if e.label in labels)
     apart = frozenset(k for k, e in enumerate(found) if _apart(machine, e))
     return Catalogue(tuple(found), _log_prior(machine, found), tuple(missing), stated, apart)
@@ -147,13 +180,6 @@ def _apart(machine: Machine, placed: PlacedEffect) -> bool:
 def _columns(placed: PlacedEffect) -> list[str]:
     """Columns that it reads, with memory or without."""
     return [Driver.of(name).now.name for name in placed.drivers]
-
-
-def _smooth(machine: Machine, recording: Recording) -> dict[str, Array]:
-    """Smooth drivers in the calibration rows, by name."""
-    rows = ~recording.validation
-    columns = _bending(machine, recording)
-    return {name: values[rows] for name, values in columns.items() if name not in recording.joints}
 
 
 def _bending(machine: Machine, recording: Recording) -> dict[str, Array]:
@@ -217,9 +243,8 @@ def _place_shares(places: Collection[tuple[str, ...]]) -> dict[tuple[str, ...], 
     simple = [place for place in places if len(place) == fewest]
     joined = [place for place in places if len(place) > fewest]
     beside = TOGETHER if joined else 0.0
-    return dict.fromkeys(simple, (1.0 - beside) / len(simple)) | dict.fromkeys(
-        joined, beside / max(len(joined), 1)
-    )
+    alone = dict.fromkeys(simple, (1.0 - beside) / len(simple))
+    return alone | dict.fromkeys(joined, beside / max(len(joined), 1))
 
 
 def empirical_forms(machine: Machine, recording: Recording) -> tuple[PlacedEffect, ...]:
@@ -233,17 +258,17 @@ def empirical_forms(machine: Machine, recording: Recording) -> tuple[PlacedEffec
     seen = _varied(machine, recording)
     joints = [name for name in seen if name in machine.mechanism.readings]
     others = [name for name in seen if name not in joints]
-    curves: list[Settings] = [seen_over({name: seen[name]}, CURVE) for name in seen]
+    curves: list[Settings] = [seen_over({name: seen[name]}, sources.CURVE) for name in seen]
     curves += [seen_over({a: seen[a], b: seen[b]}) for a, b in itertools.combinations(joints, 2)]
-    lines: list[Settings] = [seen_over({name: seen[name]}, LINE) for name in seen]
-    mounts: list[Settings] = [seen_over({name: seen[name]}, MOUNT_CURVE) for name in others]
+    lines: list[Settings] = [seen_over({name: seen[name]}, sources.LINE) for name in seen]
+    mounts: list[Settings] = [seen_over({name: seen[name]}, sources.MOUNT_CURVE) for name in others]
     effect, out, loads = Empirical(), list[PlacedEffect](), forms_of_load(machine, recording)
     held = forms_of_held_load(machine, recording, seen)
     for (name,) in effect.places(machine):
         if name in sensor_names(machine):
             forms: list[Settings] = [{WIDTH: _reach(machine, recording)}]
         else:
-            own = [line for line in lines if f"{FROM}{name}" not in line]
+            own = [line for line in lines if f"{sources.FROM}{name}" not in line]
             forms = [*mounts] if name in FRAMES else [*own, *curves]
             forms += loads.get(name, []) + held.get(name, [])
         out += [PlacedEffect.at(effect, machine, (name,), settings) for settings in forms]
@@ -253,11 +278,8 @@ def empirical_forms(machine: Machine, recording: Recording) -> tuple[PlacedEffec
 def _varied(machine: Machine, recording: Recording) -> dict[str, tuple[float, float]]:
     """Ranges of all that was varied: joints, payload, time, thermometers by name, however the file has its columns."""
     still = still_sources(machine, recording)
-    seen = {
-        name: ends
-        for name, ends in ranges(machine, recording).items()
-        if ends[1] > ends[0] and name not in still
-    }
+    every = ranges(machine, recording).items()
+    seen = {name: ends for name, ends in every if ends[1] > ends[0] and name not in still}
     own = sorted(seen.keys() - set(recording.joints), key=lambda name: (Driver.of(name).thermal, name))
     return {name: seen[name] for name in (*(n for n in recording.joints if n in seen), *own)}
 
@@ -274,9 +296,8 @@ def ranges(machine: Machine, recording: Recording) -> dict[str, tuple[float, flo
 
 def _reach(machine: Machine, recording: Recording) -> float:
     """The farthest coordinate of any point, mm."""
-    columns = [
-        f"{point}{axis}" for sensor in machine.sensors for point in point_names(sensor) for axis in XYZ
-    ]
+    points = [point for sensor in machine.sensors for point in point_names(sensor)]
+    columns = [f"{point}{axis}" for point in points for axis in XYZ]
     read = [recording.observations[name] for name in columns if name in recording.observations]
     told = [values[np.isfinite(values)] for values in read]  # a lost reading is NaN
     return max((float(np.max(np.abs(values))) for values in told if len(values)), default=1.0) or 1.0

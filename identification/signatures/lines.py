@@ -4,23 +4,71 @@ A joint that errs by a sin(k q) + b cos(k q) moves the readings by its own deriv
 what chi2 falls by where one order is fitted by itself (Lomb 1976, Astrophys. Space Sci. 39:447; weights: Zechmeister and
 Kurster 2009, Astron. Astrophys. 496:577), for all whole orders at once, as sums over bins of a turn. It proposes what could
 pay its price, the prior; evidence judges.
+
+Finer values of continuous settings around those of the likeliest set.
+
+Some settings are points of a continuum (the lag of a warm part), of which the catalogue holds a few values. Where one of them
+is part of the likeliest set, values on both sides of it become candidates too, and the posterior is drawn among all of them;
+the next time half as far from the best one.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from truepose.arrays import Array
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.transmission_error import HIGHEST_ORDER, SERIES, TransmissionError, over_arc
+from truepose.models.machine.machine import Machine
 from truepose.models.machine.placed import HARMONIC
+
+PARTS, CLOSE = 4, 0.02
+"""Into how many parts the way to a neighbour is divided by new values, and the share of a value within which a neighbour is as
+good."""
+
+
+def refined(machine: Machine, cat: Catalogue, accepted: Iterable[int]) -> Catalogue:
+    """The catalogue with values around those of accepted candidates; the very same one where nothing is to be added."""
+    for index in [i for i in accepted if i not in cat.stated]:
+        for name in cat.candidates[index].effect.continuous:
+            added = _between(machine, cat, index, name)
+            if added:
+                cat = cat.with_more(added, [index])
+    return cat
+
+
+def _between(machine: Machine, cat: Catalogue, index: int, name: str) -> list[PlacedEffect]:
+    """Candidates with values of a setting between a candidate's own and its neighbours on both sides."""
+    here = cat.candidates[index]
+    if name not in here.settings_map:
+        return []
+    own, rest = float(here.settings_map[name]), dict(here.settings_map) | {name: 0.0}
+    values = [
+        float(c.settings_map[name])
+        for c in cat.candidates
+        if c.at_place == here.at_place and name in c.settings_map
+        if dict(c.settings_map) | {name: 0.0} == rest
+    ]
+    lower, higher = [v for v in values if v < own], [v for v in values if v > own]
+    near = [max(lower, default=own), min(higher, default=own)]
+    new = [
+        float(f"{own + share * (other - own):.3g}")
+        for other in near
+        if abs(other - own) > CLOSE * max(abs(own), abs(other))
+        for share in np.arange(1, PARTS) / PARTS
+    ]
+    labels = {c.label for c in cat.candidates}
+    settings = [dict(here.settings_map) | {name: value} for value in dict.fromkeys(new)]
+    made = [PlacedEffect.at(here.effect, machine, here.place, one) for one in settings]
+    return [placed for placed in made if placed.label not in labels]
+
 
 FINEST = 4096
 """Highest order that is looked for: 2^12, twenty cycles of a motor behind a gear of 200."""
@@ -91,15 +139,18 @@ def proposed(signatures: Signatures, fit: Estimate, cat: Catalogue) -> Catalogue
         price = -_log_one(cat, joint) - np.log(_share(found.finest, {"order": float(HIGHEST_ORDER)}))
         lines = [{"order": float(k)} for k in found.peaks(apart, price, set(range(HIGHEST_ORDER + 1)) | held)]
         series = list(_series(found, held, int(np.sum(fit.used))))
-        seen = {joint: _arc(signatures, fit, joint)}
+        whole = signatures.recording.whole  # settings are the same for all that have some of its rows
+        arc = whole.moved[~whole.validation, signatures.machine.mechanism.readings.index(joint)]
+        seen = {joint: (float(arc.min()), float(arc.max()))}
         effect = TransmissionError()
-        made = [
-            PlacedEffect.at(effect, signatures.machine, (joint,), over_arc((joint,), s, seen))
-            for s in (*lines, *series)
-        ]
-        share = [_share(found.finest, s) for s in (*lines, *series)]
+        settings = [(s, over_arc((joint,), s, seen)) for s in (*lines, *series)]
+        made = [PlacedEffect.at(effect, signatures.machine, (joint,), own) for _, own in settings]
+        share = [_share(found.finest, s) for s, _ in settings]
         new = [(m, w) for m, w in zip(made, share, strict=True) if m.label not in known]
-        cat = _with(cat, joint, new)
+        if new:  # at the end, with priors in terms of that of the joint's orders
+            one = _log_one(cat, joint)
+            log_prior = (*cat.log_prior, *(one + float(np.log(w)) for _, w in new))
+            cat = replace(cat, candidates=(*cat.candidates, *(m for m, _ in new)), log_prior=log_prior)
     return cat
 
 
@@ -117,11 +168,11 @@ def _spectra(signatures: Signatures, fit: Estimate) -> Iterator[tuple[str, Spect
 def _orders_at(fit: Estimate, joint: str) -> set[int]:
     """Orders of a joint that the fit has."""
     out: set[int] = set()
-    for e in fit.effects:
-        if e.place == (joint,) and e.kind == "position-periodic":
-            s = e.settings_map
-            out |= set(range(round(s.get("first", 1.0)), round(s["orders"]) + 1)) if "orders" in s else set()
-            out |= {round(s["order"])} if "order" in s else set()
+    own = (e.settings_map for e in fit.effects if e.place == (joint,) and e.kind == "position-periodic")
+    for s in own:
+        if "orders" in s:
+            out |= set(range(round(s.get("first", 1.0)), round(s["orders"]) + 1))
+        out |= {round(s["order"])} if "order" in s else set()
     return out
 
 
@@ -134,12 +185,6 @@ def _series(found: Spectrum, held: set[int], rows: int) -> Iterator[Mapping[str,
         if first not in held and float(np.sum(own)) > SURE * np.sqrt(len(own)):
             yield {"first": float(first), "orders": float(last)}
         first, last = first + step, last + step
-
-
-def _arc(signatures: Signatures, fit: Estimate, joint: str) -> tuple[float, float]:
-    whole = signatures.recording.whole  # settings are the same for all that have some of its rows
-    own = whole.moved[~whole.validation, signatures.machine.mechanism.readings.index(joint)]
-    return float(own.min()), float(own.max())
 
 
 def _share(finest: int, settings: Mapping[str, float]) -> float:
@@ -156,16 +201,3 @@ def _log_one(cat: Catalogue, joint: str) -> float:
     own = next(i for i, c in enumerate(cat.candidates) if c.at_place == (TransmissionError.slug, (joint,)))
     placed = cat.candidates[own]
     return cat.log_prior[own] - float(np.log(placed.effect.weight(placed.settings_map)))
-
-
-def _with(cat: Catalogue, joint: str, new: list[tuple[PlacedEffect, float]]) -> Catalogue:
-    """With further candidates at the end, whose prior is in terms of that of the joint's orders."""
-    if not new:
-        return cat
-    one = _log_one(cat, joint)
-    added, shares = zip(*new, strict=True)
-    log_prior = (*cat.log_prior, *(one + float(np.log(w)) for w in shares))
-    return replace(cat, candidates=(*cat.candidates, *added), log_prior=log_prior)
-
-
-__all__ = ["Spectrum", "proposed", "spectrum"]

@@ -16,16 +16,8 @@ from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import Effect, PlacedEffect, effects
 from truepose.models.effects.empirical import travel_of
 from truepose.models.effects.sights import any_thermometer
-from truepose.models.file.driver import (
-    APPROACH,
-    OF_THE_ORDER,
-    OF_THE_WAY,
-    PAYLOAD,
-    ROW,
-    TEMPERATURE,
-    TIME,
-    Driver,
-)
+from truepose.models.file import driver as drivers
+from truepose.models.file.driver import Driver
 from truepose.models.machine.machine import Machine
 
 GRAVITY = (0.0, 0.0, -g)
@@ -119,15 +111,16 @@ def _of_columns(machine: Machine, recording: Recording) -> list[Missing]:
         for slug in (HEAT, PLAY, DRIFT)
     )
     if heated and not any_thermometer(machine, list(recording.drivers)):
-        add = f"log `{TEMPERATURE}.air` or `{TEMPERATURE}.{heated[0]}`"
+        add = f"log `{drivers.TEMPERATURE}.air` or `{drivers.TEMPERATURE}.{heated[0]}`"
         out.append(Missing((HEAT,), "no temperature column", f"{add}; a thermometer elsewhere does, too"))
-    if joints and all(recording.driver(f"{APPROACH}.{joint}") is None for joint in joints):
-        add = f"log `{APPROACH}.{joints[0]}`, ... (+1 or -1: the direction of the joint's last motion)"
-        out.append(Missing((PLAY,), f"no {APPROACH} column, and the rows are declared shuffled", add))
-    if mounts and recording.driver(TIME) is None and recording.driver(ROW) is None:
-        out.append(
-            Missing((DRIFT,), f"no {TIME} column, and the rows are declared shuffled", f"log `{TIME}` (s)")
+    if joints and all(recording.driver(f"{drivers.APPROACH}.{joint}") is None for joint in joints):
+        add = (
+            f"log `{drivers.APPROACH}.{joints[0]}`, ... (+1 or -1: the direction of the joint's last motion)"
         )
+        out.append(Missing((PLAY,), f"no {drivers.APPROACH} column, and the rows are declared shuffled", add))
+    if mounts and recording.driver(drivers.TIME) is None and recording.driver(drivers.ROW) is None:
+        why = f"no {drivers.TIME} column, and the rows are declared shuffled"
+        out.append(Missing((DRIFT,), why, f"log `{drivers.TIME}` (s)"))
     return out
 
 
@@ -146,9 +139,8 @@ def still_sources(machine: Machine, recording: Recording) -> frozenset[str]:
 def _resolution(values: Array) -> float:
     """Return the step of the last decimal digit that any of the values uses; 0 where all are levels that were set."""
     gaps = np.diff(np.unique(values))
-    step = next(
-        (10.0**-k for k in range(9) if np.allclose(values, np.round(values, k), rtol=0.0, atol=1e-9)), 0.0
-    )
+    digits = (k for k in range(9) if np.allclose(values, np.round(values, k), rtol=0.0, atol=1e-9))
+    step = next((10.0**-k for k in digits), 0.0)
     return 0.0 if gaps.size and np.min(gaps) >= SET * step - 1e-9 else step
 
 
@@ -164,20 +156,19 @@ def why_untestable(
         values = recording.driver(name)
         if values is None:
             return _unknown(Driver.of(name), recording)
-        if name != PAYLOAD and not np.any(values[~recording.validation]):
+        if name != drivers.PAYLOAD and not np.any(values[~recording.validation]):
             return f"{name} never differs from zero"
     return None
 
 
 def _unknown(driver: Driver, recording: Recording) -> str:
     """Why a recording has no values of a driver."""
-    if driver.place not in recording.joints or driver.kind not in (*OF_THE_ORDER, *OF_THE_WAY, "creep"):
+    remembered = (*drivers.OF_THE_ORDER, *drivers.OF_THE_WAY, "creep")
+    untimed = driver.kind == "creep" and recording.time is None
+    if driver.place not in recording.joints or driver.kind not in remembered or untimed:
         return f"no {driver.column} column"
-    if driver.kind == APPROACH:
-        return f"no {driver.column} column, and the rows are declared shuffled"
-    if driver.kind == "creep" and recording.time is None:
-        return f"no {driver.column} column"
-    return "the rows are declared shuffled"
+    told = f"no {driver.column} column, and " if driver.kind == drivers.APPROACH else ""
+    return f"{told}the rows are declared shuffled"
 
 
 def unloaded(machine: Machine) -> str:

@@ -25,10 +25,10 @@ import numpy as np
 
 from challenge.battery.parts import HALVES, Real
 from challenge.battery.recorded import compared, read
-from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.diagnosis.refit import DRAWING, ORDINARY, Choice, Model
 from truepose.identification.diagnosis.result import WHOLE, Diagnosis
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine
 

@@ -28,8 +28,7 @@ import numpy as np
 import pandas as pd
 
 from truepose.identification.compensation.compensate import compensate
-from truepose.identification.compensation.path_file import csv_text
-from truepose.identification.compensation.path_table import commands, load_path
+from truepose.identification.compensation.path_table import commands, csv_text, load_path
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.simulate import simulate, with_inputs

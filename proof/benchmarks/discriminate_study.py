@@ -31,7 +31,7 @@ from challenge.simulator.ported import PortedMachine
 from challenge.simulator.registry import MACHINES
 from challenge.simulator.writing import recording_text
 from truepose.errors import TrueposeError
-from truepose.identification.diagnosis import engine, verdict
+from truepose.identification.diagnosis import diagnose as engine
 from truepose.identification.diagnosis.result import Diagnosis, Finding
 from truepose.identification.leaves.planning.discriminate.experiment import discriminate
 from truepose.identification.leaves.planning.discriminate.explanations import Explanation, class_of
@@ -252,7 +252,7 @@ def main() -> None:
     tried = failed = 0
     begun = time.monotonic()
     # what a diagnosis proves of its finding decides nothing here, and takes a third of its time
-    with mock.patch.object(verdict, "prove", return_value=None):
+    with mock.patch.object(engine, "prove", return_value=None):
         for trial in _guarded(options.machines.split(","), options.seed):
             tried += 1
             failed += trial is None

@@ -31,9 +31,11 @@ from challenge.simulator.arm import Arm
 from challenge.simulator.base import Imperfection, Kind, Plan
 from challenge.simulator.writing import recording_text
 from truepose.files import atomic_write_text
-from truepose.identification.learned_prior import read_prior, write_prior
+from truepose.identification.learned_prior import read_prior
 from truepose.identification.leaves.fleet.evidence import kept
 from truepose.identification.leaves.fleet.learn import learned
+from truepose.identification.leaves.fleet.place_evidence import evidence
+from truepose.identification.leaves.fleet.prior_file import write_prior
 from truepose.identification.leaves.fleet.statistics import EffectInFleet, statistics
 from truepose.identification.leaves.fleet.summary import Summary, total
 
@@ -148,7 +150,7 @@ def _diagnosed(study: Study, number: int, prior: str) -> None:
         return
     machine = truepose.load_machine(own / "machine.yaml")
     known = read_prior(study.prior) if prior == WITH else None
-    found = truepose.diagnose(machine, own / "recording.csv", prior=known)
+    found = truepose.diagnose(machine, own / "recording.csv", prior=known, examine=evidence)
     names = [[f.effect, list(f.place), f.probability] for f in found.findings]
     file.parent.mkdir(parents=True, exist_ok=True)
     atomic_write_text(file, json.dumps({"kept": kept(found), "names": names, "verdict": found.verdict}))

@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.files import atomic_write_text
-from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.write_machine import covariance_of
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording

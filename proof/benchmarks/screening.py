@@ -14,7 +14,7 @@ import time
 from importlib.resources import files
 from pathlib import Path
 
-from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 

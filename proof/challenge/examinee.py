@@ -27,7 +27,7 @@ WRITTEN = (DIAGNOSIS, IMPROVED, PREDICTION, TOOL, PLAIN)
 def sit(plugins: Sequence[str] = ()) -> None:
     """Diagnose and predict in the working directory; ``plugins`` are files that register a user's effects."""
     from truepose.files import atomic_write_text, write_table
-    from truepose.identification.diagnosis.engine import diagnose
+    from truepose.identification.diagnosis.diagnose import diagnose
     from truepose.identification.fit.write_machine import write_calibrated
     from truepose.identification.prediction.predict import predict
     from truepose.identification.recording.load import load_recording

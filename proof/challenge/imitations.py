@@ -17,7 +17,8 @@ from truepose.identification.fit.estimate import estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import catalogue
-from truepose.identification.signatures.signatures import Signatures
+from truepose.identification.signatures.linearisation import Forms
+from truepose.identification.signatures.signatures import Point, Signatures
 from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
@@ -55,8 +56,11 @@ class Imitations:
     @cached_property
     def signatures(self) -> tuple[Signature, ...]:
         """Every candidate that is a named effect; terms of one effect at one place that add up also together."""
-        blocks = Signatures(self._machine, self._recording, self.catalogue.candidates).blocks(self.fit)
-        rows = np.concatenate(list(blocks))
+        drawn = Signatures(self._machine, self._recording, self.catalogue.candidates)
+        free = self.fit.prior.free
+        at_fit = Point.of(self.fit, free[free < len(self._machine.parameters)])
+        blocks = drawn.stacked(at_fit, Forms.none(), None)
+        rows = np.concatenate([block.reshape(-1, block.shape[2]) for block in blocks])
         out, at = [], len(self.fit.prior_weight)
         for index, placed in enumerate(self.catalogue.candidates):
             size = len(placed.coefficients)

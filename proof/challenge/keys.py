@@ -24,7 +24,7 @@ from challenge.solutions import CONCEALED, Geometry, HeldOut, Reference, Solutio
 from challenge.strata import Draft
 from challenge.tool_pose import point_columns
 from truepose.errors import TrueposeError
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.common import OF_ROWS

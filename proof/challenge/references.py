@@ -18,7 +18,8 @@ from challenge.rivals import INDISTINCT, rivals
 from challenge.solutions import Geometry, HeldOut, Reference
 from truepose.errors import TrueposeError
 from truepose.identification.fit.align import aligned_start
-from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, estimate
+from truepose.identification.fit.estimate import FREE_WIDENING, estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.predict import predict
 from truepose.identification.prediction.predictor import Predictor

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Concatenate, ParamSpec, TypeVar
 
 from truepose.identification.compensation import compensate as compensation
-from truepose.identification.diagnosis import engine
+from truepose.identification.diagnosis import diagnose as engine
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit import calibrate as calibration
 from truepose.identification.fit import estimate as fitting
 from truepose.identification.identifiability import analysis
-from truepose.identification.identifiability.poses import SEED
+from truepose.identification.identifiability.analysis import SEED
 from truepose.identification.learned_prior import LearnedPrior, read_prior
 from truepose.identification.prediction import predict as prediction
 from truepose.identification.prediction import simulate as simulation
@@ -55,11 +55,17 @@ def diagnose(
     prior: LearnedPrior | Path | str | None = None,
     progress: Callable[[str], None] = lambda _: None,
     stop: Callable[[], bool] = lambda: False,
+    examine: engine.Examine | None = None,
 ) -> Diagnosis:
     machine = as_machine(machine)
     learned = read_prior(prior) if isinstance(prior, Path | str) else prior
     return engine.diagnose(
-        machine, as_recording(machine, recording), prior=learned, progress=progress, stop=stop
+        machine,
+        as_recording(machine, recording),
+        prior=learned,
+        progress=progress,
+        stop=stop,
+        examine=examine,
     )
 
 

@@ -43,7 +43,7 @@ def demo(
 
     Example: truepose demo telescope -o truepose-demo
     """
-    from truepose.identification.diagnosis.engine import diagnose
+    from truepose.identification.diagnosis.diagnose import diagnose
     from truepose.identification.recording.load import load_recording
     from truepose.identification.report.files import write_diagnosis
     from truepose.identification.report.notes import diagnosis_notes

@@ -15,9 +15,7 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
-import joblib
 from joblib.externals.loky import get_reusable_executor
-from joblib.parallel import get_active_backend
 
 from truepose.errors import InputError
 from truepose.version import VERSION
@@ -149,27 +147,11 @@ def cluster(address: str) -> Iterator[Cluster]:
     except (OSError, ValueError) as exc:
         raise InputError(f"--dask {address}: found no scheduler there: {exc}") from None
     with client:
-        yield _checked(client, f"--dask {address}")
+        yield check_cluster(client, f"--dask {address}")
 
 
-@contextlib.contextmanager
-def rows_on(address: str) -> Iterator[None]:
-    """Let sums over many rows run on this cluster, as ``joblib.parallel_config(backend="dask")`` does; empty: on cores."""
-    if not address:
-        yield
-        return
-    with cluster(address) as found, joblib.parallel_config(backend="dask", client=found.client):
-        yield
-
-
-def present() -> Cluster | None:
-    """Return the cluster that joblib was given here; None where it works on cores. Raises InputError for other workers."""
-    client = getattr(get_active_backend()[0], "client", None)
-    return None if client is None else _checked(client, "joblib's backend 'dask'")
-
-
-def _checked(client: Client, where: str) -> Cluster:
-    """Refuse workers of another version, and those whose sums are rounded otherwise."""
+def check_cluster(client: Client, where: str) -> Cluster:
+    """Return the cluster of a client. Raises InputError for workers of another version, and of sums rounded otherwise."""
     try:
         states = client.run(_state)
     except Exception as exc:  # whatever a worker raises that has no truepose
@@ -196,4 +178,4 @@ def several_threads(environment: Mapping[str, str]) -> str:
     return "" if not wrong else "=".join(wrong[0]) if wrong[0][1] else f"no {wrong[0][0]}"
 
 
-__all__ = ["Cluster", "Cores", "Pool", "cluster", "numbered", "present", "rows_on", "several_threads"]
+__all__ = ["Cluster", "Cores", "Pool", "cluster", "numbered", "several_threads"]

@@ -87,7 +87,7 @@ class Diagnosed:
 @pytest.fixture(scope="module")
 def tiny(tmp_path_factory: pytest.TempPathFactory) -> Diagnosed:
     """One diagnosis on the command line, shared by the tests."""
-    from truepose.identification.diagnosis import engine
+    from truepose.identification.diagnosis import diagnose as engine
 
     folder = tmp_path_factory.mktemp("tiny")
     machine, grid, recording = folder / "tiny.yaml", folder / "grid.csv", folder / "tiny.csv"
@@ -203,7 +203,7 @@ def test_demo_shows_the_truth_on_the_report_alone(
     tiny: Diagnosed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The bundled machine and recording reach the diagnosis; the truth goes to the report only."""
-    from truepose.identification.diagnosis import engine
+    from truepose.identification.diagnosis import diagnose as engine
 
     seen: dict[str, Any] = {}
 

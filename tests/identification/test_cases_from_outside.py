@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.leaves.check.run import check
 from truepose.identification.recording.load import load_recording

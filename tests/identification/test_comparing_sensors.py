@@ -16,8 +16,9 @@ import yaml
 import truepose.models
 from support.effects import with_effect
 from support.exact_fits import fit_at, read
-from truepose.identification.diagnosis.outliers import outlying_rows
-from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.diagnosis.null_fits import outlying_rows
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.partial_residuals import all_port_shifts

@@ -24,7 +24,7 @@ from support.told_otherwise import (
 )
 from truepose.errors import TrueposeError
 from truepose.identification.fit.calibrate import calibrate
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 
 ROWS = 30
 

@@ -21,7 +21,7 @@ from support.told_otherwise import (
     recorded,
     shuffled,
 )
-from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.prediction.simulate import simulate

@@ -15,7 +15,7 @@ import pytest
 from support.examples import NIGHT, one_in
 from support.leg_errors import leg_errors
 from support.round_trips import check_round_trip
-from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.recording.load import load_recording

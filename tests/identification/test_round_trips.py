@@ -14,7 +14,7 @@ from support.exact_fits import fit_at, posed, read
 from support.examples import by_day
 from support.results import machine, recording
 from support.round_trips import check_round_trip
-from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import calibrated_text, effect_entry
 from truepose.identification.prediction.simulate import simulate

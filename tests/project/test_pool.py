@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from truepose.errors import InputError
-from truepose.pool import Cluster, Cores, cluster, numbered, present, rows_on, several_threads
+from truepose.pool import Cluster, Cores, check_cluster, cluster, numbered, several_threads
 from truepose.version import VERSION
 
 
@@ -132,20 +132,15 @@ STATES: dict[str, tuple[Mapping[str, Any] | None, str]] = {
 
 
 @pytest.mark.parametrize("case", STATES)
-def test_workers_of_a_cluster_are_alike(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where joblib was told of one; on cores there is none."""
-    with rows_on(""):
-        assert present() is None
+def test_workers_of_a_cluster_are_alike(case: str) -> None:
     states, wrong = STATES[case]
-    backend = type("Backend", (), {"client": Client({"a": 1}, states)})()
-    monkeypatch.setattr("truepose.pool.get_active_backend", lambda: (backend, 1))
+    client: Any = Client({"a": 1}, states)
     if wrong:
         with pytest.raises(InputError) as refused:
-            present()
-        assert str(refused.value).startswith(f"joblib's backend 'dask': {wrong}")
+            check_cluster(client, "--dask a")
+        assert str(refused.value).startswith(f"--dask a: {wrong}")
     else:
-        found = present()
-        assert found is not None and found.client is backend.client
+        assert check_cluster(client, "--dask a").client is client
 
 
 @pytest.mark.parametrize(

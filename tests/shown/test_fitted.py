@@ -20,7 +20,7 @@ from support.round_trips import check_round_trip
 from truepose.errors import InputError
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.calibrate import Calibration
-from truepose.identification.fit.fitted import Fitted
+from truepose.identification.fit.estimated import Fitted
 from truepose.identification.recording.recording import Recording
 
 FITTED: Mapping[str, Callable[[], Fitted]] = {

@@ -2,7 +2,7 @@
 
 Measured poses M_k = B F_k T of flange poses F_k give rotations from one null vector (M_k Y = B F_k with Y the inverse of T;
 Shah, J. Mechanisms Robotics 5, 2013, in its linear form) and translations from one linear system. Points alone give B by
-a rigid motion for the tool as it is stated, and directions alone as ``truepose.identification.fit.sighted`` has it.
+a rigid motion for the tool as it is stated, and directions alone as ``truepose.identification.fit.align`` has it.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.fit.sighted import base_of, station_of
+from truepose.identification.fit.align import base_of, station_of
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
 from truepose.models.machine.machine import Machine
@@ -140,7 +140,7 @@ def _far_tools(drawn: Array, read: Array) -> Iterator[Array]:
 
 def _by_directions(sensor: Direction, tool: Array, read: Array, stated: Frames) -> Iterator[Frames]:
     """The base that turns poses (n, 4, 4) of the tool to the directions (n, k) read."""
-    found = base_of(sensor, tool, read, station_of(sensor, (p.nominal for p in sensor.own)))
+    found = base_of(sensor, tool, read, station_of(p.nominal for p in sensor.own))
     if found is not None:
         base = found[0]
         if sensor.of != ORIGIN:

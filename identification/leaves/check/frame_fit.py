@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from truepose.identification.fit.align import transform
 from truepose.identification.leaves.check.scene import Array, Mask, Scene, Stand
-from truepose.identification.prediction.lost import lost_of
-from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.prediction.predictor import Predictor, lost_of
 from truepose.identification.prediction.sensor_rows import SensorFunctions, Sight, joined
 from truepose.models.machine.machine import FRAME_OF, Machine
 

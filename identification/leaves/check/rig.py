@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.fit.sighted import ZEROS, unknown_zeros
+from truepose.identification.fit.align import ZEROS, unknown_zeros
 from truepose.identification.leaves.check.alignment import Frames, frames_from_poses, starts, tools
 from truepose.identification.leaves.check.frame_fit import FEW, KEPT, STEPS, Ends, FrameFit, transform
 from truepose.identification.leaves.check.scene import Array, Mask, Scene, Stand, chosen, differs

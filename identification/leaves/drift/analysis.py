@@ -17,11 +17,11 @@ from truepose.arrays import Array
 from truepose.errors import ConvergenceError
 from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.decomposition import Decomposition
-from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.problem import Prior, prior_of
 from truepose.identification.fit.set_ups import without_set_ups
-from truepose.identification.identifiability.note import Note
-from truepose.identification.identifiability.observability import Knowledge
+from truepose.identification.identifiability.observability import Knowledge, Note
 from truepose.identification.identifiability.patterns import Blind
 from truepose.identification.leaves.drift.durability import Durability, durability
 from truepose.identification.leaves.drift.movement_posterior import Likeliest, likeliest, movement_posterior

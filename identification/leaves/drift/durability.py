@@ -19,7 +19,8 @@ from scipy import stats
 from truepose.arrays import Array, Mask
 from truepose.errors import ConvergenceError
 from truepose.identification.fit.decomposition import Decomposition
-from truepose.identification.fit.estimate import Estimate, estimate, result
+from truepose.identification.fit.estimate import estimate, result
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.leastsquares import Solution, Status
 from truepose.identification.fit.problem import Prior, Problem
 from truepose.identification.fit.summary import rms_by_kind

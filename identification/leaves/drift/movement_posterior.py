@@ -11,11 +11,19 @@ from scipy.special import expit
 
 from truepose.arrays import Array, Mask
 from truepose.identification.leaves.drift.movement_problem import Kinds, Stack, movement_problem
-from truepose.identification.posterior.conditional import log_gains
-from truepose.identification.posterior.mode import climbed, nearest_top
+from truepose.identification.posterior.marginal import log_gains
 from truepose.identification.posterior.posterior import Posterior, class_probability, mode, sample
 from truepose.identification.posterior.spike_slab import Member, SpikeSlab
-from truepose.identification.posterior.state import LOUDER, Moments, State, best_point, moments, slot_odds
+from truepose.identification.posterior.state import (
+    LOUDER,
+    Moments,
+    State,
+    best_point,
+    moments,
+    nearest_top,
+    slot_odds,
+    tops,
+)
 from truepose.identification.prior import RICHNESS
 
 ENOUGH, NEARLY = 3.0, 12.0
@@ -88,7 +96,7 @@ def likeliest(stack: Stack, kinds: Kinds, known: State | None = None) -> Likelie
     """By ascent, from a known state or from nothing."""
     spike_slab = movement_problem(stack, kinds)
     start = () if known is None else (State(known.members, spike_slab.unknowns.nearest(known.point), 0.0),)
-    return Likeliest(stack, spike_slab, climbed(spike_slab, RICHNESS, start))
+    return Likeliest(stack, spike_slab, tops(spike_slab, RICHNESS, start)[0])
 
 
 def movement_posterior(top: Likeliest, kinds: Kinds) -> MovementPosterior:

@@ -23,10 +23,8 @@ from truepose.identification.fit.decomposition import ROUNDING
 from truepose.identification.fit.problem import Prior
 from truepose.identification.fit.tolerance_classes import PartClass, part_classes, widenings
 from truepose.identification.leaves.drift.sessions import Linear
-from truepose.identification.posterior.design import Always, Design, Unknowns
+from truepose.identification.posterior.design import Always, Design, Term, Terms, Unknowns, Urn
 from truepose.identification.posterior.spike_slab import SpikeSlab
-from truepose.identification.posterior.terms import Term, Terms
-from truepose.identification.posterior.urn import Urn
 from truepose.models.machine.machine import FRAME_OF, Machine
 from truepose.models.machine.mechanism import like_parts, vector_of
 

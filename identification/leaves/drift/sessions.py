@@ -11,7 +11,7 @@ from truepose.arrays import Array, Index
 from truepose.errors import InputError
 from truepose.identification.fit.leastsquares import triangular
 from truepose.identification.fit.problem import Prior, Problem
-from truepose.identification.identifiability.note import Note
+from truepose.identification.identifiability.observability import Note
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine

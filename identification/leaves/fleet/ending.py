@@ -12,12 +12,12 @@ from pathlib import Path
 
 from truepose.errors import InputError
 from truepose.files import atomic_directory
-from truepose.identification.learned_prior import write_prior
 from truepose.identification.leaves.fleet.changes import Changes, Comparison, paired
 from truepose.identification.leaves.fleet.columns import Gathered
 from truepose.identification.leaves.fleet.files import DOCUMENT, PAGE, put_fleet
 from truepose.identification.leaves.fleet.learn import learned
 from truepose.identification.leaves.fleet.odd import oddness
+from truepose.identification.leaves.fleet.prior_file import write_prior
 from truepose.identification.leaves.fleet.record import Record
 from truepose.identification.leaves.fleet.result import SHOWN, Fleet
 from truepose.identification.leaves.fleet.statistics import statistics

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from truepose.identification.diagnosis.place_evidence import PlaceEvidence
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.tolerance_classes import part_classes
 from truepose.identification.leaves.fleet.columns import KEPT
+from truepose.identification.leaves.fleet.place_evidence import PlaceEvidence
 
 DETERMINED = 3.0
 """1-sigma of what the readings alone say of a constant, in its tolerances, beyond which they say nothing of it."""
@@ -24,7 +24,7 @@ FINEST = 1e-3
 
 
 def kept(diagnosis: Diagnosis) -> dict[str, Any]:
-    """What the fleet's statistics need of a machine.
+    """What the fleet's statistics need of a machine that was diagnosed with ``examine=evidence`` (``place_evidence``).
 
     Returns a dict of texts, numbers, lists and dicts: ``machine``, ``mechanism`` (its type), ``verdict``; ``places``: by effect
     and place ``[probability, prior, log Bayes factor, unseen, credit]`` (``unseen``: prior share of sizes that the recording
@@ -39,8 +39,8 @@ def kept(diagnosis: Diagnosis) -> dict[str, Any]:
         "machine": machine.name,
         "mechanism": machine.mechanism_type,
         "verdict": diagnosis.verdict,
-        "places": _by_effect(diagnosis.evidence),
-        "anywhere": {one.effect: _place(one) for one in diagnosis.evidence_anywhere},
+        "places": _by_effect(diagnosis.examined[0]),
+        "anywhere": {one.effect: _place(one) for one in diagnosis.examined[1]},
         "parameters": _parameters(diagnosis.after),
     }
 

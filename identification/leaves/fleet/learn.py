@@ -15,7 +15,7 @@ SMALLEST = 1e-4
 def learned(summary: Summary) -> LearnedPrior:
     """What the fleet says of machines to come; without machines the prior of ``truepose.identification.prior``.
 
-    ``truepose.identification.learned_prior.write_prior(path, learned(summary))`` writes the file.
+    ``truepose.identification.leaves.fleet.prior_file.write_prior(path, learned(summary))`` writes the file.
     """
     effects = {effect: _effect(tree) for effect, tree in sorted(trees(summary).items())}
     kinds = summary.mechanisms

@@ -110,9 +110,10 @@ def _tried(task: Task) -> _Result | Record:
 
 
 def _worked_out(task: Task) -> _Result | Record:
-    from truepose.identification.diagnosis.engine import diagnose
+    from truepose.identification.diagnosis.diagnose import diagnose
     from truepose.identification.fit.calibrate import calibrate
     from truepose.identification.gate import load_checked
+    from truepose.identification.leaves.fleet.place_evidence import evidence
 
     for plugin in task.options.plugins:
         _load(plugin)
@@ -123,7 +124,7 @@ def _worked_out(task: Task) -> _Result | Record:
         return task.record("wrong", caution.refusal)
     machine, rows = _seen_from(task, machine, rows)
     learned = None if options.prior is None else _prior(options.prior)
-    diagnosis = diagnose(machine, rows, prior=learned)
+    diagnosis = diagnose(machine, rows, prior=learned, examine=evidence)
     return _Result(_told_caution(task, caution), calibrate(machine, rows), diagnosis)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping
 
 import numpy as np
 
-from truepose.identification.diagnosis.findings import NOTABLE
+from truepose.identification.diagnosis.result import NOTABLE
 from truepose.identification.report.numbers import known, significant
 from truepose.shown.chart import Axis, Bars, Chart, Level, Tone
 

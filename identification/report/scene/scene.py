@@ -15,7 +15,7 @@ import numpy as np
 
 from truepose.arrays import Array, Index
 from truepose.errors import TrueposeError
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.drivers import reading_unit
 from truepose.identification.report.numbers import measure

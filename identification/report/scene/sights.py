@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from truepose.arrays import Array
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie

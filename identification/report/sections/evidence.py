@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from truepose.identification.diagnosis.alarm import Alarm
-from truepose.identification.diagnosis.result import Alternative, Diagnosis
+from truepose.identification.diagnosis.result import Alarm, Alternative, Diagnosis
 from truepose.identification.report import diagnosis_words as words
 from truepose.identification.report.document import Block, Charts, Fold, Section, Table, Text
 from truepose.identification.report.figures import evidence

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from truepose.arrays import Index
-from truepose.identification.diagnosis.outliers import fringes_by_row
+from truepose.identification.diagnosis.null_fits import fringes_by_row
 from truepose.identification.diagnosis.result import Diagnosis, Finding
 from truepose.identification.report import diagnosis_words as words
 from truepose.identification.report import verdict_reasons

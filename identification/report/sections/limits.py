@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from truepose.identification.diagnosis.result import Diagnosis
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.report import diagnosis_words as words
 from truepose.identification.report import gauge
 from truepose.identification.report.document import Block, Items, Section, Table

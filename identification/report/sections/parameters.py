@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from truepose.identification.diagnosis.result import Diagnosis
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.report.document import Block, Charts, Fold, Section, Table, Text
 from truepose.identification.report.figures import parameters
 from truepose.identification.report.figures.parameters import Departures

@@ -9,7 +9,7 @@ import numpy as np
 
 from truepose.arrays import Array, Mask
 from truepose.identification.diagnosis.result import Diagnosis
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.report import diagnosis_words as words
 from truepose.identification.report.document import Block, Charts, Section, Table, Text
 from truepose.identification.report.figures import truth as figures

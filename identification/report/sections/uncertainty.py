@@ -8,10 +8,9 @@ import numpy as np
 
 from truepose.arrays import Array, Mask
 from truepose.errors import TrueposeError
-from truepose.identification.fit.axis_positioning import axis_tests
-from truepose.identification.fit.estimate import Estimate
-from truepose.identification.fit.pose_repeatability import PoseTest, pose_test
-from truepose.identification.fit.tool_spread import (
+from truepose.identification.fit.estimated import Estimate
+from truepose.identification.fit.repeatability import PoseTest, axis_tests, pose_test
+from truepose.identification.fit.tool_pose import (
     EXPLANATIONS,
     READINGS,
     TOLERANCES,

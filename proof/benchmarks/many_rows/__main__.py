@@ -1,18 +1,14 @@
-"""``python -m benchmarks.many_rows 10000 100000 1000000``: a diagnosis of each, with time, memory and stages, as a table.
-
-``--workers N`` sums up the rows on a Dask cluster of so many processes on this computer.
-"""
+"""``python -m benchmarks.many_rows 10000 100000 1000000``: a diagnosis of each, with time, memory and stages, as a table."""
 
 from __future__ import annotations
 
 import argparse
-import contextlib
 import json
 import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,10 +23,10 @@ STAGES = {
 }
 
 
-def measured(rows: int, folder: Path, dask: str) -> dict[str, Any]:
-    """What one diagnosis took, in a process of its own; ``dask``: address of a cluster, or nothing."""
+def measured(rows: int, folder: Path) -> dict[str, Any]:
+    """What one diagnosis took, in a process of its own."""
     machine, recording = write(rows, folder)
-    command = [sys.executable, "-m", "benchmarks.many_rows.measure", str(machine), str(recording), dask]
+    command = [sys.executable, "-m", "benchmarks.many_rows.measure", str(machine), str(recording)]
     paths = os.pathsep.join([str(PROOF), os.environ.get("PYTHONPATH", "")])
     environment = {**os.environ, "PYTHONPATH": paths, "OMP_NUM_THREADS": "1"}
     done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, check=True, text=True)
@@ -67,26 +63,13 @@ def names(found: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-@contextlib.contextmanager
-def _cluster(workers: int) -> Iterator[str]:
-    """The address of a cluster; empty for none."""
-    if not workers:
-        yield ""
-        return
-    from distributed import LocalCluster
-
-    with LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as found:
-        yield found.scheduler_address
-
-
 def main() -> None:
     """Measure one after the other, then print both tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("rows", type=int, nargs="+")
-    parser.add_argument("--workers", type=int, default=0)
     wanted = parser.parse_args()
-    with tempfile.TemporaryDirectory() as folder, _cluster(wanted.workers) as dask:
-        found = [measured(rows, Path(folder), dask) for rows in wanted.rows]
+    with tempfile.TemporaryDirectory() as folder:
+        found = [measured(rows, Path(folder)) for rows in wanted.rows]
     sys.stdout.write(f"{table(found)}\n\n{names(found)}\n")
 
 

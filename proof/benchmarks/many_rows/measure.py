@@ -11,9 +11,8 @@ import time
 from pathlib import Path
 
 from truepose.commands.gate import gated
-from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.report.files import write_diagnosis
-from truepose.pool import rows_on
 
 
 class Stages:
@@ -31,13 +30,12 @@ class Stages:
         self._name, self._since = text, now
 
 
-def main(machine: str, recording: str, dask: str = "") -> None:
-    """Run and print; ``dask``: address of a cluster that sums up the rows."""
+def main(machine: str, recording: str) -> None:
+    """Run and print."""
     began, stages = time.monotonic(), Stages()
     stages.say("reading and checking")
     loaded, rows, caution = gated(Path(machine), [Path(recording)])
-    with rows_on(dask):
-        result = diagnose(loaded, rows, progress=stages.say)
+    result = diagnose(loaded, rows, progress=stages.say)
     stages.say("writing the report")
     with tempfile.TemporaryDirectory() as folder:
         write_diagnosis(result, Path(folder), caution=caution)

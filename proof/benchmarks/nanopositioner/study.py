@@ -14,7 +14,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.fit.estimate import Estimate, estimate, prior_of
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimated import Estimate
+from truepose.identification.fit.problem import prior_of
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording

@@ -14,7 +14,7 @@ import numpy as np
 from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.fit.decomposition import ROUNDING, Decomposition
-from truepose.identification.identifiability.subset import Columns, Subset, extended, subset_of
+from truepose.identification.identifiability.observability import Columns, Subset, extended, subset_of
 from truepose.wording import close_matches
 
 NEW_SHARE = 1e-8

@@ -16,14 +16,16 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from truepose.identification.compensation.compensate import Method, compensate
-from truepose.identification.compensation.path_table import POSE, load_path
-from truepose.identification.fit import biased
+from truepose.identification.compensation.compensate import compensate
+from truepose.identification.compensation.path_table import load_path
+from truepose.identification.compensation.rows import Method
+from truepose.identification.fit import relinearised as biased
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.models import lie
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.mechanism import AXIS_UNITS as POSE
 
 from . import bundle, montecarlo, regression
 from . import workspace as ws

@@ -1,7 +1,7 @@
 """Least squares against Liu over many noise draws (eqs. 11-14, 17, 18), with the estimate under tolerances beside them.
 
 One robot's displacements come from the simulator, noise from 10^4 draws; each estimator is a handful of matrix
-products on one decomposition (``truepose.identification.fit.biased``).
+products on one decomposition (``truepose.identification.fit.relinearised``).
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from functools import cache, partial
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from truepose.identification.fit import biased
+from truepose.identification.fit.relinearised import LinearEstimate, Spectrum, decompose, ols
+from truepose.identification.leaves.shrinking import estimating as biased
 
 from . import ranks, regression
 from . import workspace as ws
@@ -24,7 +25,7 @@ from .robot import LIMBS, MIDDLE, Robot
 RUNS = 10_000
 TILT = np.radians(5.0)
 FIELDS = ("calibration", "test", "tilted")
-Estimator = Callable[[biased.Spectrum], biased.LinearEstimate]
+Estimator = Callable[[Spectrum], LinearEstimate]
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,7 @@ class Scheme:
     def estimate(self, h: Array, y: Array) -> tuple[Array, Array]:
         """Errors (150, k), mm and rad, for right-hand sides y (m, k), and what tuned each (k,)."""
         own, unit = list(self.columns), self.unit[list(self.columns)]
-        found = self.estimator(biased.decompose(h[:, own] * unit / self.reading, y / self.reading))
+        found = self.estimator(decompose(h[:, own] * unit / self.reading, y / self.reading))
         out = np.zeros((h.shape[1], y.shape[1]))
         out[own] = found.b * unit[:, None]
         return out, found.tuning
@@ -108,7 +109,7 @@ def schemes(size: Size, angle: str = "deg") -> list[Scheme]:
     """The paper's two on its 54 columns, three more biased ones, and all 150 errors under tolerances ``size``."""
     unit, columns = regression.unit(angle), ranks.kept()
     return [
-        Scheme("OLS", columns, unit, biased.ols),
+        Scheme("OLS", columns, unit, ols),
         Scheme("LE, eq. (14)", columns, unit, biased.liu),
         Scheme("LE, Liu's d", columns, unit, partial(biased.liu, rule="unbiased")),
         Scheme("ridge", columns, unit, biased.ridge),

@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from truepose.identification.identifiability.subset import Columns, Subset
+from truepose.identification.identifiability.observability import Columns, Subset
 
 from . import regression
 from . import workspace as ws

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 import truepose
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from telescope_simulator import nominal_machine, simulate
 
-from truepose.identification.identifiability.subset import Columns
+from truepose.identification.identifiability.observability import Columns
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.models import lie

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from truepose.identification.identifiability.subset import Columns, independent_subset
+from truepose.identification.identifiability.observability import Columns, independent_subset
 
 from .campaign import Array, Campaign
 from .fits import LEAST, all_columns

@@ -13,10 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.leastsquares import triangular
 from truepose.identification.fit.problem import Prior, prior_of
-from truepose.identification.identifiability.subset import Columns, Subset, independent_subset
+from truepose.identification.identifiability.observability import Columns, Subset, independent_subset
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models.effects.base import PlacedEffect
 

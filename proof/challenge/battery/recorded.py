@@ -20,7 +20,7 @@ from challenge.examinee import DIAGNOSIS
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from truepose.identification.fit.estimate import Estimate
+    from truepose.identification.fit.estimated import Estimate
     from truepose.identification.fit.tool_pose import ToolPoints
     from truepose.identification.recording.recording import Recording
     from truepose.models.machine.machine import Machine
@@ -35,7 +35,7 @@ def diagnosed(data: Path, case: str) -> None:
     """One case, in the working directory. Raises InputError where the file has other rows than are expected."""
     from truepose.errors import InputError
     from truepose.files import atomic_write_text
-    from truepose.identification.diagnosis.engine import diagnose
+    from truepose.identification.diagnosis.diagnose import diagnose
     from truepose.identification.fit.calibrate import calibrate
     from truepose.identification.report.json_text import json_text
     from truepose.identification.report.results import diagnosis_json

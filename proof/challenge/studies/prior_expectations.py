@@ -14,7 +14,6 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from unittest.mock import patch
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -23,11 +22,7 @@ from scipy.special import softmax
 
 from truepose import diagnose, load_machine, load_recording
 from truepose.identification import prior
-from truepose.identification.diagnosis import engine
-from truepose.identification.diagnosis.null_fits import Fits
-from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.diagnosis.search import Found
-from truepose.identification.diagnosis.verdict import concluded
 from truepose.identification.posterior.state import State
 from truepose.models.effects.empirical import Empirical
 
@@ -51,16 +46,10 @@ class Expected:
 
 def expected(case: Path) -> Expected:
     """Expectations under the posterior of a case."""
-    kept: list[Found] = []
-
-    def conclude(fits: Fits, found: Found) -> Diagnosis:
-        kept.append(found)
-        return concluded(fits, found)
-
-    with patch.object(engine, "concluded", conclude):
-        machine = load_machine(case / "machine.yaml")
-        diagnose(machine, load_recording(machine, [case / "recording.csv"]))
-    return _of(kept[-1])
+    machine = load_machine(case / "machine.yaml")
+    rows = load_recording(machine, [case / "recording.csv"])
+    found: Expected = diagnose(machine, rows, examine=lambda found, _: _of(found)).examined
+    return found
 
 
 def _of(found: Found) -> Expected:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from truepose.errors import InputError
-from truepose.identification.identifiability.subset import Columns
+from truepose.identification.identifiability.observability import Columns
 
 irreducible = import_module("polisher.irreducible")
 

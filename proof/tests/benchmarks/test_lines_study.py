@@ -41,7 +41,7 @@ def test_a_search_goes_on_without_the_rows_that_gears_concealed(
         begun.append(start)
         return Expansion(start)
 
-    monkeypatch.setattr("truepose.identification.diagnosis.stages.Expansion", expanded)
+    monkeypatch.setattr("truepose.identification.diagnosis.search.Expansion", expanded)
     found = truepose.diagnose(truepose.load_machine(tmp_path / "arm.yaml"), tmp_path / "arm.csv")
     (start,) = begun  # from the first one's end: what it had found is known
     assert start.known is not None and np.flatnonzero(start.exclude).tolist() == list(WILD)

@@ -22,7 +22,7 @@ from support.texts import assert_same_to_the_last_digit
 from truepose.cli import app
 from truepose.errors import InputError
 from truepose.identification.compensation.inverse import PoseSolver, Reach, inverse
-from truepose.identification.diagnosis import engine
+from truepose.identification.diagnosis import diagnose as engine
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine

@@ -16,7 +16,8 @@ from support import ROOT
 from support.examples import one_in
 from support.texts import assert_same_to_the_last_digit
 from truepose.identification.fit.calibrate import calibrate
-from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.models.effect_text import parse_effect

@@ -27,7 +27,7 @@ from challenge.mujoco.written import Asked, unsaid, write
 from challenge.simulator.base import Imperfection, Plan
 from challenge.simulator.writing import recording_text
 from truepose.errors import InputError
-from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 

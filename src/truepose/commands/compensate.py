@@ -89,8 +89,7 @@ def correct_and_tell(
 def compensate_table(machine: Machine, path: Path, output: Path, method: str) -> Corrected:
     """Write the commands for a table of joints or poses; summary, lines and notes."""
     from truepose.identification.compensation import compensate as compensation
-    from truepose.identification.compensation.path_table import commands, load_path
-    from truepose.identification.compensation.read_back import check_commands
+    from truepose.identification.compensation.path_table import check_commands, commands, load_path
     from truepose.identification.prediction.predict import unheard
     from truepose.identification.report.applied_words import expected_words, pose_json
     from truepose.identification.report.compensation_words import compensation_json, compensation_lines
@@ -108,7 +107,7 @@ def compensate_table(machine: Machine, path: Path, output: Path, method: str) ->
 
 
 def _write(path: Path, suffix: str, frame: pd.DataFrame) -> None:
-    from truepose.identification.compensation.path_file import csv_text
+    from truepose.identification.compensation.path_table import csv_text
 
     if suffix.lower() in {".parquet", ".pq"}:
         frame.to_parquet(path, index=False)

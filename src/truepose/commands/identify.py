@@ -74,15 +74,6 @@ PriorOption = Annotated[
         help="What a fleet of such machines says is likely: the prior.yaml of its statistics.",
     ),
 ]
-DaskOption = Annotated[
-    str,
-    typer.Option(
-        "--dask",
-        metavar="ADDRESS",
-        help="Scheduler of a Dask cluster (tcp://host:8786) that sums up the rows of a long recording. Its workers have this "
-        "version of truepose.",
-    ),
-]
 
 
 def calibrate(
@@ -123,7 +114,7 @@ def _calibration_written(
     result: Calibration, caution: Caution, output: Path, say: Callable[[str], None]
 ) -> tuple[dict[str, Any], list[str]]:
     """Write the results into ``output``; what is told of them, for --json and in lines."""
-    from truepose.identification.diagnosis.outliers import far_rows
+    from truepose.identification.diagnosis.null_fits import far_rows
     from truepose.identification.fit.tool_pose import calibrated_pose
     from truepose.identification.report.files import write_calibration
     from truepose.identification.report.lines import caution_lines
@@ -154,7 +145,6 @@ def diagnose(
     prior: PriorOption = None,
     shuffled: ShuffledOption = False,
     anyway: GateOption = False,
-    dask: DaskOption = "",
     as_json: JsonOption = False,
 ) -> None:
     """Locate, name, model and prove what the model leaves out.
@@ -164,11 +154,10 @@ def diagnose(
 
     Example: truepose diagnose machine.yaml recording.csv -o result
     """
-    from truepose.identification.diagnosis.engine import diagnose as run
+    from truepose.identification.diagnosis.diagnose import diagnose as run
     from truepose.identification.learned_prior import read_prior
     from truepose.identification.report.judgement_words import diagnosis_judgement
     from truepose.identification.report.notes import diagnosis_notes
-    from truepose.pool import rows_on
 
     learned = None if prior is None else read_prior(prior)
     check_directory(output, DIAGNOSIS)
@@ -178,7 +167,7 @@ def diagnose(
             machine, recordings, irradiance=light, anyway=anyway, shuffled=shuffled, tried=tried
         )
         check_machine(output, DIAGNOSIS, loaded.name)
-    with progress("diagnosing") as say, rows_on(dask):
+    with progress("diagnosing") as say:
         with first_interrupt("" if quiet() else STOPPING) as stop:
             result = run(loaded, rows, prior=learned, progress=say, stop=stop)
         say("writing the report")

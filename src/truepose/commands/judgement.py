@@ -9,7 +9,7 @@ from truepose.commands.common import BAD_INPUT, fail
 from truepose.commands.progress import quiet
 
 if TYPE_CHECKING:
-    from truepose.identification.fit.absurd import Judgement
+    from truepose.identification.fit.summary import Judgement
 
 
 def refuse(judgement: Judgement, output: Path, *, as_json: bool) -> None:

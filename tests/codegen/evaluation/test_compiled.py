@@ -19,9 +19,9 @@ from support.built_machines import TEXTS, manufactured, read_machines, simulated
 from support.engines import compile_all, compile_none
 from support.examples import by_day, examples
 from support.generated_c import needs_compiler
-from truepose.codegen.evaluation import compiled, engine, rowwise
+from truepose.codegen.evaluation import engine, rowwise
 from truepose.codegen.evaluation.batch import BatchFunction
-from truepose.codegen.evaluation.compiled import library_cache
+from truepose.codegen.evaluation.compiled import Compiler, library_cache
 from truepose.identification.fit.calibrate import calibrate
 
 Array = NDArray[np.float64]
@@ -138,7 +138,7 @@ def refuse(*args: object) -> None:
 def test_what_was_compiled_once_is_not_compiled_again(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first = example("one")(*inputs(9))
     (library,) = libraries(cache)
-    monkeypatch.setattr(compiled.Compiler, "build", refuse)
+    monkeypatch.setattr(Compiler, "build", refuse)
     function = example("another_name")
     for one, other in zip(first, function(*inputs(9)), strict=True):
         np.testing.assert_array_equal(one, other)

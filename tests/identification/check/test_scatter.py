@@ -11,7 +11,7 @@ import pytest
 import truepose
 from support import MACHINES
 from support.checked_arm import EXACT, document, rig_of
-from truepose.identification.identifiability.poses import drawn_poses
+from truepose.identification.identifiability.analysis import drawn_poses
 from truepose.identification.leaves.check.pair import Pair
 from truepose.identification.leaves.check.result import Found
 from truepose.identification.leaves.check.rig import Rig

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from support.sensor_bench import Bench
 from truepose.errors import ConvergenceError
 from truepose.identification.diagnosis import alarms, null_fits
-from truepose.identification.diagnosis.alarms import alarms_of, misfits
-from truepose.identification.diagnosis.conflict import conflict_with_tolerances
+from truepose.identification.diagnosis.alarms import alarms_of, conflict_with_tolerances, misfits
 from truepose.identification.diagnosis.holdout import ratio_interval
-from truepose.identification.fit.estimate import FREE_WIDENING, Estimate, estimate
+from truepose.identification.fit.estimate import FREE_WIDENING, estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.linearisation import Linearisation

@@ -18,7 +18,8 @@ from truepose.identification.diagnosis.averaging import WORSE, averaged
 from truepose.identification.diagnosis.posterior_summary import LEADING
 from truepose.identification.diagnosis.refit import fitted
 from truepose.identification.diagnosis.search import Found, chosen
-from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.posterior.state import State, moments, typical

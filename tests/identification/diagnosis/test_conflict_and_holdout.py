@@ -15,7 +15,7 @@ from scipy.stats import chi2
 
 from support.examples import examples
 from support.recordings import rows_of
-from truepose.identification.diagnosis.conflict import conflict_with_tolerances
+from truepose.identification.diagnosis.alarms import conflict_with_tolerances
 from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks, ratio_interval
 from truepose.identification.fit.tolerance_classes import PartClass, part_classes, widenings
 from truepose.identification.recording.recording import Recording

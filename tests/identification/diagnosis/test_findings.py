@@ -11,7 +11,6 @@ import pytest
 
 from support.effect_machines import read_machines
 from support.effects import with_effect
-from truepose.identification.diagnosis.alarm import Alarm
 from truepose.identification.diagnosis.findings import (
     best_shape,
     evidence_map,
@@ -21,8 +20,8 @@ from truepose.identification.diagnosis.findings import (
 )
 from truepose.identification.diagnosis.naming import as_named, told_once
 from truepose.identification.diagnosis.posterior_summary import Inclusion, Named, Rival
-from truepose.identification.diagnosis.result import UNNAMED, Form, Replication
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.diagnosis.result import UNNAMED, Alarm, Form, Replication
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.models.machine.machine import Machine

@@ -11,9 +11,10 @@ import pytest
 from numpy.typing import NDArray
 
 from support.sensor_bench import STAGE, STAGE_HEAD, Bench
-from truepose.identification.diagnosis.engine import diagnose
-from truepose.identification.diagnosis.outliers import fringes_by_row, miscounted_fringes
-from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.diagnosis.diagnose import diagnose
+from truepose.identification.diagnosis.null_fits import fringes_by_row, miscounted_fringes
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.results import diagnosis_json
 

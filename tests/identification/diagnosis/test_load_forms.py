@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from support.calibrated_machines import LOADED, SIX_AXES
-from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.diagnosis.result import Diagnosis, Form, Remainder
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import covariance_of, write_calibrated

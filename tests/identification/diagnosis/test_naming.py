@@ -14,12 +14,12 @@ import pytest
 
 from support.effect_machines import read_machines
 from support.searched_arm import Case
-from truepose.identification.diagnosis.alarm import Alarm
 from truepose.identification.diagnosis.alarms import misfits
+from truepose.identification.diagnosis.diagnose import verdict
 from truepose.identification.diagnosis.naming import FAMILY, Summary, named
 from truepose.identification.diagnosis.posterior_summary import inclusion
+from truepose.identification.diagnosis.result import Alarm
 from truepose.identification.diagnosis.search import Found
-from truepose.identification.diagnosis.verdict import verdict
 from truepose.identification.posterior.state import State
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.prior import TOGETHER

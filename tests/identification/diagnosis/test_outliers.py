@@ -15,14 +15,16 @@ from scipy.stats import chi2
 
 from support.recordings import rows_of
 from support.sensor_bench import Bench
-from truepose.identification.diagnosis.outliers import (
+from support.signature_rows import columns_at
+from truepose.identification.diagnosis.null_fits import (
     clustered,
     far_rows,
     outlying_rows,
     recording_coordinates,
 )
 from truepose.identification.fit.calibrate import Calibration
-from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.signatures import Signatures
 
@@ -113,7 +115,7 @@ def test_a_row_that_the_fit_follows_is_judged_as_if_it_had_not_been_fitted(
     """r' (1 - H)^-1 r by the whole hat matrix, H the share that the row has in its own prediction."""
     fit, recording = arm
     signatures = Signatures(fit.nominal, recording, ())
-    rows = np.vstack(list(signatures.blocks(fit)))
+    rows = columns_at(signatures, fit)
     lin = signatures.linearise(fit)
     j = rows[:, : lin.free]
     inverse = np.linalg.inv(j.T @ j + np.diag(lin.weight**2))

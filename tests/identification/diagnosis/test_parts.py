@@ -14,10 +14,12 @@ from scipy.stats import chi2, kstest
 from scipy.stats import f as fisher
 
 from support.sensor_bench import Bench
-from truepose.identification.diagnosis import alarms, structure_sums
+from truepose.identification.diagnosis import alarms
+from truepose.identification.diagnosis import alarms as structure_sums
 from truepose.identification.diagnosis.alarms import replicate_noise, residual_alarm, structure_alarm
 from truepose.identification.diagnosis.findings import remainder_of_residuals
-from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.summary import rms_by_kind
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording

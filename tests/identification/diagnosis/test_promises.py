@@ -11,11 +11,12 @@ from scipy.stats import chi2
 
 from support.recordings import rows_of
 from support.sensor_bench import Bench
-from truepose.identification.diagnosis.alarm import Alarm
 from truepose.identification.diagnosis.alarms import replicate_noise
 from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks
-from truepose.identification.diagnosis.outliers import bridges, outlying_rows
-from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.diagnosis.null_fits import bridges, outlying_rows
+from truepose.identification.diagnosis.result import Alarm
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.prior import noise_log_prior
 from truepose.identification.recording.recording import Recording
 

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from support.effect_machines import read_machines
 from support.effects import with_effect
 from support.sensor_bench import Bench
-from truepose.identification.diagnosis import black_box as black_box_module
-from truepose.identification.diagnosis.black_box import Waves, black_box, linear_test
+from truepose.identification.diagnosis import proof as black_box_module
 from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks, ratio_interval
-from truepose.identification.diagnosis.proof import injected_recovered
+from truepose.identification.diagnosis.proof import Waves, black_box, injected_recovered, linear_test
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.selection_problem import selection_problem
-from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.state import State
@@ -105,7 +105,7 @@ def test_of_too_many_rows_evenly_spread_ones_are_asked(case: Case, monkeypatch: 
     )
     whole = black_box(fit, cast(Estimate, after), recording, outliers)
     columns = len(fit.prior.free) + 4
-    monkeypatch.setattr(black_box_module, "LARGEST", fit.residual.size * columns - 1)
+    monkeypatch.setattr(black_box_module, "LARGEST_PROJECTION", fit.residual.size * columns - 1)
     some = black_box(fit, cast(Estimate, after), recording, outliers)
     assert some is not None
     assert some != whole

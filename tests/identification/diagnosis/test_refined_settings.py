@@ -12,13 +12,13 @@ import pandas as pd
 import pytest
 from numpy.typing import NDArray
 
-from truepose.identification.diagnosis.engine import diagnose
-from truepose.identification.diagnosis.finer_settings import PARTS, refined
+from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue, catalogue
+from truepose.identification.signatures.lines import PARTS, refined
 from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effects.base import effects
 from truepose.models.load import load_machine

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from support.searched_arm import ARM, PLAY, SCALE, WRONG_SIGN, Case, held, searched
 from truepose.errors import InputError
-from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.diagnosis.holdout import Comparison
 from truepose.identification.diagnosis.null_fits import Fits
 from truepose.identification.diagnosis.refit import (
@@ -27,8 +27,9 @@ from truepose.identification.diagnosis.refit import (
     refit,
 )
 from truepose.identification.diagnosis.result import WHOLE, Applied, BlockProof, PoseError
-from truepose.identification.fit.bounded import beyond, coefficient_bounds, within_bounds
-from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.bounds import beyond, coefficient_bounds, within_bounds
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.summary import worst_allowed
 from truepose.identification.fit.tool_pose import ToolPoints, tool_points
 from truepose.identification.fit.write_machine import write_calibrated
@@ -318,7 +319,8 @@ def test_gains_are_told_against_the_better_plain_calibration_and_the_one_held_to
 def test_rows_for_validation_judge_where_there_are_any(choice: Choice) -> None:
     fit = choice.drawing
     assert choice.as_it_is(fit) is None
-    assert choice.judged(fit).ratio == pytest.approx(1.0) and choice.judged(fit).split == "blocks"
+    assert choice.as_it_is(fit) is None
+    assert choice.compared(fit).ratio == pytest.approx(1.0) and choice.compared(fit).split == "blocks"
 
 
 @pytest.mark.parametrize(("share", "strays"), [(0.9, False), (1.1, True)])

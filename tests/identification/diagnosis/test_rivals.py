@@ -15,6 +15,7 @@ from scipy.stats import norm
 
 from support.searched_arm import PLAY, SCALE, Case, searched
 from support.searched_arm import held as held_case
+from support.signature_rows import columns_at
 from truepose.identification import prior
 from truepose.identification.diagnosis import rivals
 from truepose.identification.diagnosis.rivals import forms_hold
@@ -175,7 +176,7 @@ def test_modulated_signals_are_weighed_as_readings_written_out() -> None:
     lin, slab, mode = found.linearisation, found.problem.spike_slab, found.mode
     (like,) = forms_hold(found, 0.0, [name])
     fit, recording = found.fit, case.signatures.recording
-    rows = np.vstack(list(found.signatures.blocks(fit)))
+    rows = columns_at(found.signatures, fit)
     j, g, r = rows[:, : lin.free], rows[:, lin.free : -1], rows[:, -1]
     e = np.column_stack([j, g]) @ lin.departure[: lin.free + g.shape[1]] - r
     columns, sizes = slab.columns(mode.members)

@@ -14,14 +14,17 @@ from support.searched_arm import PLAY, ROWS, SCALE, WRONG_SIGN, Case, held, sear
 from truepose.errors import ConvergenceError
 from truepose.identification import prior
 from truepose.identification.diagnosis import search as searching
-from truepose.identification.diagnosis.alone import weighed_alone
 from truepose.identification.diagnosis.naming import named
 from truepose.identification.diagnosis.posterior_summary import Named, inclusion
 from truepose.identification.diagnosis.proof import flip_inflation, replications
 from truepose.identification.diagnosis.refit import fitted
 from truepose.identification.diagnosis.search import Found, chosen, noise_at, start_from
-from truepose.identification.diagnosis.selection_problem import SelectionProblem, selection_problem
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.diagnosis.selection_problem import (
+    SelectionProblem,
+    selection_problem,
+    weighed_alone,
+)
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.posterior import Posterior
 from truepose.identification.posterior.state import State, slot_odds

@@ -13,10 +13,9 @@ from scipy.stats import multivariate_normal
 from support.effects import with_effect
 from support.linear_models import ANGLE, LENGTH, READINGS, catalogue_of, linear, unit
 from truepose.identification import prior
-from truepose.identification.diagnosis.alone import weighed_alone
 from truepose.identification.diagnosis.refit import FEW, WORTH, remainder_shapes
 from truepose.identification.diagnosis.search import Found
-from truepose.identification.diagnosis.selection_problem import selection_problem
+from truepose.identification.diagnosis.selection_problem import selection_problem, weighed_alone
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.state import State

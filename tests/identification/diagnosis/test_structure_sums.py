@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import chi2, kstest
 
-from truepose.identification.diagnosis import structure_sums
-from truepose.identification.diagnosis.structure_sums import Functions, StructureSums
+from truepose.identification.diagnosis import alarms as structure_sums
+from truepose.identification.diagnosis.alarms import Functions, StructureSums
 
 Array = NDArray[np.float64]
 ROWS, CHANNELS = 57, 2
@@ -47,7 +47,7 @@ def test_tests_are_those_of_functions_and_neighbours_written_out(
 ) -> None:
     """However many rows are looked at together."""
     residual, told, order = cases(together, monkeypatch)
-    found = StructureSums.of(residual, told, order).tests()
+    found = StructureSums(residual, told, order).tests()
     expected = {}
     for name, one in told.items():
         squares = float(np.sum((columns(one).T @ residual) ** 2))
@@ -56,13 +56,13 @@ def test_tests_are_those_of_functions_and_neighbours_written_out(
     lag = np.sum(pairs) / np.sqrt(np.size(pairs))
     expected["order"] = -np.log10(chi2.sf(lag**2, 1))
     assert found == pytest.approx(expected, rel=1e-9)
-    without = StructureSums.of(residual, told, None).tests()
+    without = StructureSums(residual, told, None).tests()
     assert without == pytest.approx({name: expected[name] for name in told}, rel=1e-9)
 
 
 def test_sums_keep_how_functions_of_two_drivers_go_together(monkeypatch: pytest.MonkeyPatch) -> None:
     residual, told, order = cases(10, monkeypatch)
-    found = StructureSums.of(residual, told, order)
+    found = StructureSums(residual, told, order)
     q = np.hstack([columns(one) for one in told.values()])
     assert found.spans == {"a": slice(0, 2), "b": slice(2, 3)}
     np.testing.assert_allclose(np.abs(found.among), np.abs(q.T @ q), atol=1e-9)
@@ -75,7 +75,7 @@ def test_chance_is_drawn_as_white_residuals_make_it(monkeypatch: pytest.MonkeyPa
     rng = np.random.default_rng(8)
     noise = rng.standard_normal((400, ROWS, CHANNELS))
     for places in (order, None):
-        sums = [StructureSums.of(one, told, places) for one in noise]
+        sums = [StructureSums(one, told, places) for one in noise]
         largest = [max(one.tests().values()) for one in sums]
         null = sums[0].null(2000, 1)
         assert null.shape == (2000,)

@@ -9,11 +9,16 @@ import numpy as np
 import pytest
 
 from support.searched_arm import PLAY, SCALE, searched
-from truepose.identification.diagnosis.naming import Summary, summarised
+from truepose.identification.diagnosis.naming import (
+    UNREPLICATED,
+    Summary,
+    cap_law,
+    keep_supported,
+    summarised,
+)
 from truepose.identification.diagnosis.proof import replications
 from truepose.identification.diagnosis.result import Replication
 from truepose.identification.diagnosis.search import Found
-from truepose.identification.diagnosis.support import UNREPLICATED, cap_law, keep_supported
 
 
 @pytest.fixture(scope="module")

@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 
 from support.searched_arm import Case
+from support.signature_rows import columns_at
 from truepose.identification.diagnosis.findings import finding
 from truepose.identification.diagnosis.naming import summarised
 from truepose.identification.diagnosis.posterior_summary import SHOWN, Named, Rival
@@ -160,7 +161,7 @@ def odds_of(found: Found, soft: Sequence[PlacedEffect]) -> Callable[[list[int], 
     signatures = Signatures(machine, found.signatures.recording, (*found.fit.effects, *soft))
     lin = signatures.linearise(found.fit)
     noise = float(found.problem.spike_slab.unknowns.scales(found.mode.point)[0])
-    rows = np.vstack(list(signatures.blocks(found.fit))) / noise
+    rows = columns_at(signatures, found.fit) / noise
     geometry = np.vstack([rows[:, : lin.free], np.diag(lin.weight)])
     columns = np.vstack([rows[:, lin.free : -1], np.zeros((lin.free, lin.columns[-1].stop))])
     left = columns - geometry @ np.linalg.lstsq(geometry, columns, rcond=None)[0]

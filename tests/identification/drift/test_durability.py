@@ -15,7 +15,8 @@ from scipy import stats
 
 from support import MACHINES
 from support.drifting_arm import HOUR, SIGMA, TURN_SIGMA, machine_text, write_sequence
-from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.problem import Prior, Problem, prior_of
 from truepose.identification.fit.summary import rms_by_kind
 from truepose.identification.leaves.drift import analysis

@@ -16,10 +16,11 @@ from typer.testing import CliRunner, Result
 import truepose
 from support.examples import examples
 from truepose.cli import app
-from truepose.identification.diagnosis.outliers import far_rows
-from truepose.identification.fit.absurd import GROSS, judged, judged_diagnosis
+from truepose.identification.diagnosis.null_fits import far_rows
 from truepose.identification.fit.calibrate import calibrate
-from truepose.identification.fit.estimate import Estimate, estimate, wrapped
+from truepose.identification.fit.estimate import estimate, wrapped
+from truepose.identification.fit.estimated import Estimate
+from truepose.identification.fit.summary import GROSS, judged, judged_diagnosis
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording

@@ -13,17 +13,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from truepose.errors import InputError
-from truepose.identification.fit.biased import (
-    LinearEstimate,
-    Rule,
-    Spectrum,
-    decompose,
-    liu,
-    liu_parameter,
-    ols,
-    pcr,
-    ridge,
-)
+from truepose.identification.fit.relinearised import LinearEstimate, Spectrum, decompose, ols
+from truepose.identification.leaves.shrinking.estimating import Rule, liu, liu_parameter, pcr, ridge
 
 Array = NDArray[np.float64]
 ESTIMATORS: Mapping[str, Callable[[Spectrum], LinearEstimate]] = MappingProxyType(

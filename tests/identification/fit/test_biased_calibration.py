@@ -13,10 +13,11 @@ from typer.testing import CliRunner
 
 from truepose.cli import app
 from truepose.errors import ConvergenceError, InputError
-from truepose.identification.fit.biased import LinearEstimate, Spectrum, decompose, liu, pcr, ridge
 from truepose.identification.fit.calibrate import calibrate
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
+from truepose.identification.fit.relinearised import LinearEstimate, Spectrum, decompose
 from truepose.identification.fit.write_machine import covariance_of
+from truepose.identification.leaves.shrinking.estimating import liu, pcr, ridge
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording

@@ -23,7 +23,7 @@ from truepose.identification.fit.bounds import Bounds, bounds_of
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.problem import Prior, Problem, prior_of
-from truepose.identification.fit.program import Program
+from truepose.identification.leaves.ipopt.solving import Program
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine

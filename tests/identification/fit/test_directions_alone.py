@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose.identification.fit.align import base_by_bearings, base_of, station_of
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.estimated import Estimate
-from truepose.identification.fit.sighted import base_by_bearings, base_of, station_of
 from truepose.identification.leaves.check.run import check
 from truepose.identification.recording.load import load_recording
 from truepose.models import lie
@@ -176,9 +176,9 @@ def test_bearings_tell_a_base_from_three_poses_and_axes_from_two(of: str, fewest
     sight = stands[:, :3, 3] if of == "origin" else stands[:, :3, "xyz".index(of)]
     read = sight / np.linalg.norm(sight, axis=1, keepdims=True)
     read[fewest - 1 :] = np.nan  # one that was lost counts as one that is not there
-    assert base_of(sensor, tool, read, station_of(sensor, ())) is None
+    assert base_of(sensor, tool, read, station_of(())) is None
     read[fewest - 1] = sight[fewest - 1] / np.linalg.norm(sight[fewest - 1])
-    found = base_of(sensor, tool, read, station_of(sensor, ()))
+    found = base_of(sensor, tool, read, station_of(()))
     assert found is not None and found[1] < 1e-6
     if of != "origin":  # three bearings leave more than one place
         np.testing.assert_allclose(found[0], base, atol=1e-9)

@@ -13,9 +13,9 @@ import pytest
 from support.built_machines import TEXTS, departures, manufactured, nominal, read_machines, simulated
 from support.moving_machines import record, written
 from support.telescope_legs import ENDS, leg_rows
-from truepose.identification.fit.estimate import FREE_TOLERANCE, FREE_WIDENING, estimate, prior_of
+from truepose.identification.fit.estimate import FREE_TOLERANCE, FREE_WIDENING, estimate, independent_columns
+from truepose.identification.fit.problem import prior_of
 from truepose.identification.fit.summary import worst_allowed
-from truepose.identification.fit.widening import independent_columns
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.models.machine.machine import Machine

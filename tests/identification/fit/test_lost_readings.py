@@ -18,10 +18,11 @@ from truepose.errors import InputError
 from truepose.identification.diagnosis.alarms import replicate_noise
 from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.bounds import bounds_of
-from truepose.identification.fit.estimate import Estimate, estimate
-from truepose.identification.fit.normal import NormalEquations
-from truepose.identification.fit.simultaneous import simultaneous
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimated import Estimate
+from truepose.identification.fit.problem import NormalEquations
 from truepose.identification.fit.summary import summarise
+from truepose.identification.leaves.ipopt.solving import simultaneous
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine

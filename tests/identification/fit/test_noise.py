@@ -11,7 +11,8 @@ import pytest
 
 from truepose.errors import InputError
 from truepose.identification.fit.decomposition import Decomposition
-from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.leastsquares import triangular, triangular_parts
 from truepose.identification.fit.noise import Scatter, unexplained
 from truepose.identification.fit.write_machine import calibrated_document, covariance_of

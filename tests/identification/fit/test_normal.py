@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from support.built_machines import manufactured, read_machines, simulated
 from support.engines import compile_hastily, compile_none
 from support.generated_c import needs_compiler
-from truepose.identification.fit.estimate import estimate, prior_of
-from truepose.identification.fit.normal import NormalEquations
-from truepose.identification.fit.problem import Problem
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.problem import NormalEquations, Problem, prior_of
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from support.sensor_bench import Bench
-from truepose.identification.fit.estimate import Estimate, estimate
-from truepose.identification.fit.revisits import FEWEST, revisits
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimated import Estimate
+from truepose.identification.fit.repeatability import FEWEST, revisits
 from truepose.identification.fit.summary import rms_by_kind
 from truepose.identification.recording.recording import Recording, frozen
 from truepose.identification.report.notes import held_out_notes, repeat_notes

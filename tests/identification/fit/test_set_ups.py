@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 from support.drifting_arm import write_sequence
 from truepose.cli import app
 from truepose.errors import InputError
-from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.fit.calibrate import Calibration, calibrate
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.leaves.check.run import check_loaded

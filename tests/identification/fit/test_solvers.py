@@ -16,8 +16,7 @@ from support.solvers import GRAPHS, MACHINES, MADE, SAME, apart, bounded, hexapo
 from truepose.errors import ConvergenceError
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.problem import Problem, prior_of
-from truepose.identification.fit.program import Program
-from truepose.identification.fit.simultaneous import OPTIONS
+from truepose.identification.leaves.ipopt.solving import OPTIONS, Program
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine

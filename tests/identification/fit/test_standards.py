@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from support.exact_fits import fit_at, read
 from support.examples import examples
 from support.moving_machines import record, written
-from truepose.identification.fit.axis_positioning import AxisTest, axis_tests
-from truepose.identification.fit.pose_repeatability import PoseTest, pose_test
+from truepose.identification.fit.repeatability import AxisTest, PoseTest, axis_tests, pose_test
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine
 

@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 from support.effect_machines import read_machines
 from support.exact_fits import posed
 from support.moving_machines import record, written
-from truepose.identification.fit.estimate import Estimate, estimate, prior_of
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.noise import unexplained
-from truepose.identification.fit.tool_spread import (
+from truepose.identification.fit.problem import prior_of
+from truepose.identification.fit.tool_pose import (
     EXPLANATIONS,
     READINGS,
     TOLERANCES,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from truepose.api import calibrate, diagnose
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.predict import predict
 from truepose.identification.prediction.predictor import Predictor

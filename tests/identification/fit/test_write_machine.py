@@ -19,7 +19,8 @@ from support.exact_fits import read as read_exactly
 from support.graph_machines import machine_of, spread
 from support.moving_machines import record
 from truepose.errors import ReadBackError
-from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.write_machine import calibrated_document, write_calibrated
 from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.prediction.simulate import simulate

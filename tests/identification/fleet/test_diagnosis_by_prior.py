@@ -12,10 +12,11 @@ from typer.testing import CliRunner
 import truepose
 from support import TESTS
 from truepose.cli import app
-from truepose.identification.diagnosis.place_evidence import PlaceEvidence
 from truepose.identification.diagnosis.result import Diagnosis
-from truepose.identification.learned_prior import EffectPrior, LearnedPrior, PlacePrior, write_prior
+from truepose.identification.learned_prior import EffectPrior, LearnedPrior, PlacePrior
 from truepose.identification.leaves.fleet.evidence import kept
+from truepose.identification.leaves.fleet.place_evidence import PlaceEvidence, evidence
+from truepose.identification.leaves.fleet.prior_file import write_prior
 from truepose.identification.leaves.fleet.summary import Summary
 from truepose.identification.prior import SIZES
 
@@ -37,7 +38,7 @@ def prior(odds: float) -> LearnedPrior:
 
 def diagnosed(known: LearnedPrior | Path | None) -> Diagnosis:
     return truepose.diagnose(
-        truepose.load_machine(CASE / "machine.yaml"), CASE / "recording.csv", prior=known
+        truepose.load_machine(CASE / "machine.yaml"), CASE / "recording.csv", prior=known, examine=evidence
     )
 
 
@@ -54,7 +55,8 @@ def rarer(tmp_path_factory: pytest.TempPathFactory) -> Diagnosis:
 
 
 def of(found: Diagnosis, effect: str, place: tuple[str, ...]) -> PlaceEvidence:
-    return next(one for one in found.evidence if (one.effect, one.place) == (effect, place))
+    places: tuple[PlaceEvidence, ...] = found.examined[0]
+    return next(one for one in places if (one.effect, one.place) == (effect, place))
 
 
 def test_probabilities_move_by_the_odds_and_evidence_stays(usual: Diagnosis, rarer: Diagnosis) -> None:
@@ -75,11 +77,11 @@ def test_what_is_kept_is_small_and_every_effect_at_every_place_is_in_it(usual: D
     document = kept(usual)
     text = json.dumps(document, allow_nan=False)
     assert len(text) < 15_000 and json.loads(text) == document
-    assert {(one.effect, "+".join(one.place)) for one in usual.evidence} == {
+    assert {(one.effect, "+".join(one.place)) for one in usual.examined[0]} == {
         (effect, place) for effect, own in document["places"].items() for place in own
     }
     assert document["mechanism"] == "serial" and document["verdict"] == usual.verdict
-    assert all(0.0 <= one.probability <= 1.0 and 0.0 <= one.credit <= 1.0 for one in usual.evidence)
+    assert all(0.0 <= one.probability <= 1.0 and 0.0 <= one.credit <= 1.0 for one in usual.examined[0])
     size = of(usual, "joint-compliance", ("q2",)).size
     finding = next(f for f in usual.findings if f.effect == "joint-compliance")
     (value,) = finding.parameters.values()

@@ -18,11 +18,10 @@ from truepose.identification.fit.estimate import estimate
 from truepose.identification.learned_prior import (
     FleetPrior,
     LearnedPrior,
-    prior_text,
     read_prior,
-    write_prior,
 )
 from truepose.identification.leaves.fleet.learn import learned
+from truepose.identification.leaves.fleet.prior_file import prior_text, write_prior
 from truepose.identification.leaves.fleet.summary import Summary, total
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue, catalogue

@@ -15,19 +15,25 @@ from support.short_arm import POSITION, arm
 from truepose.errors import InputError
 from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.fit.problem import prior_of
-from truepose.identification.identifiability.analysis import identifiability
+from truepose.identification.identifiability.analysis import (
+    Seen,
+    drawn_poses,
+    identifiability,
+    measured,
+    with_observations,
+)
 from truepose.identification.identifiability.observability import (
     LEVER,
+    Columns,
     Direction,
     Knowledge,
     determined,
     nearly_unseen,
     shares,
+    subset_of,
     unseen,
 )
 from truepose.identification.identifiability.patterns import Pattern, patterns, point_frames, remaining
-from truepose.identification.identifiability.poses import Seen, drawn_poses, measured, with_observations
-from truepose.identification.identifiability.subset import Columns, subset_of
 from truepose.models.load import load_machine
 
 Array = NDArray[np.float64]

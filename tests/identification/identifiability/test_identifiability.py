@@ -19,9 +19,8 @@ from truepose.cli import app
 from truepose.errors import InputError
 from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.fit.estimate import estimate
-from truepose.identification.identifiability.analysis import identifiability
+from truepose.identification.identifiability.analysis import drawn_poses, identifiability
 from truepose.identification.identifiability.observability import identifiable
-from truepose.identification.identifiability.poses import drawn_poses
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.identifiability_words import identifiability_lines

@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truepose.identification.identifiability.subset import Columns, extended, independent_subset, subset_of
+from truepose.identification.identifiability.observability import (
+    Columns,
+    extended,
+    independent_subset,
+    subset_of,
+)
 
 NAMES = ("a", "b", "c", "d")
 SCALE = np.array([1.0, 0.5, 2.0, 1.0])

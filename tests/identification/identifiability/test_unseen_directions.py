@@ -14,17 +14,17 @@ from support import MACHINES, TESTS
 from support.short_arm import POSITION, arm, status
 from truepose.api import calibrate
 from truepose.identification.fit.decomposition import Decomposition
-from truepose.identification.identifiability.analysis import identifiability
+from truepose.identification.identifiability.analysis import drawn_poses, identifiability
 from truepose.identification.identifiability.observability import (
+    Columns,
     Direction,
     Knowledge,
     identifiable,
+    independent_subset,
     nearly_unseen,
     unseen,
 )
 from truepose.identification.identifiability.patterns import patterns
-from truepose.identification.identifiability.poses import drawn_poses
-from truepose.identification.identifiability.subset import Columns, independent_subset
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.report.identifiability_words import identifiability_lines
 from truepose.identification.report.unseen_words import unseen_sentences

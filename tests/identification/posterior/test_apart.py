@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from support.linear_problems import SIZES, catalogue_problem, single, spike_slab
-from truepose.identification.posterior.design import GridPoint
+from truepose.identification.posterior.design import GridPoint, Terms
 from truepose.identification.posterior.spike_slab import SpikeSlab
-from truepose.identification.posterior.terms import Terms
 
 TERMS = 6
 

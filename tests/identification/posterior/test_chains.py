@@ -26,18 +26,14 @@ from support.linear_problems import (
     single,
     spike_slab,
 )
-from truepose.identification.posterior import plausible as finding
 from truepose.identification.posterior import posterior as chains
+from truepose.identification.posterior import sampler as finding
 from truepose.identification.posterior import sampler as sampling
-from truepose.identification.posterior.chains import Chains
-from truepose.identification.posterior.design import GridPoint
-from truepose.identification.posterior.mode import climbed
-from truepose.identification.posterior.plausible import plausible
-from truepose.identification.posterior.posterior import Posterior, class_probability, mode, sample
-from truepose.identification.posterior.sampler import Chain, Reach
+from truepose.identification.posterior.design import GridPoint, Term, Terms
+from truepose.identification.posterior.posterior import Chains, Posterior, class_probability, mode, sample
+from truepose.identification.posterior.sampler import Chain, Reach, plausible
 from truepose.identification.posterior.spike_slab import SpikeSlab
-from truepose.identification.posterior.state import State, best_point, log_posterior
-from truepose.identification.posterior.terms import Term, Terms
+from truepose.identification.posterior.state import State, best_point, log_posterior, tops
 from truepose.identification.prior import Richness
 
 Array = NDArray[np.float64]
@@ -168,7 +164,7 @@ def test_chains_that_disagree_go_on_and_say_so(monkeypatch: pytest.MonkeyPatch) 
 def test_the_answer_is_that_of_two_chains_by_themselves() -> None:
     """From the mode and from half of it, after as many sweeps that do not count: the mean of theirs."""
     problem = spike_slab(catalogue_problem(4))
-    found, top = sample(problem, RICHNESS, seed=5, rounds=1), climbed(problem, RICHNESS)
+    found, top = sample(problem, RICHNESS, seed=5, rounds=1), tops(problem, RICHNESS)[0]
     around = plausible(problem, RICHNESS, [top])
     assert around.terms.all() and not around.certain and len(top.members) > 1
     causes = []

@@ -22,14 +22,11 @@ from support.linear_problems import (
     spike_slab,
 )
 from truepose.identification.posterior import posterior as chains
-from truepose.identification.posterior.design import Always, Axis, GridPoint, Unknowns
-from truepose.identification.posterior.mode import climbed, nearest_top
-from truepose.identification.posterior.plausible import CERTAIN, HOPELESS, Plausible, plausible
+from truepose.identification.posterior.design import Always, Axis, GridPoint, Term, Terms, Unknowns
 from truepose.identification.posterior.posterior import sample
-from truepose.identification.posterior.sampler import Chain, Reach
+from truepose.identification.posterior.sampler import CERTAIN, HOPELESS, Chain, Plausible, Reach, plausible
 from truepose.identification.posterior.spike_slab import Members, SpikeSlab
-from truepose.identification.posterior.state import State, log_posterior
-from truepose.identification.posterior.terms import Term, Terms
+from truepose.identification.posterior.state import State, log_posterior, nearest_top, tops
 from truepose.identification.prior import Richness, Sizes
 
 FOUR = Richness((0.25,), (0.0,), 4)
@@ -216,7 +213,7 @@ def test_nothing_plausible_is_left_out() -> None:
     for seed in range(10):
         problem, dense = far(seed)
         exact = enumerated(problem, RICHNESS, dense)
-        around = plausible(problem, RICHNESS, [climbed(problem, RICHNESS)])
+        around = plausible(problem, RICHNESS, [tops(problem, RICHNESS)[0]])
         out = missed(around, exact, dense.unknowns)
         assert max(out.values(), default=0.0) < np.exp(1.0 - HOPELESS)
         assert max((p for (kind, _), p in out.items() if kind != "term"), default=0.0) < np.exp(-CERTAIN / 2)
@@ -235,7 +232,7 @@ def test_what_is_certain_has_no_rival_at_its_point() -> None:
         dense = replace(dense, unknowns=one)
         problem = spike_slab(dense)
         exact = enumerated(problem, RICHNESS, dense)
-        for term, _ in plausible(problem, RICHNESS, [climbed(problem, RICHNESS)]).certain:
+        for term, _ in plausible(problem, RICHNESS, [tops(problem, RICHNESS)[0]]).certain:
             assert log_odds_of(term, exact) > CERTAIN
             seen += 1
     assert seen > 5
@@ -247,7 +244,7 @@ def test_what_is_certain_has_no_rival() -> None:
         dense = catalogue_problem(seed, strength=2.0, terms=4)
         problem = spike_slab(dense)
         exact = enumerated(problem, RICHNESS, dense)
-        for term, _ in plausible(problem, RICHNESS, [climbed(problem, RICHNESS)]).certain:
+        for term, _ in plausible(problem, RICHNESS, [tops(problem, RICHNESS)[0]]).certain:
             assert log_odds_of(term, exact) > CERTAIN
 
 

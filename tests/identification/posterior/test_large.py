@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import solve_triangular
 
-from truepose.identification.posterior.large import LARGE, map_large, solve_large
+from truepose.identification.posterior.halves import LARGE, map_large, solve_large
 from truepose.threads import VARIABLE
 
 

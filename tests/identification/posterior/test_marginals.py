@@ -19,16 +19,16 @@ from support.linear_problems import (
     random_problem,
     single,
 )
-from truepose.identification.posterior.conditional import (
+from truepose.identification.posterior.design import GridPoint, Term, Terms
+from truepose.identification.posterior.marginal import (
     LARGEST_COST,
+    Marginal,
     log_gains,
     log_gains_together,
+    marginal,
     plausibility,
 )
-from truepose.identification.posterior.design import GridPoint
-from truepose.identification.posterior.marginal import Marginal, marginal
 from truepose.identification.posterior.spike_slab import SpikeSlab
-from truepose.identification.posterior.terms import Term, Terms
 from truepose.identification.prior import BOUND_DOUBT, Sizes
 
 Array = NDArray[np.float64]

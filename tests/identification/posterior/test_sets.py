@@ -146,7 +146,7 @@ def test_richness_is_marginalised_over_its_levels(number: int) -> None:
 def test_a_slot_is_drawn_as_often_as_its_conditional_says(seed: int, slot: float) -> None:
     rng = np.random.default_rng(seed)
     odds = rng.normal(0.0, 1.5, (2, 3))
-    found = Conditional.of(odds, -3.0)
+    found = Conditional(odds, -3.0)
     exact = np.append(np.exp(odds + slot).ravel(), 1.0)
     exact /= exact.sum()
     np.testing.assert_allclose(found.terms(slot), exact[:-1].reshape(2, 3).sum(axis=0))

@@ -10,9 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from support.linear_problems import catalogue_problem, single, spike_slab
-from truepose.identification.posterior.chains import Tally
 from truepose.identification.posterior.design import GridPoint
-from truepose.identification.posterior.posterior import Posterior, class_probability, mode
+from truepose.identification.posterior.posterior import Posterior, Tally, class_probability, mode
 from truepose.identification.posterior.sampler import Sweep, Visit
 from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.posterior.state import State, typical

@@ -16,11 +16,11 @@ from support.linear_problems import (
     single,
     spike_slab,
 )
-from truepose.identification.posterior import memory as remembering
+from truepose.identification.posterior import spike_slab as remembering
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.halves import cholesky, half_log_det, solved, taken
-from truepose.identification.posterior.memory import Memory
 from truepose.identification.posterior.sampler import Chain, Reach
+from truepose.identification.posterior.spike_slab import Memory
 from truepose.identification.posterior.state import State, best_point, log_posterior, slot_odds, supports
 from truepose.identification.prior import RATIO_DOUBT, Richness
 

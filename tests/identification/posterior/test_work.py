@@ -11,14 +11,12 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from support.linear_problems import RICHNESS, UNKNOWNS, random_problem, single
-from truepose.identification.posterior import mode as ascending
 from truepose.identification.posterior import posterior as drawing
-from truepose.identification.posterior.design import GridPoint
-from truepose.identification.posterior.mode import ascended, tops
+from truepose.identification.posterior import state as ascending
+from truepose.identification.posterior.design import GridPoint, Terms
 from truepose.identification.posterior.posterior import Posterior, Sampling
 from truepose.identification.posterior.spike_slab import HELD, SpikeSlab
-from truepose.identification.posterior.state import State, best_point
-from truepose.identification.posterior.terms import Terms
+from truepose.identification.posterior.state import State, ascended, best_point, tops
 from truepose.identification.prior import SIZES
 
 Array = NDArray[np.float64]
@@ -74,7 +72,7 @@ def test_chains_end_with_their_budget_and_say_so(problem: SpikeSlab) -> None:
 def test_ascents_end_with_their_budget(problem: SpikeSlab) -> None:
     found = tops(problem, RICHNESS, ())
     assert all(np.isfinite(state.log_posterior) for state in found)
-    assert problem.work.done <= 2.0 * BUDGET
+    assert problem.work <= 2.0 * BUDGET
     nowhere = ascended(problem, RICHNESS, best_point(problem), (), limit=0.0)
     assert nowhere.members == ()
 

@@ -7,8 +7,7 @@ import pytest
 
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.problem import Problem
-from truepose.identification.prediction.by_ports import ByPorts, Part
-from truepose.identification.prediction.gram_sum import GramSum
+from truepose.identification.prediction.by_ports import ByPorts, GramSum, Part
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.signatures import Signatures

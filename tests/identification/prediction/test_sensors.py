@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from support.closed_kinematics import readings
 from support.moving_machines import ARM, FRAMED, MOVERS, drawn, named, nominal, record, written
 from truepose.errors import InputError
-from truepose.identification.prediction.lost import lost_of
-from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.prediction.predictor import Predictor, lost_of
 from truepose.identification.prediction.sensor_rows import Sight, sights
 from truepose.identification.recording.load import load_recording
 from truepose.models import lie

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from support import MACHINES
 from truepose.errors import InputError
-from truepose.identification.prediction.predict import predictor_for
+from truepose.identification.prediction.predict import LEAST_RANGE, column_std, predictor_for
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.prediction.spread import LEAST_RANGE, column_std
 from truepose.identification.prior import FORM_ERROR
 from truepose.identification.recording.load import load_recording
 from truepose.models.effect_text import parse_effect

@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 
 from truepose.errors import InputError
-from truepose.identification.compensation import path_file
-from truepose.identification.compensation.path_file import csv_text
+from truepose.identification.compensation import path_table as path_file
+from truepose.identification.compensation.path_table import csv_text
 from truepose.identification.recording.arrow_columns import ArrowCells
 from truepose.identification.recording.table import Column, Table, read_table
 

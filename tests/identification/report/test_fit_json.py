@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from support.reports import fitted, gear, recorded
-from truepose.identification.diagnosis.outliers import FarRow
+from truepose.identification.diagnosis.null_fits import FarRow
 from truepose.identification.diagnosis.result import Applied, Diagnosis, Lead, Levels, PoseError, Together
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.results import (
     diagnosis_json,

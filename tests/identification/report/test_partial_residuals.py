@@ -14,7 +14,7 @@ import truepose.models
 from support.effect_machines import read_machines
 from support.effects import with_effect
 from support.exact_fits import fit_at, formula_of, posed, read
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.partial_residuals import PortShift, all_port_shifts

@@ -12,8 +12,7 @@ import pandas as pd
 import pytest
 
 from support.reports import NAN, fitted, gear_finding, own_markup, page_data, recorded, synthetic
-from truepose.identification.diagnosis.alarm import Alarm
-from truepose.identification.diagnosis.result import Diagnosis, Form, Proof, Quantity, Remainder
+from truepose.identification.diagnosis.result import Alarm, Diagnosis, Form, Proof, Quantity, Remainder
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.summary import FitSummary
 from truepose.identification.report.pages import (

@@ -20,7 +20,7 @@ from support.exact_fits import fit_at, posed, read
 from support.examples import examples
 from support.moving_machines import record, written
 from support.reports import arm, fitted, recorded
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.scene.guilt import Guilty, pieces_of

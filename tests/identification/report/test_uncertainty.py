@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from support.reports import NAN, fitted, of, recorded
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.tolerance_classes import PartClass
-from truepose.identification.fit.tool_spread import READINGS, TOLERANCES, tool_spread, workspace
-from truepose.identification.identifiability.note import Note
+from truepose.identification.fit.tool_pose import READINGS, TOLERANCES, tool_spread, workspace
+from truepose.identification.identifiability.observability import Note
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.document import Charts, Table, Text
 from truepose.identification.report.gauge import rank_words, weak_words

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from support.told_diagnoses import diagnosis, finding, fits
-from truepose.identification.diagnosis.alarm import Alarm
-from truepose.identification.diagnosis.findings import NOTABLE
 from truepose.identification.diagnosis.result import (
+    NOTABLE,
+    Alarm,
     Alternative,
     BlockProof,
     Proof,

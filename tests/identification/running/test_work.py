@@ -23,7 +23,7 @@ from truepose.identification.leaves.fleet.work import RESULTS, Options, Task, do
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 
-DIAGNOSE = "truepose.identification.diagnosis.engine.diagnose"
+DIAGNOSE = "truepose.identification.diagnosis.diagnose.diagnose"
 
 
 class DeadError(Exception):
@@ -101,7 +101,7 @@ def test_a_diagnosis_is_given_what_the_options_say(
 ) -> None:
     seen = list[Any]()
 
-    def diagnose(*given: Any, prior: Any) -> None:
+    def diagnose(*given: Any, prior: Any, examine: Any) -> None:
         seen.extend([*given, prior])
         raise InputError("no more than that")
 
@@ -118,7 +118,7 @@ def test_a_diagnosis_is_given_what_the_options_say(
 def test_a_fault_of_the_program_is_told_with_its_kind(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def diagnose(*_: Any, prior: Any) -> None:
+    def diagnose(*_: Any, prior: Any, examine: Any) -> None:
         raise ZeroDivisionError(f"by {prior}")
 
     monkeypatch.setattr(DIAGNOSE, diagnose)
@@ -133,7 +133,7 @@ def test_files_that_do_not_belong_together_are_worked_with_where_it_is_asked_for
 ) -> None:
     """As long as there is something to work with: of a machine without a sensor there are no rows."""
 
-    def diagnose(*_: Any, prior: Any) -> None:
+    def diagnose(*_: Any, prior: Any, examine: Any) -> None:
         raise InputError(f"reached, {prior}")
 
     one = asked(tmp_path, "arm", anyway=anyway)

@@ -10,7 +10,7 @@ import pytest
 from support.effect_machines import read_machines
 from support.effects import with_effect
 from truepose.identification.prior import LONG
-from truepose.identification.signatures.arcs import series_ports, turned
+from truepose.identification.signatures.signatures import series_ports, turned
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.empirical import Empirical
 from truepose.models.machine.machine import Machine

@@ -13,9 +13,15 @@ from support.searched_arm import ARM
 from truepose.identification.prior import ELSEWHERE
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
-from truepose.identification.signatures.candidates import Catalogue, catalogue, empirical_forms, ranges
+from truepose.identification.signatures.candidates import (
+    Catalogue,
+    catalogue,
+    empirical_forms,
+    forms_of_held_load,
+    forms_of_load,
+    ranges,
+)
 from truepose.identification.signatures.linearisation import Linearisation
-from truepose.identification.signatures.load_forms import forms_of_held_load, forms_of_load
 from truepose.models.effects.empirical import WIDTH, Empirical, seen_over
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine

@@ -10,7 +10,7 @@ import pytest
 from support.sensor_bench import Bench
 from truepose.identification.prior import FORM_ERROR
 from truepose.identification.recording.recording import Recording
-from truepose.identification.signatures.forms import Forms
+from truepose.identification.signatures.linearisation import Forms
 from truepose.models.machine.machine import Machine
 
 

@@ -11,10 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from support.sensor_bench import Bench
-from truepose.identification.diagnosis.engine import diagnose
-from truepose.identification.diagnosis.line_words import common_ratio
+from truepose.identification.diagnosis.diagnose import diagnose
+from truepose.identification.diagnosis.findings import common_ratio
 from truepose.identification.diagnosis.null_fits import null_fits
-from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from support.moving_machines import record, written
 from support.telescope_legs import leg_rows
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from support.effect_machines import READINGS
 from support.moving_machines import record
-from truepose.identification.fit.estimate import Estimate, prior_of, result
+from truepose.identification.fit.estimate import result
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.leastsquares import Solution, Status
-from truepose.identification.fit.problem import Problem
+from truepose.identification.fit.problem import Problem, prior_of
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect, Site

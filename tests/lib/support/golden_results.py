@@ -18,12 +18,12 @@ from truepose.identification import prior
 from truepose.identification.diagnosis.null_fits import null_fits
 from truepose.identification.diagnosis.search import Expansion, Start, prepared
 from truepose.identification.fit.estimated import Estimate
-from truepose.identification.fit.tool_spread import tool_spread
+from truepose.identification.fit.tool_pose import tool_spread
 from truepose.identification.leaves.fleet.columns import Columns
 from truepose.identification.leaves.fleet.statistics import statistics
 from truepose.identification.leaves.fleet.summary import Summary
 from truepose.identification.leaves.fringes.move import Move
-from truepose.identification.posterior.mode import climbed
+from truepose.identification.posterior.state import tops
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import catalogue
 from truepose.identification.signatures.signatures import Signatures
@@ -77,7 +77,7 @@ def weighed(folder: Path) -> Json:
     signatures, cat = prepared(Signatures(machine, recording, every.candidates), fits.before, every)
     stated = dict.fromkeys(cat.stated, prior.STATED)
     near = Expansion(Start(signatures, cat, fits.before, stated, fits.outliers, fits.rms))
-    best = climbed(near.spike_slab, near.problem.richness, near.known)
+    best = tops(near.spike_slab, near.problem.richness, near.known)[0]
     names = {cat.candidates[near.problem.candidates[t]].label: size for t, size in best.members}
     return {
         "fit": fitted(fits.before, recording),

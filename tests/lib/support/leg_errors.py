@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
 

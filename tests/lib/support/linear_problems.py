@@ -12,10 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from truepose.identification.posterior.design import Always, Axis, Design, GridPoint, Unknowns
+from truepose.identification.posterior.design import (
+    Always,
+    Axis,
+    Design,
+    GridPoint,
+    Term,
+    Terms,
+    Unknowns,
+    Urn,
+)
 from truepose.identification.posterior.spike_slab import NOTICED, Members, SpikeSlab
-from truepose.identification.posterior.terms import Term, Terms
-from truepose.identification.posterior.urn import Urn
 from truepose.identification.prior import Richness, Sizes
 
 Array = NDArray[np.float64]

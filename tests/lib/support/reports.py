@@ -11,8 +11,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from truepose.identification.diagnosis.alarm import Alarm
 from truepose.identification.diagnosis.result import (
+    Alarm,
     Alternative,
     BlockProof,
     Diagnosis,
@@ -22,8 +22,9 @@ from truepose.identification.diagnosis.result import (
     Replication,
     SetOfEffects,
 )
-from truepose.identification.fit.estimate import Estimate, prior_of
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.leastsquares import Solution, Status
+from truepose.identification.fit.problem import prior_of
 from truepose.identification.fit.summary import FitSummary
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.document import Table

@@ -15,7 +15,7 @@ import numpy as np
 from support.experiments import UNEVEN, YIELDING, planned
 from truepose.identification.compensation.compensate import compensate
 from truepose.identification.compensation.inverse import PoseSolver, inverse
-from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.calibrate import Calibration, calibrate
 from truepose.identification.identifiability.analysis import Identifiability, identifiability

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from support import MACHINES
 from support.checked_arm import document
-from truepose.identification.identifiability.poses import drawn_poses
+from truepose.identification.identifiability.analysis import drawn_poses
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.file.machine_file import checked_machine

@@ -15,7 +15,7 @@ from support.generated_c import COMPILER, LEVEL, WARNINGS
 from truepose.identification.compensation.inverse import PoseSolver
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.calibrate import Calibration
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.write_machine import calibrated_text
 from truepose.identification.report.fitted import file_of
 from truepose.models import lie

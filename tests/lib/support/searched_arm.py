@@ -11,12 +11,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from truepose.identification.diagnosis.null_fits import Fits
 from truepose.identification.diagnosis.search import Found, search
 from truepose.identification.diagnosis.selection_problem import selection_problem
-from truepose.identification.fit.estimate import Estimate, estimate
-from truepose.identification.posterior.mode import nearest_top
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.posterior.posterior import Posterior
-from truepose.identification.posterior.state import State, best_point
+from truepose.identification.posterior.state import State, best_point, nearest_top
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
@@ -81,7 +82,8 @@ class Case:
 
     def found(self, exclude: NDArray[np.bool_] | None = None) -> Found:
         left_out = self.exclude if exclude is None else exclude
-        return search(self.signatures, self.cat, self.null, left_out, self.rms).found()
+        fits = Fits(self.null, self.null, left_out)
+        return search(self.signatures, self.cat, fits, lambda: False).found()
 
     def holding(self, *labels: str) -> Found:
         """Without a search: the fit with these candidates, and the state of them as all that was visited."""

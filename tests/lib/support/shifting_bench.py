@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from support.moving_machines import written
 from support.telescope_legs import FLEXURED
-from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.diagnosis.result import UNNAMED, Diagnosis, Finding
-from truepose.identification.fit.estimate import prior_of
+from truepose.identification.fit.problem import prior_of
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording

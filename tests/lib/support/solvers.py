@@ -15,8 +15,9 @@ from support.graph_machines import machine_of
 from support.moving_machines import written
 from support.telescope_legs import leg_rows
 from truepose.identification.fit.bounds import Bounds, bounds_of
-from truepose.identification.fit.estimate import Estimate, estimate
-from truepose.identification.fit.simultaneous import simultaneous
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimated import Estimate
+from truepose.identification.leaves.ipopt.solving import simultaneous
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine
 

@@ -7,8 +7,7 @@ from typing import cast
 
 import numpy as np
 
-from truepose.identification.diagnosis.alarm import Alarm
-from truepose.identification.diagnosis.result import UNNAMED, Alternative, Diagnosis, Finding, Quantity
+from truepose.identification.diagnosis.result import UNNAMED, Alarm, Alternative, Diagnosis, Finding, Quantity
 
 
 def finding(probability: float, parameters: int) -> Finding:

@@ -13,7 +13,7 @@ import pandas as pd
 import yaml
 from numpy.typing import NDArray
 
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from support.sensor_bench import TEXTS, Bench
 from truepose.errors import InputError
-from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.simulate import simulate

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from support.derivative_machines import MACHINES, readings
 from support.derivative_machines import written as machine_of
 from truepose.errors import InputError
-from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.write_machine import write_calibrated

@@ -27,7 +27,7 @@ from support.socket_arm import (
     table,
 )
 from truepose.errors import InputError
-from truepose.identification.diagnosis.engine import diagnose
+from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.predict import predict

@@ -27,7 +27,8 @@ from support.socket_arm import (
     table,
 )
 from truepose.identification.fit.calibrate import calibrate
-from truepose.identification.fit.estimate import Estimate, estimate
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.summary import rms_by_kind
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models.machine.sensor import Rows

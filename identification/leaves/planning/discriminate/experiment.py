@@ -14,7 +14,7 @@ import numpy as np
 
 from truepose.arrays import Array
 from truepose.errors import InputError
-from truepose.identification.identifiability.note import Note
+from truepose.identification.identifiability.observability import Note
 from truepose.identification.leaves.planning.discriminate.criterion import Race, chosen
 from truepose.identification.leaves.planning.discriminate.explanations import Class, Explanation
 from truepose.identification.leaves.planning.discriminate.factors import Factor, Offer, factors, unplanned

@@ -17,7 +17,7 @@ import numpy as np
 from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.diagnosis.result import UNNAMED
-from truepose.identification.identifiability.note import Note
+from truepose.identification.identifiability.observability import Note
 from truepose.models.effect_text import parse_effect
 from truepose.models.effects.base import SERIES, PlacedEffect, effects
 from truepose.models.effects.common import OF_ROWS

@@ -14,7 +14,7 @@ import numpy as np
 
 from truepose.arrays import Array
 from truepose.errors import InputError
-from truepose.identification.identifiability.note import Note
+from truepose.identification.identifiability.observability import Note
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.file.driver import (
     AIR,

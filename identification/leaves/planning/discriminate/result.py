@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from truepose.arrays import Array
-from truepose.identification.identifiability.note import Note
+from truepose.identification.identifiability.observability import Note
 from truepose.identification.leaves.planning.discriminate.explanations import Explanation
 from truepose.identification.leaves.planning.discriminate.factors import Factor
 from truepose.identification.leaves.planning.discriminate.rows import Rows

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from truepose.arrays import Array, Index, Mask
-from truepose.identification.fit.estimate import Estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.leastsquares import Solution, Status
 from truepose.identification.fit.problem import prior_of
 from truepose.identification.leaves.planning.information import UNKNOWN

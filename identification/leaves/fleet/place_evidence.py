@@ -1,5 +1,7 @@
 """What a recording says of every effect at every place, free of the prior it was weighed with: for a fleet's statistics.
 
+``diagnose(..., examine=evidence)`` has it in ``Diagnosis.examined``.
+
 The log Bayes factor of a cause is its posterior log odds less its prior ones. Prior odds depend on what else is there (how
 rich the machine is, what is alike); they are averaged over the posterior's states, each without the cause:
 
@@ -21,7 +23,6 @@ import numpy as np
 from scipy.special import expit, logit
 
 from truepose.arrays import Array, Index
-from truepose.identification.diagnosis.place_evidence import Amount, PlaceEvidence
 from truepose.identification.diagnosis.posterior_summary import Inclusion
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.posterior.spike_slab import Members
@@ -33,6 +34,37 @@ SMALLEST, LARGEST = -12.0, 15.0
 """Log Bayes factors beyond which a chain of some hundred sweeps tells no more. Chosen."""
 THERE = 0.02
 """Probability from which on sizes are told."""
+
+
+@dataclass(frozen=True)
+class Amount:
+    """How large an effect is, given that it is there: mean and 1-sigma of the log of its rms coefficient in units of the
+    largest expected one, and the same mean in its ``unit``, which is empty where coefficients have several."""
+
+    log_mean: float
+    log_std: float
+    log_amount: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class PlaceEvidence:
+    """What is said of an effect at a place (at any, where ``place`` is empty), and what of that the recording said.
+
+    probability, prior: that it is there, after and before; log_bayes_factor: of it at the sizes that would be noticed against
+    nothing, free of the prior; unseen: prior share of the other sizes; credit: its share among the explanations of what it
+    would explain; sizes: how probable each size of the slab is.
+    """
+
+    effect: str
+    place: tuple[str, ...]
+    probability: float
+    prior: float
+    log_bayes_factor: float
+    unseen: float
+    credit: float = 1.0
+    sizes: tuple[float, ...] = ()
+    size: Amount | None = None
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,51 @@
+"""The prior file that a fleet leaves, as text: a line for each place, what is most frequent first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from truepose.files import atomic_write_text
+from truepose.identification.learned_prior import LearnedPrior
+from truepose.models.file.yaml_document import document_text, flow_text
+
+
+def write_prior(path: Path | str, learned: LearnedPrior) -> None:
+    """Write a prior file, whole or not at all."""
+    atomic_write_text(path, prior_text(learned))
+
+
+def prior_text(learned: LearnedPrior) -> str:
+    """A prior file as text: a line for each place, what is most frequent first."""
+    document = learned.model_dump(by_alias=True, mode="json")
+    effects = document.pop("effects")
+    tolerances = document.pop("tolerances")
+    ranked = sorted(effects.items(), key=lambda item: (-_most(item[1]), item[0]))
+    lines = [
+        f"# Learned from {learned.machines} machines. For `truepose diagnose MACHINE REC --prior FILE`, which takes",
+        "# `odds` (how many times likelier than without this file) and `sizes`; the rest says where they are from.",
+        document_text(document).rstrip(),
+        "effects:" if effects else "effects: {}",
+        *(line for name, effect in ranked for line in _effect_lines(name, effect)),
+        "tolerances:  # true spread over the stated tolerance; for the reader, `diagnose` does not read it"
+        if tolerances
+        else "tolerances: {}",
+        *(f"  {flow_text(name)}: {flow_text(one)}" for name, one in tolerances.items()),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _effect_lines(name: str, effect: Mapping[str, Any]) -> Iterator[str]:
+    yield f"  {flow_text(name)}:"
+    yield from (f"    {key}: {flow_text(effect[key])}" for key in ("machines", "odds", "sizes"))
+    yield "    places:" if effect["places"] else "    places: {}"
+    for mechanism, places in effect["places"].items():
+        yield f"      {flow_text(mechanism)}:"
+        ranked = sorted(places.items(), key=lambda item: (-item[1]["frequency"], item[0]))
+        yield from (f"        {flow_text(place)}: {flow_text(one)}" for place, one in ranked)
+
+
+def _most(effect: Mapping[str, Any]) -> float:
+    every = [one["frequency"] for places in effect["places"].values() for one in places.values()]
+    return max(every, default=0.0)

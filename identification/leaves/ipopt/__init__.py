@@ -1,0 +1,1 @@
+"""The solver ``ipopt``: a fit within bounds, with the passive joints as unknowns."""
