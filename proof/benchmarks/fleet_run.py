@@ -27,10 +27,8 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from truepose.identification.leaves.fleet.ending import Folders, ended
-from truepose.identification.leaves.fleet.record import Record
-from truepose.identification.leaves.fleet.run import run_fleet
-from truepose.identification.leaves.fleet.store import JOURNAL, Journal, Store
+from truepose.identification.leaves.fleet.record import JOURNAL, Journal, Record, Store
+from truepose.identification.leaves.fleet.run import Folders, ended, run_fleet
 from truepose.identification.leaves.fleet.work import Options
 from truepose.pool import Cores, Pool, cluster
 

@@ -1,21 +1,48 @@
-"""What is seen without a fit: missing blocks, too few or repeated rows, joints that stand still or leave their range."""
+"""What is seen without a fit: missing blocks, too few or repeated rows, joints that stand still or leave their range.
+
+A stated sigma against what replicates say of it, or, without any, against all that a fit leaves.
+
+Whether joints give way along the gravity that the file states, or against it: a robot that hangs, said to stand.
+
+A machine fits as it is drawn whichever way is down. But its joints give way along gravity, never against it: if compliances
+that are all negative fit far better than any that are positive, gravity pulls the other way.
+
+What a check says of rows that stand out of the rest, and of what is left of all rows.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import nnls
 
-from truepose.identification.fit.standing_out import FAR
+from truepose.identification.fit.standing_out import FAR, Left, row_words
+from truepose.identification.leaves.check.pair import USUAL, Pair, usable
 from truepose.identification.leaves.check.result import Found
 from truepose.identification.leaves.check.rig import Rig, Stand
-from truepose.identification.leaves.check.weighing import USUAL_REACH, reach
+from truepose.identification.leaves.check.weighing import (
+    CERTAIN,
+    USUAL_REACH,
+    Problem,
+    Weighed,
+    allowed,
+    evidence,
+    linearised,
+    reach,
+    without,
+)
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.angle_range import beyond
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.untestable import GRAVITY, GRAVITY_LINE
+from truepose.models.effects.base import PlacedEffect
+from truepose.models.effects.encoder_eccentricity import EncoderEccentricity
+from truepose.models.effects.joint_compliance import JointCompliance
+from truepose.models.file.driver import APPROACH, PAYLOAD, Driver
 from truepose.models.machine.machine import Machine
 from truepose.models.units import convert
 from truepose.wording import joined, shortened
@@ -260,4 +287,246 @@ def no_tolerances(rig: Rig, stand: Stand) -> Iterator[Found]:
     )
 
 
-__all__ = ["bare", "coarse_joints", "no_tolerances", "out_of_range", "repeats"]
+SIGMA_FAR = 10.0
+"""How many times a stated sigma may differ from what readings say before it is worth a word."""
+ROUNDING = 1e-9
+"""Share of a stated sigma that arithmetic leaves where a fit meets every reading: it says nothing of a sensor."""
+_MOST_GROUPS = 100
+
+
+def sigmas(rig: Rig, stand: Stand, price: float) -> Iterator[Found]:
+    """Kinds of reading whose sigma is far from the scatter of replicates, or from all that is left."""
+    for kind, (ratio, words) in _scatters(rig, stand, price).items():
+        if ratio is None or ratio <= ROUNDING or 1.0 / SIGMA_FAR < ratio < SIGMA_FAR:
+            continue
+        channel = next(c for c in rig.machine.channels if c.kind == kind)
+        size = float(f"{channel.sigma * ratio:.2g}")
+        fields = _fields(kind)
+        unit = rig.machine.units.written(channel.unit)
+        yield Found(
+            "sigma",
+            (f"sensor.sigma.{fields}",),
+            f"{words} by {size:.3g} {channel.unit}, sigma is stated as {channel.sigma:.3g} {channel.unit}",
+            f"state sigma: {{{fields}: {convert(size, channel.unit, unit):.2g}}}",
+            "suspect",
+            channel.sigma,
+            size,
+            channel.unit,
+            partial(_mend_sigma, fields, convert(size, channel.unit, unit)),
+        )
+
+
+def _fields(kind: str) -> str:
+    return {"position": "xyz", "rotation": "rot", "distance": "distance", "direction": "angle"}.get(
+        kind, kind
+    )
+
+
+def _mend_sigma(key: str, value: float, pair: Pair) -> Pair:
+    sensor = pair.get(("sensor",))
+    heads = [("sensor", k) for k in range(len(sensor))] if isinstance(sensor, list) else [("sensor",)]
+    for head in heads:
+        if pair.get((*head, "sigma", key)) is not None:
+            pair = pair.with_field((*head, "sigma", key), float(f"{value:.3g}"))
+    return pair
+
+
+def _scatters(rig: Rig, stand: Stand, price: float) -> dict[str, tuple[float | None, str]]:
+    """By kind of reading: scatter over sigma of replicates; without any, what is left of the fit if that is too little."""
+    kinds = list(dict.fromkeys(c.kind for c in rig.machine.channels))
+    rows = _replicates(rig.recording)
+    out: dict[str, tuple[float | None, str]] = {}
+    if len(rows) >= 2:
+        labels = np.concatenate([np.full(len(r), k) for k, r in enumerate(rows)])
+        here = (
+            rig.predictor.over(rig.recording.subset(np.concatenate(rows)))
+            if not _differs(rig.machine)
+            else None
+        )
+        if here is not None:
+            x, good = rig.assembled(here, stand.p, stand.scene)
+            residual = np.concatenate([b.residual for b in here.blocks(stand.p, x)])
+            for kind in kinds:
+                at = [k for k, c in enumerate(rig.machine.channels) if c.kind == kind]
+                out[kind] = (_within(residual[:, at], labels, good), "replicates scatter")
+    left = stand.residual
+    for kind in kinds:
+        if kind not in out and price < 1.0 / SIGMA_FAR and len(left):
+            out[kind] = (price, "everything that is left varies")
+    return out
+
+
+def _replicates(recording: Recording) -> list[NDArray[np.intp]]:
+    """Places of rows that were measured alike, groups of two and more; a row copied from another one is none.
+
+    Alike: at one reading of all joints, in one session, reached from the same sides, under the same load.
+    """
+    use = np.setdiff1d(np.flatnonzero(~recording.validation), repeats(recording))
+    like = [v for name, v in recording.drivers.items() if Driver.of(name).kind in (APPROACH, PAYLOAD)]
+    told = np.column_stack([recording.q, recording.session, *like])[use] + 0.0
+    _, label, count = np.unique(told, axis=0, return_inverse=True, return_counts=True)
+    label = label.reshape(-1)
+    return [use[label == k] for k in np.flatnonzero(count >= 2)[:_MOST_GROUPS]]
+
+
+def _within(residual: Array, labels: NDArray[np.int64], good: NDArray[np.bool_]) -> float | None:
+    """The middle of the groups' scatter; None where too few readings repeat."""
+    sizes, spare = [], 0
+    for k in np.unique(labels):
+        own = residual[(labels == k) & good]
+        own = own[np.isfinite(own).all(axis=1)]
+        if len(own) >= 2:
+            spare += (len(own) - 1) * own.shape[1]
+            sizes.append(
+                float(np.sqrt(np.sum((own - own.mean(axis=0)) ** 2) / ((len(own) - 1) * own.shape[1])))
+            )
+    return float(np.median(sizes)) if spare >= _FEWEST else None
+
+
+def _differs(machine: Machine) -> bool:
+    return any(s.differs_from_row or s.compares for s in machine.sensors)
+
+
+def reversed_gravity(rig: Rig, weighed: Weighed, misfit: float) -> Iterator[Found]:
+    """Yield a finding where joints give way against the stated gravity; ``misfit``: rms that is left without compliances.
+
+    Certain alone is worth a word, and only where the other sign leaves nothing that needs a further cause.
+    """
+    machine = rig.machine
+    joints = _compliances(machine, rig.recording)
+    if weighed.stand.bad or not joints or not _is_pulled_by_gravity_alone(machine):
+        return
+    if not _is_certain(rig, weighed, misfit, 1.0):  # no compliance could make it so
+        return
+    sagging = _Sagging.of(rig, weighed, joints)
+    stated, other = sagging.left(1.0), sagging.left(-1.0)
+    if other > FAR or not _is_certain(rig, weighed, stated, other):
+        return
+    gravity = list(machine.gravity or ())
+    mended = [0.0 - v for v in gravity]
+    yield Found(
+        "gravity-reversed",
+        ("gravity",),
+        f"joints give way against the stated gravity {_words(gravity)}: compliances leave {stated:.3g} sigma with it, and "
+        f"{other:.3g} sigma with its other sign",
+        f"look how the machine is mounted: 'gravity: {_words(mended)}' (in the base frame) if it hangs",
+        "suspect",
+        mend=lambda pair: pair.with_field(("gravity",), mended),
+    )
+
+
+def _words(vector: Sequence[float]) -> str:
+    return f"[{', '.join(f'{v + 0.0:.6g}' for v in vector)}]"
+
+
+def _is_pulled_by_gravity_alone(machine: Machine) -> bool:
+    """Whether all loads turn with gravity, and no effect of the file has taken them into account."""
+    others = machine.springs or machine.forces or any(e.needs_load for e in machine.effects)
+    return not others
+
+
+def _compliances(machine: Machine, recording: Recording) -> list[PlacedEffect]:
+    """Return compliances of each joint: one where masses are stated, else one for each body that may be heavy."""
+    effect = JointCompliance()
+    every = [
+        PlacedEffect.at(effect, machine, at, settings)
+        for at in effect.places(machine)
+        if effect.screened(machine, at)
+        for settings in effect.settings(machine, at, recording)
+    ]
+    return [one for one in every if one.needs_load and not one.bent]
+
+
+def _eccentric(machine: Machine) -> list[PlacedEffect]:
+    """Return encoders that may be eccentric, where the file has no such effect yet."""
+    effect, known = EncoderEccentricity(), {e.at_place for e in machine.effects}
+    every = [PlacedEffect.at(effect, machine, at) for at in effect.places(machine)]
+    return [one for one in every if one.at_place not in known]
+
+
+def _is_certain(rig: Rig, weighed: Weighed, stated: float, other: float) -> bool:
+    """Whether the other sign is certain, by what both leave beyond the noise of the instrument, in sigmas.
+
+    What noise alone makes of the rms of so many readings is nothing left.
+    """
+    least = np.sqrt(2.0 / max(weighed.stand.residual.size, 1))
+    beyond = [float(np.sqrt(max(size**2 - 1.0, least))) for size in (stated, other)]
+    scene = weighed.hypothesis.scene
+    gained = evidence(rig, scene, beyond[1], USUAL) - evidence(rig, scene, beyond[0], 1.0)
+    return bool(gained > np.log(CERTAIN / (1.0 - CERTAIN)))
+
+
+@dataclass(frozen=True)
+class _Sagging:
+    """Readings by constants and by compliances, linear about where a hypothesis settled.
+
+    residual (n, m) and jacobian (n, m, np) whitened; columns of the jacobian: constants, then ``eccentric`` ones of encoders,
+    which bend for what looks like a compliance of either sign, then those of compliances.
+    """
+
+    rig: Rig
+    weighed: Weighed
+    residual: Array
+    jacobian: Array
+    eccentric: int
+
+    @classmethod
+    def of(cls, rig: Rig, weighed: Weighed, joints: Sequence[PlacedEffect]) -> _Sagging:
+        """Return the derivatives of the rows that a hypothesis was judged by."""
+        machine, stand = rig.machine, weighed.stand
+        eccentric = _eccentric(machine)
+        rows = stand.scene.rows.subset(stand.rows)
+        here = Predictor(machine, rows, (*machine.effects, *eccentric, *joints))
+        p = np.concatenate([weighed.settled.p, np.zeros(len(here.model.names) - len(rig.names))])
+        jacobian, residual = linearised(rig, here, p, stand)
+        return cls(rig, weighed, residual, jacobian, sum(len(e.coefficients) for e in eccentric))
+
+    def left(self, sign: float) -> float:
+        """Return the rms of readings and of departures where all compliances have one sign, in sigmas."""
+        first = self._left(sign, 1.0)
+        return self._left(sign, max(first, 1.0))
+
+    def _left(self, sign: float, noise: float) -> float:
+        problem = Problem(self.rig, self.weighed.stand, noise, self.weighed.free)
+        known, places = len(self.rig.names), problem.moving
+        unit = np.ones(self.jacobian.shape[2])
+        unit[places] = problem.scale
+        held = np.zeros((len(places), len(unit)))
+        held[np.arange(len(places)), places] = problem.held
+        moved = np.vstack([self.jacobian.reshape(-1, len(unit)) * unit / noise, held])
+        off = np.where(problem.known, problem.off(self.weighed.settled.p), 0.0)
+        right = -np.concatenate([self.residual.reshape(-1) / noise, off])
+        first = known + self.eccentric
+        both = without(moved[:, [*places, *range(known, first)]], np.column_stack([moved[:, first:], right]))
+        size = np.maximum(np.linalg.norm(both[:, :-1], axis=0), 1e-300)
+        _, left = nnls(sign * both[:, :-1] / size, both[:, -1])
+        return float(noise * left / np.sqrt(max(self.residual.size, 1)))
+
+
+def left_of(rig: Rig, weighed: Weighed) -> Left:
+    """Return what a hypothesis leaves of every row."""
+    scene = weighed.hypothesis.scene
+    places = usable(rig.machine, scene)
+    here = rig.predictor.over(scene.rows.subset(places))
+    x, good = rig.assembled(here, weighed.settled.p, scene)
+    residual = np.concatenate([b.residual for b in here.blocks(weighed.settled.p, x)]) * rig.scale(scene)
+    fine = good & np.isfinite(residual).all(axis=1)
+    return Left.of(residual[fine], places[fine], allowed(rig, weighed.stand))
+
+
+def length_of(rig: Rig, left: Left) -> float | None:
+    """Return the rms of the 3-D error over all rows, mm; None where no length is read."""
+    if not rig.long.any() or not len(left.residual):
+        return None
+    sigma = np.array([c.sigma for c in rig.machine.channels])
+    points = {c.point for c in rig.machine.channels if c.unit == "mm"}
+    mm = (left.residual * sigma)[:, rig.long]
+    return float(np.sqrt(np.mean(np.sum(mm**2, axis=1)) / max(len(points), 1)))
+
+
+def standing_out(rig: Rig, left: Left) -> Iterator[Found]:
+    """Yield the rows that stand out of the rest."""
+    says = row_words(rig.machine, rig.recording, left)
+    if says:
+        fix = "compare these rows with their source; mend them, or take them out"
+        yield Found("rows-stand-out", ("rows",), says, fix, "suspect")

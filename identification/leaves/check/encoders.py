@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from truepose.identification.leaves.check.kinds.joints import LEAST
 from truepose.identification.leaves.check.kinds.units import ANGLES, LENGTHS
-from truepose.identification.leaves.check.pair import Pair
+from truepose.identification.leaves.check.pair import Mend, Pair
 from truepose.identification.leaves.check.result import Found
-from truepose.identification.leaves.check.slip import Mend
 from truepose.identification.leaves.check.weighing import PHYSICS
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine

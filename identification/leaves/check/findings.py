@@ -1,18 +1,37 @@
-"""What a search says: a mend where one is certain, questions where several lead, or that nothing tried explains the misfit."""
+"""What a search says: a mend where one is certain, questions where several lead, or that nothing tried explains the misfit.
+
+A machine file without a sensor: the one that the columns of its recording speak of.
+
+A serial table that cannot be read because its fields are those of a data sheet: which convention fits the readings?
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from truepose.identification.leaves.check.drawing import settle
+from truepose.errors import InputError
 from truepose.identification.leaves.check.kinds.frames import frame_unknown
-from truepose.identification.leaves.check.result import Found, Verdict
+from truepose.identification.leaves.check.pair import Pair
+from truepose.identification.leaves.check.result import Check, Found, Verdict
 from truepose.identification.leaves.check.rig import Rig, Stand, motion
 from truepose.identification.leaves.check.search import Search, still_columns
-from truepose.identification.leaves.check.weighing import CERTAIN, PHYSICS, Weighed, allowed, joints_beyond
+from truepose.identification.leaves.check.weighing import (
+    CERTAIN,
+    PHYSICS,
+    Weighed,
+    allowed,
+    joints_beyond,
+    settle,
+)
+from truepose.identification.load import load_recording
+from truepose.models.file.machine_file import checked_machine
+from truepose.models.load import build_machine
 from truepose.wording import joined
 
 PUSHED = 8.0
@@ -156,4 +175,86 @@ def shown(before: Stand, after: Stand) -> tuple[float | None, float | None, str]
     return before.misfit, after.misfit, "sigma"
 
 
-__all__ = ["findings", "shown", "unexplained"]
+_XYZ, _ROT = ("x", "y", "z"), ("rx", "ry", "rz")
+
+
+def without_sensor(pair: Pair) -> Check:
+    """What to say of a file without ``sensor``: the block to add."""
+    names = [str(n) for n in pair.sheets[0].cells.columns] if pair.sheets else []
+    block, words = _meant(pair, names)
+    found = Found(
+        "no-sensor",
+        ("sensor",),
+        "no sensor is stated: nothing says what the readings are",
+        f"add '{words}' to the machine file (sigma as the instrument's maker states it)"
+        if block
+        else "add a block 'sensor' to the machine file: type, sigma and what its type needs",
+        "wrong",
+        mend=(lambda pair: pair.with_field(("sensor",), block)) if block else None,
+    )
+    rows = len(pair.sheets[0].cells) if pair.sheets else 0
+    return Check((found,), rows, None)
+
+
+def _meant(pair: Pair, names: list[str]) -> tuple[Mapping[str, Any] | None, str]:
+    """The block, and how to write it; sigma is 1e-5 of what was seen, or 1e-3 deg."""
+    if set(_XYZ) <= set(names):
+        sigma: dict[str, float] = {"xyz": _sigma(pair, _XYZ)}
+        kind = "position"
+        if set(_ROT) <= set(names):
+            sigma["rot"], kind = 0.005, "pose"
+        text = ", ".join(f"{k}: {v:g}" for k, v in sigma.items())
+        return {"type": kind, "sigma": sigma}, f"sensor: {{type: {kind}, sigma: {{{text}}}}}"
+    targets = [n[:-2] for n in names if n.endswith(".x") and {f"{n[:-2]}.y", f"{n[:-2]}.z"} <= set(names)]
+    if targets:
+        points = ", ".join(f"{t}: [x, y, z]" for t in targets)
+        return None, f"sensor: {{type: targets, points: {{{points}}}, sigma: {{xyz: ...}}}}"
+    return None, ""
+
+
+def _sigma(pair: Pair, names: tuple[str, ...]) -> float:
+    spread = max(float(np.nanmax(s.numbers(n)) - np.nanmin(s.numbers(n))) for s in pair.sheets for n in names)
+    return float(f"{max(spread, 1e-6) * 2e-5:.1g}")
+
+
+_MEANT = {"standard": "a data sheet's standard table", "modified": "a modified table (Craig)"}
+
+
+def unnamed_table(pair: Pair, recordings: Sequence[Path]) -> Check | None:
+    """What to say of joints with a field ``a`` and no convention; None where the file's fault is another one."""
+    section: Mapping[str, Any] = pair.get(("mechanism",)) or {}
+    joints = section.get("joints") if isinstance(section, Mapping) else None
+    if not isinstance(joints, list) or section.get("type") != "serial" or "convention" in section:
+        return None
+    if not any(isinstance(row, Mapping) and "a" in row for row in joints):
+        return None
+    left = {convention: _left(pair, recordings, convention) for convention in _MEANT}
+    best = min(left, key=lambda convention: left[convention][0])
+    if not math.isfinite(left[best][0]):
+        return None
+    _, length, unit, rows = left[best]
+    found = Found(
+        "dh-convention",
+        ("mechanism.joints", "mechanism.convention"),
+        f"the joints have a field 'a' and no convention is stated; as {_MEANT[best]} they fit best",
+        f"state 'convention: {best}' beside 'joints'",
+        "wrong",
+        None,
+        length,
+        unit,
+        lambda pair: pair.with_field(("mechanism", "convention"), best),
+    )
+    return Check((found,), rows, length, unit, left_rows=rows, left_mended=True)
+
+
+def _left(pair: Pair, recordings: Sequence[Path], convention: str) -> tuple[float, float | None, str, int]:
+    """Misfit, its size and unit, and rows, under a convention; an infinite misfit where the file has other faults."""
+    stated = pair.with_field(("mechanism", "convention"), convention).document
+    try:
+        machine = build_machine(checked_machine(Path(pair.machine), dict(stated)))
+        rows = load_recording(machine, recordings)
+    except InputError:
+        return math.inf, None, "mm", 0
+    stand = Rig(machine, rows).stand()
+    length, _, unit = shown(stand, stand)
+    return stand.misfit, length, unit, len(rows)

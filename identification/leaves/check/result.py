@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
-from truepose.identification.leaves.check.pair import Pair
-from truepose.identification.leaves.check.slip import Mend
+from truepose.identification.leaves.check.pair import Mend, Pair
 from truepose.identification.signatures.untestable import Missing
 from truepose.shown.result import Shown, frame
 

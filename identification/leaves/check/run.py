@@ -9,18 +9,23 @@ from pathlib import Path
 
 from truepose.errors import InputError
 from truepose.identification.fit.set_ups import without_set_ups
-from truepose.identification.leaves.check.bare import bare, coarse_joints, no_tolerances, out_of_range
+from truepose.identification.leaves.check.bare import (
+    bare,
+    coarse_joints,
+    left_of,
+    length_of,
+    no_tolerances,
+    out_of_range,
+    reversed_gravity,
+    sigmas,
+    standing_out,
+)
 from truepose.identification.leaves.check.encoders import encoders
-from truepose.identification.leaves.check.findings import findings
-from truepose.identification.leaves.check.gravity import reversed_gravity
+from truepose.identification.leaves.check.findings import findings, unnamed_table, without_sensor
 from truepose.identification.leaves.check.pair import Pair
 from truepose.identification.leaves.check.result import Check, Found
 from truepose.identification.leaves.check.rig import Rig
-from truepose.identification.leaves.check.rows import left_of, length_of, standing_out
 from truepose.identification.leaves.check.search import Search, search
-from truepose.identification.leaves.check.sensorless import without_sensor
-from truepose.identification.leaves.check.sigma import sigmas
-from truepose.identification.leaves.check.unread import unnamed_table
 from truepose.identification.leaves.check.weighing import NOWHERE_ELSE, Hypothesis, weigh
 from truepose.identification.load import load_recording
 from truepose.identification.recording.angle_range import leaves_range_open

@@ -24,9 +24,17 @@ from truepose.identification.identifiability.note import Note
 from truepose.identification.identifiability.observability import Knowledge
 from truepose.identification.identifiability.patterns import Blind
 from truepose.identification.leaves.drift.durability import Durability, durability
-from truepose.identification.leaves.drift.movement_posterior import Likeliest, likeliest, movement_posterior
-from truepose.identification.leaves.drift.movement_problem import Kinds, Stack
-from truepose.identification.leaves.drift.sessions import Session, bounded, linearised, sessions_of
+from truepose.identification.leaves.drift.sessions import (
+    Kinds,
+    Likeliest,
+    Session,
+    Stack,
+    bounded,
+    likeliest,
+    linearised,
+    movement_posterior,
+    sessions_of,
+)
 from truepose.identification.leaves.drift.sizes import Movement, joint_parameters, movements
 from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording

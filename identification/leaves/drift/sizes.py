@@ -11,8 +11,7 @@ from scipy import stats
 
 from truepose.arrays import Array
 from truepose.identification.fit.problem import Prior
-from truepose.identification.leaves.drift.movement_posterior import Likeliest, MovementPosterior
-from truepose.identification.leaves.drift.movement_problem import Stack
+from truepose.identification.leaves.drift.sessions import Likeliest, MovementPosterior, Stack
 from truepose.identification.posterior.marginal import Marginal
 
 SURE = 0.95

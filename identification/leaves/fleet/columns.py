@@ -2,6 +2,24 @@
 
 Sums and judgements over machines are worked out from these, for a group of machines at once. Nothing that comes of a row
 depends on the rows beside it.
+
+What one machine adds to the log likelihood of a fleet's unknowns, on grids: how frequent and how large an effect is, how
+far constants are from their drawing.
+
+An effect is there with a frequency q, and its size is drawn around the fleet's usual size j by the kernel K. One machine says
+
+    p(readings | q, j) / p(readings | absent) = 1 - q + q sum_s K(s | j) B_s
+
+with B_s the Bayes factor of the effect at size s, 1 at sizes that its recording would not show. Where rivals explain the same
+with a probability r, the machine counts 1 - r as above, with B against nothing at all, and r as one in which no size that would
+be noticed is there: a step of EM over which of them it is, so that rivals together are counted once.
+
+A constant's deviation x +- e (in tolerances) says N(x; 0, r^2 + e^2), with r the true spread over the stated tolerance.
+
+What is kept of one diagnosed machine for the statistics of its fleet: a few kB that JSON can hold.
+
+``kept`` stores evidence, not conclusions: of every effect at every place a Bayes factor that is free of the prior that the
+diagnosis was made with, so that a fleet can be summed up under any prior, and never counts what a prior said twice.
 """
 
 from __future__ import annotations
@@ -14,11 +32,107 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import logit
+from scipy.special import expit, logit
 
 from truepose.arrays import Array, Index
 from truepose.errors import InputError
-from truepose.identification.leaves.fleet.likelihood import SLAB
+from truepose.identification.diagnosis.place_evidence import PlaceEvidence
+from truepose.identification.diagnosis.result import Diagnosis
+from truepose.identification.fit.estimated import Estimate
+from truepose.identification.fit.tolerance_classes import part_classes
+from truepose.identification.prior import FLEET_SIZES, SIZES
+
+LOG_ODDS: Array = np.linspace(-11.0, 5.0, 33)
+"""(g,) grid of the log odds of a frequency; between its points a log likelihood is smooth."""
+RATIOS: Array = np.geomspace(0.05, 20.0, 61)
+"""(r,) grid of true spreads over stated tolerances."""
+LARGEST = 15.0
+"""Log Bayes factor beyond which a posterior tells no more."""
+SLAB: Array = np.exp(SIZES.log_prior)
+"""(s,) prior share of each size."""
+
+
+def _kernel() -> Array:
+    """(j, s) how sizes of machines scatter about the fleet's usual one. The slab is what it leaves unchanged (detailed
+    balance), so that a fleet of which nothing is known has the sizes of the slab."""
+    steps = np.abs(np.subtract.outer(np.arange(len(SLAB)), np.arange(len(SLAB))))
+    offered = FLEET_SIZES**steps
+    out = offered / offered.sum(axis=1).max() * np.minimum(1.0, SLAB / SLAB[:, None])
+    np.fill_diagonal(out, 0.0)
+    np.fill_diagonal(out, 1.0 - out.sum(axis=1))
+    return np.asarray(out)
+
+
+KERNEL: Array = _kernel()
+
+
+@dataclass(frozen=True)
+class Told:
+    """What machines say of an effect each (p,): log Bayes factor against nothing, prior share of sizes that are not seen,
+    and the probability that a rival explains what it would."""
+
+    log_factor: Array
+    unseen: Array
+    rival: Array
+
+    @classmethod
+    def of(cls, numbers: Array) -> Told:
+        """From rows (p, 5): probability, prior, log Bayes factor, unseen, credit."""
+        p, _, log_factor, unseen, credit = numbers.T
+        rival = np.minimum(p * (1.0 - credit) / np.maximum(credit, 1e-9), 1.0 - p)
+        nothing = np.maximum(1.0 - p - rival, np.exp(-LARGEST))
+        against = log_factor + np.log(np.maximum(1.0 - p, np.exp(-LARGEST))) - np.log(nothing)
+        return cls(np.minimum(against, LARGEST), unseen, rival)
+
+
+def _shown(unseen: Array) -> Array:
+    """(p, s) share of each size that a recording would show: small ones are those that are not seen."""
+    return np.clip((np.cumsum(SLAB) - unseen[:, None]) / SLAB, 0.0, 1.0)
+
+
+def by_size(log_factor: Array, unseen: Array, sizes: Array) -> Array:
+    """(p, s) Bayes factor of effects (p,) at each size. sizes (p, s): how probable each is, rows of NaN where nobody knows."""
+    shown = _shown(unseen)
+    share = np.where(np.isnan(sizes), SLAB * shown, sizes)
+    share /= np.maximum(share.sum(axis=1, keepdims=True), 1e-300)
+    return np.asarray((1.0 - shown) + (np.exp(log_factor) * (1.0 - unseen))[:, None] * share / SLAB)
+
+
+def of_frequency(told: Told, sizes: Array) -> Array:
+    """(p, j, g) log likelihood of frequencies and usual sizes; sizes (p, s) as in ``by_size``."""
+    out = _log_mixed(_scattered(by_size(told.log_factor, told.unseen, sizes)))
+    at = np.flatnonzero(told.rival > 0.0)  # few: where a recording cannot tell two effects apart
+    r = told.rival[at, None, None]
+    out[at] = (1.0 - r) * out[at] + r * _log_mixed(_scattered(1.0 - _shown(told.unseen[at])))
+    return out
+
+
+def _scattered(factors: Array) -> Array:
+    """(p, j) Bayes factors by the fleet's usual size, from those by size (p, s). No product of matrices: its rounding would
+    depend on how many rows there are, and sums of machines have to be the same in any grouping."""
+    return np.asarray(sum(factors[:, s, None] * KERNEL[:, s] for s in range(len(SLAB))))
+
+
+def of_presence(told: Told) -> Array:
+    """(p, g) log likelihood of frequencies, whatever the size."""
+    there = told.unseen + (1.0 - told.unseen) * np.exp(told.log_factor)
+    r = told.rival[:, None]
+    return np.asarray((1.0 - r) * _log_mixed(there) + r * _log_mixed(told.unseen))
+
+
+def _log_mixed(there: Array) -> Array:
+    """(..., g) of an effect that is there with each frequency, from its Bayes factors (...)."""
+    q = expit(LOG_ODDS)
+    out = q * there[..., None]
+    out += 1.0 - q
+    return np.asarray(np.log(out, out=out))
+
+
+def of_spread(deviation: Array, std: Array) -> Array:
+    """(p, r) log likelihood of a spread from each deviation (p,) with its 1-sigma, in tolerances; those of a class add."""
+    variance = RATIOS**2 + std[:, None] ** 2
+    return np.asarray(-0.5 * (np.log(variance) + deviation[:, None] ** 2 / variance))
+
 
 Whole = NDArray[np.int64]
 KEPT = "truepose/kept/1"
@@ -182,14 +296,85 @@ def constant_moments(said: Said) -> Whole:
     return whole(np.ones_like(x), x, x**2, e**2)
 
 
-__all__ = [
-    "KEPT",
-    "UNIT",
-    "Columns",
-    "Gathered",
-    "Said",
-    "constant_moments",
-    "effect_moments",
-    "size_moments",
-    "whole",
-]
+DETERMINED = 3.0
+"""1-sigma of what the readings alone say of a constant, in its tolerances, beyond which they say nothing of it."""
+FINEST = 1e-3
+"""Smallest 1-sigma of a constant that is kept, in tolerances: no fit of a model is better than that."""
+
+
+def kept(diagnosis: Diagnosis) -> dict[str, Any]:
+    """What the fleet's statistics need of a machine.
+
+    Returns a dict of texts, numbers, lists and dicts: ``machine``, ``mechanism`` (its type), ``verdict``; ``places``: by effect
+    and place ``[probability, prior, log Bayes factor, unseen, credit]`` (``unseen``: prior share of sizes that the recording
+    would not show; ``credit``: its share among rivals), and where it may be there a dict besides: ``sizes``, how probable each
+    size of the slab is, ``size``, [mean, std] of the log of its rms coefficient in expected largest sizes, and ``amount``, the
+    same mean in ``unit``; ``anywhere``: by effect the same five numbers, of any of its places; ``parameters``: by name what
+    the readings alone say, [deviation, std] in tolerances, and its class of parts.
+    """
+    machine = diagnosis.nominal
+    return {
+        "schema": KEPT,
+        "machine": machine.name,
+        "mechanism": machine.mechanism_type,
+        "verdict": diagnosis.verdict,
+        "places": _by_effect(diagnosis.evidence),
+        "anywhere": {one.effect: _place(one) for one in diagnosis.evidence_anywhere},
+        "parameters": _parameters(diagnosis.after),
+    }
+
+
+def _by_effect(every: Sequence[PlaceEvidence]) -> dict[str, dict[str, list[Any]]]:
+    out: dict[str, dict[str, list[Any]]] = {}
+    for one in every:
+        out.setdefault(one.effect, {})["+".join(one.place)] = _place(one)
+    return out
+
+
+def _place(one: PlaceEvidence) -> list[Any]:
+    """Rounded to what matters: a hundredth of a nat, four digits of a probability."""
+    factor = round(one.log_bayes_factor, 2)
+    out: list[Any] = [
+        _short(one.probability),
+        _short(one.prior),
+        factor,
+        _short(one.unseen),
+        _short(one.credit),
+    ]
+    more: dict[str, Any] = {}
+    if one.sizes:
+        more["sizes"] = [round(p, 3) for p in one.sizes]
+    if one.size is not None:
+        more["size"] = [round(one.size.log_mean, 3), round(one.size.log_std, 3)]
+        more |= {"amount": round(one.size.log_amount, 3), "unit": one.size.unit} if one.size.unit else {}
+    return [*out, more] if more else out
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.4g}") if abs(value) >= 1e-6 else 0.0
+
+
+def _parameters(fit: Estimate) -> dict[str, list[float | str]]:
+    """By name: deviation and its 1-sigma, in tolerances, as the readings alone say it, and the class of parts.
+
+    A fit is N(m, v) from a prior N(0, w) and the readings' N(x, e): 1 / e = 1 / v - 1 / w, x = m e / v (variances).
+    """
+    free = [k for k in fit.prior.free if k < len(fit.nominal.parameters)]
+    tolerance = {k: fit.nominal.parameters[k].tolerance for k in free}
+    at = [k for k in free if 0.0 < tolerance[k] < np.inf]
+    if not at:
+        return {}
+    scale = np.array([tolerance[k] for k in at])
+    v = (fit.std[at] / scale) ** 2
+    w = (fit.prior.sigma[at] * fit.noise / scale) ** 2
+    told = 1.0 / np.maximum(v, FINEST**2) - 1.0 / w  # w is infinite without a prior
+    names = [fit.prior.names[k] for k in at]
+    classes = part_classes(names, [fit.prior.parts[k] for k in at])
+    out: dict[str, list[float | str]] = {}
+    for k, name in enumerate(names):
+        if told[k] < DETERMINED**-2:
+            continue
+        x = fit.in_tolerances[at[k]] / max(v[k], FINEST**2) / told[k]
+        kind = " ".join(part for part in (classes[k].kind, classes[k].parts) if part)
+        out[name] = [_short(float(x)), _short(float(told[k] ** -0.5)), kind]
+    return out

@@ -89,9 +89,8 @@ def fleet(
     Example: truepose fleet line1 -o line1-results --workers 2 --brief --limit 30
     """
     with reported(plugin):
-        from truepose.identification.leaves.fleet.ending import FILES, Folders
         from truepose.identification.leaves.fleet.files import PAGE
-        from truepose.identification.leaves.fleet.run import run_fleet
+        from truepose.identification.leaves.fleet.run import FILES, Folders, run_fleet
         from truepose.identification.leaves.fleet.words import fleet_json, fleet_lines, headline
         from truepose.identification.leaves.fleet.work import Options
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from truepose.files import atomic_write_text
 from truepose.identification.leaves.fleet.page import fleet_html
-from truepose.identification.leaves.fleet.result import Fleet
+from truepose.identification.leaves.fleet.table import Fleet
 from truepose.identification.leaves.fleet.words import fleet_json
 from truepose.identification.report.json_text import json_text
 

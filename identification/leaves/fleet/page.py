@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from urllib.parse import quote
 
-from truepose.identification.leaves.fleet.result import Fleet
 from truepose.identification.leaves.fleet.sections import (
     LISTED,
     csv_text,
@@ -13,7 +12,7 @@ from truepose.identification.leaves.fleet.sections import (
     shown_words,
     tolerance_blocks,
 )
-from truepose.identification.leaves.fleet.table import Row
+from truepose.identification.leaves.fleet.table import Fleet, Row
 from truepose.identification.leaves.fleet.words import (
     MET,
     change_sentences,

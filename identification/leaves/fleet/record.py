@@ -7,16 +7,36 @@
 * ``wrong``: its files do not belong together, as ``truepose check`` says;
 * ``failed``: bad input, or a fit without a minimum;
 * ``broken``: its process died, ran out of time or met a fault of the program. It is tried again with the next run.
+
+Where a fleet's records are kept: one Parquet file of the last run that ended, and a journal of the one that has not.
+
+``fleet.parquet`` holds a row a machine, by name, in groups that are read one at a time; keys can be read without the records.
+``sums.json`` holds the sums of all records (``Summary``), to which those of a machine are added, or from which they are taken.
+The journal is a line a machine, added when the machine is done. A run that was killed left what it had done there.
+
+What changed in a fleet since its last run: machines new and gone, verdicts, names, parameters that moved.
+
+A parameter has moved where the difference of its two values is more than chance allows: beyond ``FALSE`` for one such among
+all that were compared, whatever their number.
 """
 
 from __future__ import annotations
 
+import heapq
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import IO, Any, Literal, Protocol, TypeVar, get_args
+
+import pyarrow as pa  # type: ignore[import-untyped]
+import pyarrow.parquet as pq  # type: ignore[import-untyped]
+from scipy.stats import norm
+
+from truepose.errors import InputError
+from truepose.identification.leaves.fleet.summary import Summary
 
 Json = dict[str, Any]
 Status = Literal["done", "refused", "wrong", "failed", "broken"]
@@ -143,4 +163,324 @@ def rounded(value: float | None) -> Any:
     return None if value is None else float(f"{value:.{DIGITS}g}")
 
 
-__all__ = ["RECORD", "STATUSES", "Json", "Record", "Status", "figures_of", "parameters_of", "rounded"]
+STORE, SUMS, JOURNAL = "fleet.parquet", "sums.json", "journal.jsonl"
+GROUP = 1000
+"""Records that are read at once: a few MB."""
+Batched = TypeVar("Batched")
+_COLUMNS = pa.schema(
+    [("name", pa.string()), ("key", pa.string()), ("final", pa.bool_()), ("record", pa.string())]
+)
+
+
+@dataclass(frozen=True)
+class Line:
+    """A record as a text, which is much smaller than what it says and quicker to copy; source: the file that it is from."""
+
+    name: str
+    key: str
+    final: bool
+    text: str
+    source: Path
+
+    @property
+    def record(self) -> Record:
+        """What it says. Raises InputError where that is of another version."""
+        record = Record.of_text(self.text)
+        if record is None:
+            raise InputError(
+                f"{self.source}: found a record of another version, expected one of this; delete the folder to begin anew"
+            )
+        return record
+
+
+@dataclass(frozen=True)
+class Store:
+    """What the last run that ended has kept in a folder, read when it is asked for; nothing where none has ended there."""
+
+    folder: Path
+
+    @property
+    def path(self) -> Path:
+        """The file of records."""
+        return self.folder / STORE
+
+    @property
+    def exists(self) -> bool:
+        """Whether a run has ended here."""
+        return self.path.is_file()
+
+    def keys(self) -> dict[str, str]:
+        """The key of every machine whose files would give the same again."""
+        if not self.exists:
+            return {}
+        table = self._file().read(["name", "key", "final"]).to_pydict()
+        rows = zip(table["name"], table["key"], table["final"], strict=True)
+        return {name: key for name, key, final in rows if final}
+
+    def lines(self) -> Iterator[Line]:
+        """Every record as a text, by name."""
+        if not self.exists:
+            return
+        for batch in self._file().iter_batches(GROUP):
+            columns = (batch.column(name).to_pylist() for name in _COLUMNS.names)
+            for name, key, final, text in zip(*columns, strict=True):
+                yield Line(name, key, final, text, self.path)
+
+    def records(self) -> Iterator[Record]:
+        """Every record, by name. Raises InputError for one of another version."""
+        return (line.record for line in self.lines())
+
+    def summary(self) -> Summary | None:
+        """The sums of all records; None where they are of another version."""
+        try:
+            return Summary.from_json(json.loads((self.folder / SUMS).read_text(encoding="utf-8")))
+        except (OSError, ValueError, InputError):
+            return None
+
+    def _file(self) -> Any:
+        try:
+            return pq.ParquetFile(self.path)
+        except (OSError, pa.ArrowInvalid) as exc:
+            raise InputError(
+                f"{self.path}: found no table of truepose fleet ({exc}); delete it to begin anew"
+            ) from None
+
+    def write(self, lines: Iterable[Line]) -> None:
+        """Records, by name; the same records, the same bytes."""
+        with pq.ParquetWriter(self.path, _COLUMNS, compression="zstd", use_dictionary=False) as writer:
+            for group in groups(lines, GROUP):
+                columns = zip(*((one.name, one.key, one.final, one.text) for one in group), strict=True)
+                writer.write_table(pa.table([list(column) for column in columns], schema=_COLUMNS))
+
+    def write_summary(self, summary: Summary) -> None:
+        """Their sums."""
+        text = json.dumps(summary.to_json(), sort_keys=True, separators=(",", ":"))
+        (self.folder / SUMS).write_text(text + "\n", encoding="utf-8")
+
+
+def groups(items: Iterable[Batched], size: int) -> Iterator[list[Batched]]:
+    """So many of them at a time."""
+    rest = iter(items)
+    while group := list(islice(rest, size)):
+        yield group
+
+
+@dataclass(frozen=True)
+class _Noted:
+    """Where a line of the journal begins, in bytes."""
+
+    key: str
+    final: bool
+    at: int
+
+
+@dataclass(frozen=True)
+class Journal:
+    """The lines of a run that has not ended; the last of a machine holds. A line that was cut off is none."""
+
+    path: Path
+
+    def keys(self) -> dict[str, str]:
+        """The key of every machine whose files would give the same again."""
+        return {name: noted.key for name, noted in self._noted().items() if noted.final}
+
+    def lines(self, keys: Mapping[str, str]) -> Iterator[Line]:
+        """Those whose key is the one given for their name, by name; only where they are is held in memory."""
+        noted = self._noted()
+        if not noted:
+            return
+        with self.path.open("rb") as stream:
+            for name in sorted(noted):
+                one = noted[name]
+                if keys.get(name) == one.key:
+                    stream.seek(one.at)
+                    yield Line(name, one.key, one.final, _text(stream.readline()), self.path)
+
+    def _noted(self) -> dict[str, _Noted]:
+        if not self.path.is_file():
+            return {}
+        found, at = dict[str, _Noted](), 0
+        with self.path.open("rb") as stream:
+            for line in stream:
+                record = Record.of_text(_text(line))
+                if record is not None:
+                    found[record.name] = _Noted(record.key, record.final, at)
+                at += len(line)
+        return found
+
+    def open(self) -> IO[str]:
+        """For more lines."""
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        stream = self.path.open("a", encoding="utf-8", newline="\n")
+        stream.write("\n")  # ends what was cut off
+        return stream
+
+    @staticmethod
+    def note(stream: IO[str], record: Record) -> None:
+        """A line, in the hands of the system before the next machine is."""
+        stream.write(record.text() + "\n")
+        stream.flush()
+
+
+def _text(line: bytes) -> str:
+    return line.decode("utf-8", errors="replace").rstrip("\n")
+
+
+FALSE = 0.05
+"""Probability that of all parameters compared one that stands still is said to have moved. The usual level."""
+LEAST = 3.0
+"""Difference in 1-sigma below which nothing is said to have moved, however few were compared: the field's three sigma."""
+
+
+class Named(Protocol):
+    """What has the name of a machine."""
+
+    @property
+    def name(self) -> str:
+        """Of the machine."""
+
+
+Item = TypeVar("Item", bound=Named)
+
+
+@dataclass(frozen=True)
+class Moved:
+    """A parameter that moved by ``change`` (mm or rad), ``sigma`` times its 1-sigma."""
+
+    machine: str
+    parameter: str
+    change: float
+    sigma: float
+
+
+@dataclass(frozen=True)
+class Change:
+    """Something that is said of a machine otherwise than before. what: ``status``, ``verdict`` or ``findings``."""
+
+    machine: str
+    what: str
+    before: str
+    after: str
+
+
+@dataclass(frozen=True)
+class Changes:
+    """All of it, by machine; moved: largest first. compared: parameters of machines that were worked with again."""
+
+    new: tuple[str, ...] = ()
+    gone: tuple[str, ...] = ()
+    said: tuple[Change, ...] = ()
+    moved: tuple[Moved, ...] = ()
+    compared: int = 0
+    again: int = 0
+
+    @property
+    def any(self) -> bool:
+        """Whether there is something to tell."""
+        return bool(self.new or self.gone or self.said or self.moved)
+
+    @property
+    def limit(self) -> float:
+        """Difference in 1-sigma beyond which chance is no explanation."""
+        return limit(self.compared)
+
+
+def limit(compared: int) -> float:
+    """Two-sided normal quantile, the level shared out among all comparisons (Bonferroni); never below ``LEAST``."""
+    return max(float(norm.isf(FALSE / 2 / max(compared, 1))), LEAST)
+
+
+@dataclass
+class Comparison:
+    """Pairs of records, taken one after the other."""
+
+    new: list[str] = field(default_factory=list)
+    gone: list[str] = field(default_factory=list)
+    said: list[Change] = field(default_factory=list)
+    far: list[Moved] = field(default_factory=list)
+    compared: int = 0
+    again: int = 0
+
+    def take(self, before: Record | None, after: Record | None) -> None:
+        """A machine's record of the last run and of this one; None where there is none."""
+        if after is None:
+            self.gone.append(before.name if before else "")
+        elif before is None:
+            self.new.append(after.name)
+        elif before != after:
+            self.again += 1
+            self.said += _said(before, after)
+            shared = before.parameters.keys() & after.parameters.keys()
+            self.compared += len(shared)
+            self.far += [one for one in (_moved(before, after, name) for name in sorted(shared)) if one]
+
+    def result(self) -> Changes:
+        """What changed."""
+        least = limit(self.compared)
+        moved = sorted(
+            (m for m in self.far if m.sigma > least), key=lambda m: (-m.sigma, m.machine, m.parameter)
+        )
+        return Changes(
+            tuple(self.new), tuple(self.gone), tuple(self.said), tuple(moved), self.compared, self.again
+        )
+
+
+def compared(before: Iterable[Record], after: Iterable[Record]) -> Changes:
+    """Two runs, both by name."""
+    comparison = Comparison()
+    for old, new in paired(before, after):
+        comparison.take(old, new)
+    return comparison.result()
+
+
+def paired(before: Iterable[Item], after: Iterable[Item]) -> Iterator[tuple[Item | None, Item | None]]:
+    """Records of two runs, or lines of them, by machine; each run in the order of names."""
+    both = heapq.merge(
+        ((r.name, 0, r) for r in before), ((r.name, 1, r) for r in after), key=lambda one: one[:2]
+    )
+    waiting: Item | None = None
+    for _, which, record in both:
+        if which == 0:
+            if waiting is not None:
+                yield waiting, None
+            waiting = record
+        elif waiting is not None and waiting.name == record.name:
+            yield waiting, record
+            waiting = None
+        else:
+            if waiting is not None:
+                yield waiting, None
+            waiting = None
+            yield None, record
+    if waiting is not None:
+        yield waiting, None
+
+
+def _said(before: Record, after: Record) -> Iterator[Change]:
+    pairs = {
+        "status": (before.status, after.status),
+        "verdict": (_verdict(before), _verdict(after)),
+        "findings": (findings_text(before), findings_text(after)),
+    }
+    for what, (old, new) in pairs.items():
+        if old != new:
+            yield Change(after.name, what, old, new)
+        if what == "status" and before.diagnosed != after.diagnosed:
+            return  # the others are known of one of them only
+
+
+def _verdict(record: Record) -> str:
+    return str(record.figures.get("verdict", ""))
+
+
+def findings_text(record: Record) -> str:
+    """``backlash at q2; link-bending at link2 + link3``: what was found, in the order of names."""
+    found: Iterable[Mapping[str, Any]] = record.figures.get("findings", ())
+    return "; ".join(sorted(f"{one['effect']} at {' + '.join(one['place'])}" for one in found))
+
+
+def _moved(before: Record, after: Record, name: str) -> Moved | None:
+    (old, old_std), (new, new_std) = before.parameters[name], after.parameters[name]
+    std = math.hypot(old_std, new_std)
+    sigma = abs(new - old) / std if std > 0 else 0.0
+    return Moved(after.name, name, new - old, sigma) if sigma > LEAST else None

@@ -8,6 +8,12 @@ Where things are, in the folder of results:
     fleet.csv, fleet.json, fleet.html, prior.yaml
 
 A machine is done again when its key changes: the contents of its files, the options and the version of truepose.
+
+From a fleet's summary to the prior of the next machine.
+
+The end of a run over a fleet: records and their sums are put together, and table, page and prior are made of them.
+
+No machine's folder is opened. Records are read one group after the other, so that memory holds a group of them.
 """
 
 from __future__ import annotations
@@ -15,23 +21,265 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from truepose.errors import InputError
 from truepose.faults import reason
-from truepose.identification.learned_prior import read_prior
-from truepose.identification.leaves.fleet.columns import KEPT
-from truepose.identification.leaves.fleet.ending import Folders, ended
+from truepose.files import atomic_directory
+from truepose.identification.learned_prior import (
+    MOST,
+    EffectPrior,
+    LearnedPrior,
+    PlacePrior,
+    ToleranceNote,
+    read_prior,
+    write_prior,
+)
+from truepose.identification.leaves.fleet.columns import KEPT, Gathered
+from truepose.identification.leaves.fleet.files import DOCUMENT, PAGE, put_fleet
 from truepose.identification.leaves.fleet.folder import Member, members
-from truepose.identification.leaves.fleet.record import SCHEMA
-from truepose.identification.leaves.fleet.result import Fleet
-from truepose.identification.leaves.fleet.store import Journal
+from truepose.identification.leaves.fleet.record import (
+    JOURNAL,
+    SCHEMA,
+    Changes,
+    Comparison,
+    Journal,
+    Line,
+    Record,
+    Store,
+    groups,
+    paired,
+)
+from truepose.identification.leaves.fleet.statistics import Tree, statistics, trees
+from truepose.identification.leaves.fleet.summary import Summary
+from truepose.identification.leaves.fleet.table import SHOWN, Fleet, Row, oddness, row, write_rows
 from truepose.identification.leaves.fleet.work import Options, Task, done
 from truepose.pool import Pool, each
 from truepose.publication import held
 from truepose.version import VERSION
+
+SMALLEST = 1e-4
+"""Share of a size below which it is written as this."""
+
+
+def learned(summary: Summary) -> LearnedPrior:
+    """What the fleet says of machines to come; without machines the prior of ``truepose.identification.prior``.
+
+    ``truepose.identification.learned_prior.write_prior(path, learned(summary))`` writes the file.
+    """
+    effects = {effect: _effect(tree) for effect, tree in sorted(trees(summary).items())}
+    kinds = summary.mechanisms
+    tolerances = {
+        f"{one.mechanism}: {one.parts}" if len(kinds) > 1 else one.parts: ToleranceNote(
+            deviations=one.deviations,
+            ratio=short(one.ratio.value),
+            low=short(one.ratio.low),
+            high=short(one.ratio.high),
+        )
+        for one in statistics(summary).tolerances
+    }
+    return LearnedPrior(
+        schema="truepose/prior/1",
+        machines=summary.machines,
+        mechanisms=kinds,
+        effects=effects,
+        tolerances=tolerances,
+    )
+
+
+def _effect(tree: Tree) -> EffectPrior:
+    places: dict[str, dict[str, PlacePrior]] = {}
+    for k, (mechanism, place) in enumerate(tree.places):
+        of = tree.hierarchy.place(k)
+        places.setdefault(mechanism, {})[place] = PlacePrior(
+            machines=tree.machines[k],
+            found=short(tree.found[k]),
+            frequency=short(of.mean),
+            usual=short(float(1.0 / (1.0 + np.exp(-of.usual)))),
+            odds=_odds(of.log_factor),
+        )
+    return EffectPrior(
+        machines=max(tree.machines),
+        odds=_odds(tree.hierarchy.elsewhere.log_factor),
+        sizes=tuple(max(short(share), SMALLEST) for share in tree.hierarchy.sizes.tolist()),
+        places=places,
+    )
+
+
+def _odds(log_factor: float) -> float:
+    return short(float(np.clip(np.exp(log_factor), 1.0 / MOST, MOST)))
+
+
+def short(value: float) -> float:
+    """Four digits: the file is made for reading, and what is read is what was learned."""
+    return float(f"{value:.4g}")
+
+
+TABLE, PRIOR = "fleet.csv", "prior.yaml"
+TOGETHER = 64
+"""Machines that are worked out at once: more would fill the memory, fewer take longer."""
+FILES = (TABLE, DOCUMENT, PAGE, PRIOR)
+
+
+@dataclass(frozen=True)
+class Folders:
+    """Where a fleet's machines are, and where its results go (absolute paths)."""
+
+    machines: Path
+    results: Path
+
+    @classmethod
+    def of(cls, machines: Path, results: Path) -> Folders:
+        """Raises InputError where both are one."""
+        found = cls(machines.resolve(), results.resolve())
+        if found.machines == found.results:
+            raise InputError(f"{results}: expected another folder for the results than that of the machines")
+        return found
+
+    @property
+    def store(self) -> Store:
+        """What was kept when the last run ended."""
+        return Store(self.results)
+
+    @property
+    def journal(self) -> Journal:
+        """What has been done since."""
+        return Journal(self.results / JOURNAL)
+
+
+def ended(keys: Mapping[str, str], folders: Folders, *, brief: bool) -> Fleet:
+    """What the fleet of these machines (keys by name) says now, and all files that say it, published in one step.
+
+    ``brief``: machines have no reports that the page could lead to.
+    """
+    now, shown = _Now(keys, folders.store, folders.journal), _Shown()
+    with atomic_directory(folders.results) as partial:
+        after = Store(partial)
+        after.write(now.lines())
+        after.write_summary(now.summary)
+        changes = now.comparison.result() if folders.store.exists else None
+        write_rows(partial / TABLE, map(shown.take, _rows(after.lines(), now.summary)))
+        write_prior(partial / PRIOR, learned(now.summary))
+        fleet = shown.fleet(folders.machines.name, now.summary, changes, brief)
+        put_fleet(fleet, partial)
+    return fleet
+
+
+class _Now:
+    """The records of a fleet as it is now, how they differ from those of the last run, and their sums."""
+
+    def __init__(self, keys: Mapping[str, str], before: Store, journal: Journal) -> None:
+        self._keys, self._before, self._journal = keys, before, journal
+        self.comparison = Comparison()
+        self.summary = Summary.empty()
+
+    def lines(self) -> Iterator[Line]:
+        """By name; sums and differences are whole when all were taken. What is as it was is passed on unread.
+
+        The sums of the last run are brought up to date; where there are none, its records are added up.
+        """
+        sums = self._before.summary() or _summed(self._before.records())
+        added, taken = _Sum(), _Sum()
+        for old, new in paired(self._before.lines(), self._journal.lines(self._keys)):
+            now = new or (old if old is not None and old.name in self._keys else None)
+            if now is not old:
+                before = None if old is None else old.record
+                after = None if now is None else now.record
+                self.comparison.take(before, after)
+                taken.take(before)
+                added.take(after)
+            if now is not None:
+                yield now
+        self.summary = sums + added.total() - taken.total()
+
+
+class _Sum:
+    """The sums of records taken one after the other; some wait, for many are added up as quickly as two."""
+
+    def __init__(self) -> None:
+        self._sum, self._waiting = Summary.empty(), Gathered()
+
+    def take(self, record: Record | None) -> None:
+        """What a machine adds."""
+        if record is not None and _counts(record):
+            self._waiting.take(record.evidence)
+        if self._waiting.machines >= TOGETHER:
+            self.total()
+
+    def total(self) -> Summary:
+        """Of all."""
+        self._sum += Summary.of_columns(self._waiting.columns)
+        self._waiting = Gathered()
+        return self._sum
+
+
+def _summed(records: Iterable[Record]) -> Summary:
+    out = _Sum()
+    for record in records:
+        out.take(record)
+    return out.total()
+
+
+def _counts(record: Record) -> bool:
+    """Whether the fleet's statistics have a machine: one that is no calibration would say of parts what is not so."""
+    return record.status == "done"
+
+
+def _rows(lines: Iterable[Line], summary: Summary) -> Iterator[list[Row]]:
+    """Rows of the table, a group at a time. Of a machine that no statistics are made of it is not said how odd it is."""
+    for group in groups(lines, TOGETHER):
+        rows, counted, gathered = list[Row](), list[int](), Gathered()
+        for k, record in enumerate(line.record for line in group):
+            rows.append(row(record))
+            if _counts(record):
+                counted.append(k)
+                gathered.take(record.evidence)
+        for k, odd in zip(counted, oddness(gathered.columns, summary), strict=True):
+            rows[k] = rows[k].with_oddness(odd)
+        yield rows
+
+
+class _Shown:
+    """What a page shows of the rows that passed: counts, and no more than ``SHOWN`` of each kind."""
+
+    def __init__(self) -> None:
+        self._statuses, self._verdicts, self._odd = Counter[str](), Counter[str](), 0
+        self._first, self._undone, self._unusual = list[Row](), list[Row](), list[Row]()
+
+    def take(self, rows: list[Row]) -> list[Row]:
+        """The same rows again."""
+        odd = [r for r in rows if r.odd]
+        self._odd += len(odd)
+        self._statuses.update(r.status for r in rows)
+        self._verdicts.update(r.verdict for r in rows if r.verdict)
+        self._first += rows[: SHOWN - len(self._first)]
+        self._undone += [r for r in rows if r.status not in ("done", "refused")][: SHOWN - len(self._undone)]
+        unusual = sorted([*self._unusual, *odd], key=lambda r: (-(r.oddness or 0.0), r.name))
+        self._unusual = unusual[:SHOWN]
+        return rows
+
+    def fleet(self, name: str, summary: Summary, changes: Changes | None, brief: bool) -> Fleet:
+        """The whole outcome."""
+        return Fleet(
+            name,
+            self._statuses.total(),
+            dict(self._statuses),
+            dict(self._verdicts),
+            statistics(summary),
+            self._odd,
+            self._unusual,
+            self._undone,
+            self._first,
+            changes,
+            brief,
+        )
+
 
 MACHINES = "machines"
 DEAD = "its process died twice, the second time with no other machine beside it"
@@ -113,6 +361,3 @@ def _task(member: Member, folders: Folders, settings: str, options: Options) -> 
     except OSError as exc:
         unread = Member(member.name, why=f"cannot read {Path(str(exc.filename)).name}: {exc.strerror}")
         return task(unread, key=unread.key(folders.machines, settings))
-
-
-__all__ = ["Folders", "Progress", "run_fleet", "settings_of"]

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from truepose.identification.leaves.fleet.result import Fleet
 from truepose.identification.leaves.fleet.statistics import EffectInFleet, Interval, ToleranceInFleet
+from truepose.identification.leaves.fleet.table import Fleet
 from truepose.identification.leaves.fleet.words import off_drawing, often, percent_range
 from truepose.identification.report.document import Block, Charts, Table, Text
 from truepose.identification.report.level_words import title

@@ -23,23 +23,21 @@ import numpy as np
 from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.leaves.fleet.columns import (
-    UNIT,
-    Columns,
-    Said,
-    Whole,
-    constant_moments,
-    effect_moments,
-    size_moments,
-    whole,
-)
-from truepose.identification.leaves.fleet.likelihood import (
     LOG_ODDS,
     RATIOS,
     SLAB,
+    UNIT,
+    Columns,
+    Said,
     Told,
+    Whole,
+    constant_moments,
+    effect_moments,
     of_frequency,
     of_presence,
     of_spread,
+    size_moments,
+    whole,
 )
 
 SCHEMA = "truepose/fleet-summary/1"
@@ -59,7 +57,7 @@ class Summary:
 
     @classmethod
     def of(cls, kept: Mapping[str, Any]) -> Summary:
-        """Of one machine, from what ``truepose.identification.leaves.fleet.evidence.kept`` keeps of it."""
+        """Of one machine, from what ``truepose.identification.leaves.fleet.columns.kept`` keeps of it."""
         return cls.of_columns(Columns.of([kept]))
 
     @classmethod

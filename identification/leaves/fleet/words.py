@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
-from truepose.identification.leaves.fleet.changes import Change, Changes, Moved
-from truepose.identification.leaves.fleet.result import Fleet
+from truepose.identification.leaves.fleet.record import Change, Changes, Moved
 from truepose.identification.leaves.fleet.statistics import (
     ConstantInFleet,
     EffectInFleet,
     Interval,
     ToleranceInFleet,
 )
-from truepose.identification.leaves.fleet.table import Row
+from truepose.identification.leaves.fleet.table import Fleet, Row
 from truepose.identification.report.json_text import Json
 from truepose.identification.report.level_words import title
 from truepose.identification.report.lines import wrapped

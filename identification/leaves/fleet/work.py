@@ -2,14 +2,17 @@
 
 ``done`` runs in whatever process the fleet has for it. Nothing that it writes depends on which one, or on where the fleet's
 folder lies: files are told as seen from there.
+
+A limit of time for a piece of work, in whatever thread it runs.
 """
 
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import html
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -18,7 +21,6 @@ from typing import TYPE_CHECKING
 from truepose.errors import TrueposeError
 from truepose.files import atomic_directory, atomic_write_text
 from truepose.identification.leaves.fleet.folder import Member
-from truepose.identification.leaves.fleet.limit import OverdueError, within
 from truepose.identification.leaves.fleet.record import RECORD, Record, Status, figures_of, parameters_of
 from truepose.models.registry import load_plugin
 from truepose.threads import one_thread
@@ -30,6 +32,45 @@ if TYPE_CHECKING:
     from truepose.identification.learned_prior import LearnedPrior
     from truepose.identification.recording.recording import Recording
     from truepose.models.machine.machine import Machine
+
+
+AGAIN = 0.2
+"""Seconds until what was lost is raised again: longer than a block takes to end."""
+
+
+class OverdueError(BaseException):
+    """The time is over. No ``Exception``: nothing on the way that mends faults may take it for one."""
+
+
+@contextlib.contextmanager
+def within(minutes: float | None) -> Iterator[None]:
+    """Raise OverdueError in the block after so many minutes; None: never.
+
+    It is raised between two steps of Python: a call of compiled code comes to its end first. What is raised inside a
+    destructor or a callback is lost, so it is raised again until the block ends.
+    """
+    if minutes is None:
+        yield
+        return
+    thread, lock, over = threading.get_ident(), threading.Lock(), threading.Event()
+
+    def watch() -> None:
+        over.wait(60.0 * minutes)
+        while not over.is_set():
+            with lock:
+                if not over.is_set():
+                    raised = ctypes.py_object(OverdueError)
+                    ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), raised)
+            over.wait(AGAIN)
+
+    watching = threading.Thread(target=watch, daemon=True)
+    watching.start()
+    try:
+        yield
+    finally:
+        with lock:  # what was raised before arrives in here at the latest
+            over.set()
+
 
 RESULTS = ("calibrated.yaml", "fit.json", "diagnosis.json", "improved.yaml", "report.html")
 """What is written for a machine beside its record."""
@@ -165,7 +206,7 @@ def _told(task: Task, value: object) -> object:
 
 
 def _record(task: Task, result: _Result) -> Record:
-    from truepose.identification.leaves.fleet.evidence import kept
+    from truepose.identification.leaves.fleet.columns import kept
     from truepose.identification.report.json_text import finite
     from truepose.identification.report.judgement_words import diagnosis_judgement
     from truepose.identification.report.results import diagnosis_json

@@ -12,18 +12,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from truepose.arrays import Array, Mask
-from truepose.identification.leaves.fringes.excursions import Excursions, find_excursions
-from truepose.identification.leaves.fringes.faults import Fault, has_gap, has_jump, too_fast, without_spikes
+from truepose.identification.leaves.fringes.excursions import (
+    Excursions,
+    Fault,
+    find_excursions,
+    has_gap,
+    has_jump,
+    too_fast,
+    without_spikes,
+)
 from truepose.identification.leaves.fringes.levels import (
     Levels,
     Noise,
+    Rest,
     fitted_levels,
     noise_of,
     rough_levels,
     tracked_levels,
 )
 from truepose.identification.leaves.fringes.passages import normalised, passages
-from truepose.identification.leaves.fringes.rest import Rest
 from truepose.identification.leaves.fringes.turns import DECISIVE, Verdict
 from truepose.models.machine.fabry_perot import Reflectivities, coupling, folded_phase, phase_noise
 

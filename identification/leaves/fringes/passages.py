@@ -13,10 +13,8 @@ from truepose.identification.leaves.fringes.excursions import (
     extremes,
     find_excursions,
 )
-from truepose.identification.leaves.fringes.levels import Levels, Noise
-from truepose.identification.leaves.fringes.motions import Held
-from truepose.identification.leaves.fringes.rest import Rest, find_rest
-from truepose.identification.leaves.fringes.turns import Verdict, Visit, judge
+from truepose.identification.leaves.fringes.levels import Levels, Noise, Rest, find_rest
+from truepose.identification.leaves.fringes.turns import Held, Verdict, Visit, judge
 from truepose.models.machine.fabry_perot import folded_phase, fringe, phase_noise
 
 MOST_JUDGED = 1000

@@ -4,16 +4,29 @@ All are functions of the eigenvalues of an information matrix, which makes their
 ``d`` and ``a`` weigh the readings together with the tolerances (Bayesian), so that a direction nothing can see
 costs nothing; ``o1`` to ``o5`` are the observability indices of the readings alone, on the directions that
 poses of this machine can show.
+
+Choosing poses among candidates: add the pose that gains most, eliminate the one that is missed least.
+
+DETMAX (Mitchell 1974), which IOOPS (Daney, Papegay and Blaise, IJRR 24, 2005; telescope paper, section 6.3) does
+for robots. What an added or eliminated pose changes is an update of low rank of the information, so that
+log det follows from a small determinant and no matrix of full size is decomposed for a candidate.
+
+Moving all poses at once inside the joints' ranges, with the criterion's exact gradient (paper, Fig. 13).
+
+Use ``climb`` from a good design: the criterion has many local maxima. Poses that cannot be assembled, or lie
+next to a singularity, are never entered: a pose that would goes on in a smaller box around its last good place.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import minimize
 
-from truepose.arrays import Array
+from truepose.arrays import Array, Index, Mask
+from truepose.identification.leaves.planning.information import PoseInformation, Poses
 
 OPEN = 1e-28
 """A direction is open when its share of the information is below this: rounding of singular values, squared."""
@@ -132,3 +145,233 @@ class Objective:
         stacked = np.vstack([rows.reshape(-1, rows.shape[-1]), self.prior])
         _, s, vt = np.linalg.svd(np.linalg.qr(stacked, mode="r"), full_matrices=False)
         return np.asarray(s[::-1] ** 2), np.asarray(vt[::-1].T)
+
+
+DEPTH = 3
+"""Poses added (or eliminated) in a row before as many are eliminated (added)."""
+LEAST_GAIN = 1e-6
+"""An excursion that gains less, relative to the criterion, is not worth its time."""
+_SHORTLIST = 16
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Candidates: signatures (c, m, r) in the objective's coordinates; differs (m,) as in ``PoseInformation``."""
+
+    signature: Array
+    differs: Mask
+
+    @classmethod
+    def of(cls, signature: Array, differs: Mask) -> Pool:
+        """From signatures (c, m, r), with as few rows a candidate as hold the same information.
+
+        Where a reading is a difference, ``differs`` (m,), all rows stay.
+        """
+        if differs.any() or not len(signature):
+            return cls(signature, differs)
+        _, s, v = np.linalg.svd(signature, full_matrices=False)
+        rank = max(1, int(np.max(np.sum(s > 1e-12 * np.max(s), axis=1))))
+        return cls(s[:, :rank, None] * v[:, :rank], np.zeros(rank, dtype=bool))
+
+    def row(self, candidate: Index | int, before: int | None) -> Array:
+        """Jacobian (..., m, r) of poses, ``candidate`` (...,), that follow ``before`` (None: they come first)."""
+        here = self.signature[candidate]
+        if not self.differs.any():
+            return np.asarray(here)
+        earlier = here if before is None else self.signature[before]
+        return np.asarray(here - np.where(self.differs[:, None], earlier, 0.0))
+
+    def rows(self, design: Sequence[int]) -> Array:
+        """(n, m, r) Jacobian of a design."""
+        before = [None, *design[:-1]]
+        return np.array([self.row(c, b) for c, b in zip(design, before, strict=True)])
+
+
+def exchange(pool: Pool, objective: Objective, start: Sequence[int]) -> list[int]:
+    """A design with as many poses as ``start`` (indices of candidates, repeats allowed), never worse than it.
+
+    Excursions of up to ``DEPTH`` poses, adding first or eliminating first; each that gains is kept, until none
+    does.
+    """
+    best = list(start)
+    value = objective.value(pool.rows(best))
+    depth, adding = 1, True
+    while depth <= DEPTH and depth < len(best):
+        trial = list(best)
+        for step in (adding, not adding):
+            for _ in range(depth):
+                trial = _added(pool, objective, trial) if step else _eliminated(pool, objective, trial)
+        found = objective.value(pool.rows(trial))
+        if found > value + LEAST_GAIN * max(1.0, abs(value)):
+            best, value, depth, adding = trial, found, 1, True
+        elif adding:
+            adding = False
+        else:
+            depth, adding = depth + 1, True
+    return best
+
+
+def _added(pool: Pool, objective: Objective, design: list[int]) -> list[int]:
+    """The design with the candidate that gains most at its end."""
+    rows = pool.rows(design)
+    update = pool.row(np.arange(len(pool.signature)), design[-1])
+    scores = _scores(objective, rows, update, np.ones(update.shape[1]))
+    if len(design) < len(scores):
+        scores[design] = -np.inf
+    return [*design, int(np.argmax(scores))]
+
+
+def _eliminated(pool: Pool, objective: Objective, design: list[int]) -> list[int]:
+    """The design without the pose that is missed least."""
+    rows = pool.rows(design)
+    m = pool.signature.shape[1]
+    if not pool.differs.any():
+        scores = _scores(objective, rows, rows, -np.ones(m))
+    else:  # the next pose then counts from the one before
+        ends = [None, *design, None]
+        updates = np.zeros((len(design), 3 * m, pool.signature.shape[2]))
+        for k, here in enumerate(design):
+            before, after = ends[k], ends[k + 2]
+            updates[k, :m] = pool.row(here, before)
+            if after is not None:
+                updates[k, m : 2 * m], updates[k, 2 * m :] = pool.row(after, here), pool.row(after, before)
+        scores = _scores(objective, rows, updates, np.repeat([-1.0, -1.0, 1.0], m))
+    worst = int(np.argmax(scores))
+    return design[:worst] + design[worst + 1 :]
+
+
+def _scores(objective: Objective, rows: Array, updates: Array, signs: Array) -> Array:
+    """(c,) scores, the largest the best, of updates U' diag(signs) U, U (c, u, r), of the rows' information.
+
+    log det(M + U'SU) - log det M = log det(1 + S U M^-1 U'). Other criteria are ranked by their slope, and the
+    best of these by their value.
+    """
+    if objective.criterion.determinant and objective.value(rows) > -np.inf:
+        white = updates @ objective.whitening(rows)
+        small = np.eye(len(signs)) + signs[:, None] * (white @ white.transpose(0, 2, 1))
+        sign, value = np.linalg.slogdet(small)
+        return np.where(sign > 0, value, -np.inf)
+    likely = np.sum((updates @ objective.slope(rows)) * updates, axis=2) @ signs
+    out = np.full(len(updates), -np.inf)
+    short = np.argsort(-likely)[:_SHORTLIST]
+    some = updates[short]
+    out[short] = objective.ranks(
+        objective.information(rows) + some.transpose(0, 2, 1) @ (signs[:, None] * some)
+    )
+    return out
+
+
+LIMIT = 300
+"""Iterations of L-BFGS-B."""
+RUNS = 40
+"""Starts of it, each from the best joints so far, with less room for poses that could not be entered."""
+FLAT = 1e-10
+"""Relative gain at which it stops."""
+_APART = 0.01
+_SHORTER, _SHORTEST = 0.1, 1e-2
+
+
+class _LostError(Exception):
+    """Some poses cannot be entered: rows (n,)."""
+
+    def __init__(self, rows: Mask) -> None:
+        super().__init__("poses that cannot be entered")
+        self.rows = rows
+
+
+class Landscape:
+    """A criterion as a function of all joint values of n poses, with its gradient.
+
+    ``strongest``: poses whose loops react more strongly to the constants are next to a singularity.
+    """
+
+    def __init__(self, information: PoseInformation, objective: Objective, strongest: float = np.inf) -> None:
+        self.information, self.objective, self.strongest = information, objective, strongest
+
+    def value(self, poses: Poses) -> float:
+        """The criterion; -inf where a pose is not good."""
+        if not poses.within(self.strongest).all():
+            return -np.inf
+        rows = self.objective.project(self.information.rows(poses.signature))
+        return self.objective.value(rows)
+
+    def gradient(self, poses: Poses) -> tuple[float, Array]:
+        """The criterion and its derivative by the joints (n, nq): d = 2 <J slope, dJ>."""
+        rows = self.objective.project(self.information.rows(poses.signature))
+        cotangent = 2.0 * rows @ self.objective.slope(rows) @ self.objective.basis.T
+        pulled = self.information.pull(poses, self.information.pulled_rows(cotangent))
+        return self.objective.value(rows), pulled
+
+
+def climb(
+    landscape: Landscape, q: Array, seed: int = 0, progress: Callable[[str], None] = lambda _: None
+) -> Array:
+    """Joint values (n, nq) inside the ranges, whose criterion is not below that of ``q``."""
+    information = landscape.information
+    best_q, best = q, landscape.value(information.at(q))
+    here = _apart(q, information, seed)
+    if not information.at(here).within(landscape.strongest).all():
+        here = q
+    reach = np.ones(len(q))  # how far each pose may go, in shares of the ranges
+    for _ in range(RUNS):
+        ascent = _Ascent(landscape, here, progress)
+        try:
+            ascent.run(reach)
+            lost = np.zeros(len(q), dtype=bool)
+        except _LostError as error:
+            lost = error.rows
+        here = ascent.q
+        if ascent.best > best:
+            best_q, best = ascent.q, ascent.best
+        if not lost.any() or not (reach[lost] > 0.0).any():
+            break
+        reach[lost] = np.where(reach[lost] > _SHORTEST, _SHORTER * reach[lost], 0.0)
+    return best_q
+
+
+class _Ascent:
+    """One run of L-BFGS-B on minus the criterion, in shares of the ranges; remembers the best joints met."""
+
+    def __init__(self, landscape: Landscape, q: Array, progress: Callable[[str], None]) -> None:
+        self._landscape, self._progress = landscape, progress
+        self._low, self._high = landscape.information.low, landscape.information.high
+        self._span = landscape.information.span
+        self.q, self.best = q, -np.inf
+
+    def run(self, reach: Array) -> None:
+        """From ``q``, no pose going further than ``reach`` (n,). Raises _LostError."""
+        start = (self.q - self._low) / self._span
+        low, high = np.clip(start - reach[:, None], 0.0, 1.0), np.clip(start + reach[:, None], 0.0, 1.0)
+        minimize(
+            self._minus,
+            start.ravel(),
+            jac=True,
+            method="L-BFGS-B",
+            bounds=list(zip(low.ravel(), high.ravel(), strict=True)),
+            options={"maxiter": LIMIT, "ftol": FLAT, "gtol": 1e-9, "maxcor": 20},
+        )
+
+    def _minus(self, shares: Array) -> tuple[float, Array]:
+        shares = shares.reshape(self.q.shape)
+        q = np.clip(self._low + shares * self._span, self._low, self._high)
+        # each time from home, so that the assembly is the one that every other command finds
+        poses = self._landscape.information.at(q)
+        lost = ~poses.within(self._landscape.strongest)
+        if lost.any():
+            raise _LostError(lost)
+        value, gradient = self._landscape.gradient(poses)
+        if value > self.best:
+            self.q, self.best = q, value
+            self._progress(f"moving the poses: {self._landscape.objective.criterion.title} = {value:.4f}")
+        return -value, -(gradient * self._span).ravel()
+
+
+def _apart(q: Array, information: PoseInformation, seed: int) -> Array:
+    """Repeats moved a little apart: alike, they would have the same gradient for ever."""
+    _, first = np.unique(q, axis=0, return_index=True)
+    again = np.setdiff1d(np.arange(len(q)), first)
+    out = q.copy()
+    out[again] += (
+        _APART * information.span * np.random.default_rng(seed).standard_normal((len(again), q.shape[1]))
+    )
+    return np.clip(out, information.low, information.high)

@@ -16,12 +16,17 @@ import numpy as np
 from truepose.arrays import Array, Index
 from truepose.errors import InputError
 from truepose.identification.fit.decomposition import Decomposition, Observability
-from truepose.identification.leaves.planning.continuous import Landscape, climb
-from truepose.identification.leaves.planning.criteria import CRITERIA, Criterion, Objective
-from truepose.identification.leaves.planning.exchange import Pool, exchange
+from truepose.identification.leaves.planning.criteria import (
+    CRITERIA,
+    Criterion,
+    Landscape,
+    Objective,
+    Pool,
+    climb,
+    exchange,
+)
 from truepose.identification.leaves.planning.information import PoseInformation, Poses
-from truepose.identification.leaves.planning.rounding import rounded
-from truepose.identification.leaves.planning.supply import Supply
+from truepose.identification.leaves.planning.supply import Supply, rounded
 from truepose.models.given import MachineLike, as_machine
 from truepose.models.machine.machine import Machine
 from truepose.shown.result import Shown, frame

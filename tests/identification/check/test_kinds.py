@@ -16,16 +16,14 @@ import truepose
 from support import MACHINES
 from support.checked_arm import FEW, JOINTS, Document, document, recorded, written
 from truepose.identification.identifiability.poses import drawn_poses
-from truepose.identification.leaves.check.kinds.axes import mirrored, targets
 from truepose.identification.leaves.check.kinds.frames import frames_swapped
 from truepose.identification.leaves.check.kinds.joints import end_zeros, exchanged, offset, zeros
 from truepose.identification.leaves.check.kinds.order import matched, shifted
-from truepose.identification.leaves.check.kinds.poses import poses
+from truepose.identification.leaves.check.kinds.poses import mirrored, poses, targets
 from truepose.identification.leaves.check.kinds.units import file_lengths, units
-from truepose.identification.leaves.check.pair import Pair
+from truepose.identification.leaves.check.pair import SELDOM, Pair
 from truepose.identification.leaves.check.rig import Rig
 from truepose.identification.leaves.check.run import unbounded
-from truepose.identification.leaves.check.slip import SELDOM
 
 Array = NDArray[np.float64]
 SEEN = ["x", "y", "z", "rx", "ry", "rz"]

@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from truepose.identification.leaves.fleet.changes import Change, compared, limit, paired
-from truepose.identification.leaves.fleet.record import Record
+from truepose.identification.leaves.fleet.record import Change, Record, compared, limit, paired
 
 
 def record(

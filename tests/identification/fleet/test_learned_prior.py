@@ -22,7 +22,7 @@ from truepose.identification.learned_prior import (
     read_prior,
     write_prior,
 )
-from truepose.identification.leaves.fleet.learn import learned
+from truepose.identification.leaves.fleet.run import learned
 from truepose.identification.leaves.fleet.summary import Summary, total
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue, catalogue

@@ -14,8 +14,8 @@ from scipy.stats import t as student
 
 from support.fleets import DrawnFleet, mixed_machines
 from truepose.identification.leaves.fleet.columns import Columns
-from truepose.identification.leaves.fleet.odd import ODD, OTHERS, SURE, Oddness, oddness
 from truepose.identification.leaves.fleet.summary import Summary, total
+from truepose.identification.leaves.fleet.table import ODD, OTHERS, SURE, Oddness, oddness
 from truepose.identification.prior import URN
 
 Kept = Mapping[str, Any]

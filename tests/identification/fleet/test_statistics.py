@@ -10,8 +10,7 @@ from scipy.special import expit
 from scipy.stats import t as student
 
 from support.fleets import DrawnFleet
-from truepose.identification.leaves.fleet.hierarchy import FINE, joined, quantiles, single
-from truepose.identification.leaves.fleet.likelihood import (
+from truepose.identification.leaves.fleet.columns import (
     LOG_ODDS,
     RATIOS,
     SLAB,
@@ -22,10 +21,14 @@ from truepose.identification.leaves.fleet.likelihood import (
 )
 from truepose.identification.leaves.fleet.record import figures_of, parameters_of, rounded
 from truepose.identification.leaves.fleet.statistics import (
+    FINE,
     EffectInFleet,
     Interval,
+    joined,
     log_normal,
     most_frequent,
+    quantiles,
+    single,
     statistics,
 )
 from truepose.identification.leaves.fleet.summary import Summary, total

@@ -11,8 +11,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truepose.errors import InputError
-from truepose.identification.leaves.fleet.record import STATUSES, Record
-from truepose.identification.leaves.fleet.store import GROUP, JOURNAL, STORE, SUMS, Journal, Line, Store
+from truepose.identification.leaves.fleet.record import (
+    GROUP,
+    JOURNAL,
+    STATUSES,
+    STORE,
+    SUMS,
+    Journal,
+    Line,
+    Record,
+    Store,
+)
 from truepose.identification.leaves.fleet.summary import Summary
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)

@@ -15,10 +15,8 @@ from scipy.special import expit
 
 from support.fleets import DrawnFleet, mixed_machines
 from truepose.errors import InputError
-from truepose.identification.leaves.fleet.columns import Columns
-from truepose.identification.leaves.fleet.hierarchy import FINE
-from truepose.identification.leaves.fleet.likelihood import KERNEL, LOG_ODDS, SLAB, by_size
-from truepose.identification.leaves.fleet.statistics import statistics, trees
+from truepose.identification.leaves.fleet.columns import KERNEL, LOG_ODDS, SLAB, Columns, by_size
+from truepose.identification.leaves.fleet.statistics import FINE, statistics, trees
 from truepose.identification.leaves.fleet.summary import Summary, total
 
 

@@ -10,15 +10,13 @@ import pytest
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.identification.leaves.fringes import excursions, faults, lengths, motions, move, scan, turns
+from truepose.identification.leaves.fringes import excursions, lengths, levels, move, turns
 from truepose.identification.leaves.fringes.count import Count, End
 from truepose.identification.leaves.fringes.excursions import Excursions, centre_means, find_excursions
-from truepose.identification.leaves.fringes.levels import Levels, Noise, noise_of
+from truepose.identification.leaves.fringes.lengths import read_fast, read_samples
+from truepose.identification.leaves.fringes.levels import Levels, Noise, Scan, find_rest, noise_of
 from truepose.identification.leaves.fringes.move import Move, read_move
 from truepose.identification.leaves.fringes.passages import evenly, normalised
-from truepose.identification.leaves.fringes.photocurrent import read_fast, read_samples
-from truepose.identification.leaves.fringes.rest import find_rest
-from truepose.identification.leaves.fringes.scan import Scan
 from truepose.identification.recording.table import read_table
 from truepose.models.machine.fabry_perot import coupling, folded_phase, fringe
 from truepose.models.units import UnitSystem
@@ -127,11 +125,11 @@ def test_no_fringe_may_be_too_fast_wherever_it_is() -> None:
     for place in range(1, 8):
         sizes = [9] * 10
         sizes[place : place + 2] = 1, 2
-        assert faults.too_fast(sized(sizes)) is True
+        assert excursions.too_fast(sized(sizes)) is True
         sizes[place : place + 2] = 2, 2
-        assert faults.too_fast(sized(sizes)) is False
-    assert faults.too_fast(sized([1, 1, 3, 1])) is False
-    assert faults.too_fast(sized([1, 2, 1])) is False
+        assert excursions.too_fast(sized(sizes)) is False
+    assert excursions.too_fast(sized([1, 1, 3, 1])) is False
+    assert excursions.too_fast(sized([1, 2, 1])) is False
 
 
 def test_one_whole_excursion_tells_how_fast_the_mirror_moves() -> None:
@@ -140,9 +138,9 @@ def test_one_whole_excursion_tells_how_fast_the_mirror_moves() -> None:
     v = light(t)
     found = find_excursions(t, v, 0.0, G)
     assert len(found) == 3 and np.abs(np.diff(v)).max() > 0.3
-    assert not faults.has_jump(t, v, 0.0, found)
+    assert not excursions.has_jump(t, v, 0.0, found)
     jumped = np.where(np.arange(len(t)) < len(t) // 2, v, 1.0 - v)
-    assert faults.has_jump(1e3 * t, jumped, 0.0, replace(found, times=1e5 * found.times))
+    assert excursions.has_jump(1e3 * t, jumped, 0.0, replace(found, times=1e5 * found.times))
 
 
 @pytest.mark.parametrize("rising", [True, False])
@@ -154,7 +152,7 @@ def test_six_times_the_step_that_the_speed_makes_is_a_jump_and_twice_is_none(ris
         phase = 4.0 * np.pi + (LOW if rising else -LOW) + step * (sides - 0.5 * times)
         t, v = np.arange(301.0), fringe(np.cos(phase), G)
         assert np.argmax(np.abs(np.diff(v))) == 150 and abs(v[151] - v[150]) > 0.3
-        assert faults.has_jump(t, v, 0.0, find_excursions(t, v, 0.0, G)) is jump
+        assert excursions.has_jump(t, v, 0.0, find_excursions(t, v, 0.0, G)) is jump
 
 
 @pytest.mark.parametrize("scale", [1e-3, 5.0])
@@ -164,10 +162,10 @@ def test_a_spike_is_a_sample_a_tenth_of_the_range_off_its_neighbours(scale: floa
     for share, spiked in ((0.15, True), (-0.13, True), (0.07, False), (-0.08, False)):
         spoilt = calm.copy()
         spoilt[[700, 1500]] += share * np.ptp(calm)
-        mended, count = faults.without_spikes(spoilt, 0.0)
+        mended, count = excursions.without_spikes(spoilt, 0.0)
         assert count == (2 if spiked else 0)
         np.testing.assert_allclose(mended, calm if spiked else spoilt, atol=1e-3 * scale)
-        assert faults.without_spikes(spoilt, 0.01 * scale)[1] == 0
+        assert excursions.without_spikes(spoilt, 0.01 * scale)[1] == 0
 
 
 # -- rests and scans -----------------------------------------------------------------------------------
@@ -190,7 +188,7 @@ def test_the_first_guess_of_a_scan_is_near_its_phase_and_its_length(fringes: flo
     x = np.linspace(-0.5, 0.5, 600)
     for phase in np.arange(-3.0, 3.2, 0.4):
         v = fringe(np.cos(phase + 2.0 * np.pi * fringes * x), G)
-        guess = scan.first_guesses(x, v, G, False)[0]
+        guess = levels.first_guesses(x, v, G, False)[0]
         assert abs(np.angle(np.exp(1j * (guess[0] - phase)))) < 0.3
         assert abs(guess[1] - 2.0 * np.pi * fringes) < 1.0
 
@@ -264,7 +262,7 @@ def test_guesses_of_a_motion_that_comes_back_are_the_same_seen_backwards(seed: i
     there = replace(there, distance=there.distance + 0.03 * rng.random(60))
     back = replace(there, distance=there.distance[::-1])
     turned = np.append((-1.0) ** np.arange(6), [1.0, 1.0])
-    guesses = [list(motions.Problem.of(light, -1.0, 5).starts()) for light in (there, back)]
+    guesses = [list(turns.Problem.of(light, -1.0, 5).starts()) for light in (there, back)]
     assert len(guesses[0]) == 3
     for one, other in zip(*guesses, strict=True):
         np.testing.assert_allclose(other, turned * one, atol=1e-9)

@@ -9,9 +9,8 @@ import pytest
 
 from truepose.identification.leaves.fringes import move
 from truepose.identification.leaves.fringes.count import Count, End
-from truepose.identification.leaves.fringes.faults import Fault
-from truepose.identification.leaves.fringes.levels import Levels
-from truepose.identification.leaves.fringes.scan import Scan
+from truepose.identification.leaves.fringes.excursions import Fault
+from truepose.identification.leaves.fringes.levels import Levels, Scan
 
 BASE = 1.56e-3
 UNIT = BASE / (4.0 * np.pi)

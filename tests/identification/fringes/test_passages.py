@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from support.fringe_series import EVERY, RATE, G, series, steady
 from truepose.identification.leaves.fringes import passages, turns
 from truepose.identification.leaves.fringes.excursions import Excursions
-from truepose.identification.leaves.fringes.levels import Noise
+from truepose.identification.leaves.fringes.levels import Noise, Rest
 from truepose.identification.leaves.fringes.passages import Series, evenly
-from truepose.identification.leaves.fringes.rest import Rest
 from truepose.models.machine.fabry_perot import folded_phase, fringe
 
 Array = NDArray[np.float64]

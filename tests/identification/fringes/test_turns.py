@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from support import fringe_signal as signals
 from truepose.identification.leaves.fringes.count import count_fringes
-from truepose.identification.leaves.fringes.faults import Fault
+from truepose.identification.leaves.fringes.excursions import Fault
 from truepose.identification.leaves.fringes.levels import Noise
 from truepose.identification.leaves.fringes.move import read_move
 from truepose.identification.leaves.fringes.turns import Verdict, Visit, judge

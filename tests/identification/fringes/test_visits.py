@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from support.fringe_series import EVERY, RATE, G, series, steady
 from truepose.identification.leaves.fringes import passages, turns
+from truepose.identification.leaves.fringes.levels import Rest
 from truepose.identification.leaves.fringes.passages import evenly
-from truepose.identification.leaves.fringes.rest import Rest
 from truepose.models.machine.fabry_perot import fringe
 
 Array = NDArray[np.float64]

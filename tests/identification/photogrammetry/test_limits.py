@@ -13,8 +13,13 @@ from scipy.stats import chi2
 
 from truepose.errors import InputError
 from truepose.identification.leaves.photogrammetry.body_pose import LOOSE, SUSPICIOUS, BodyPose, body_pose
-from truepose.identification.leaves.photogrammetry.points_file import read_body, read_points
-from truepose.identification.leaves.photogrammetry.pose_table import COLUMNS, PAIRS, pose_table
+from truepose.identification.leaves.photogrammetry.pose_table import (
+    COLUMNS,
+    PAIRS,
+    pose_table,
+    read_body,
+    read_points,
+)
 from truepose.models.units import UnitSystem
 
 Array = NDArray[np.float64]

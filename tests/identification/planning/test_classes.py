@@ -14,12 +14,10 @@ import pytest
 from support.experiments import UNEVEN, YIELDING, arm, poses
 from truepose.errors import InputError
 from truepose.identification.identifiability.note import Note
-from truepose.identification.leaves.planning.discriminate.experiment import discriminate
+from truepose.identification.leaves.planning.discriminate.experiment import Experiment, discriminate
 from truepose.identification.leaves.planning.discriminate.explanations import Class, class_of, explanation
-from truepose.identification.leaves.planning.discriminate.factors import Offer
-from truepose.identification.leaves.planning.discriminate.result import Experiment
+from truepose.identification.leaves.planning.discriminate.factors import Offer, Target
 from truepose.identification.leaves.planning.discriminate.rows import recording_of
-from truepose.identification.leaves.planning.discriminate.targets import Target
 from truepose.models.machine.machine import Mass
 
 QUANTITY = {"c": "rad/(N*m)", "b": "rad", "a": "rad", "s": "1"}

@@ -11,23 +11,21 @@ from numpy.typing import NDArray
 
 from support.experiments import BENT, COMPLIANT, UNEVEN, YIELDING, arm, telescope
 from truepose.errors import InputError
-from truepose.identification.leaves.planning.criteria import CRITERIA, OPEN, Objective
-from truepose.identification.leaves.planning.discriminate.criterion import Contest, Race, chosen
+from truepose.identification.leaves.planning.criteria import CRITERIA, OPEN, Objective, Pool, exchange
+from truepose.identification.leaves.planning.discriminate.experiment import IDENTICAL, SPLIT, Experiment, Pair
 from truepose.identification.leaves.planning.discriminate.explanations import explanation
 from truepose.identification.leaves.planning.discriminate.factors import (
     MOST,
     Factor,
     Offer,
+    Target,
     factors,
     settings,
     unplanned,
 )
-from truepose.identification.leaves.planning.discriminate.race import ordered
-from truepose.identification.leaves.planning.discriminate.result import IDENTICAL, SPLIT, Experiment, Pair
+from truepose.identification.leaves.planning.discriminate.race import Contest, Race, chosen, ordered
 from truepose.identification.leaves.planning.discriminate.rows import Rows, recording_of
-from truepose.identification.leaves.planning.discriminate.targets import Target
-from truepose.identification.leaves.planning.exchange import Pool, exchange
-from truepose.identification.leaves.planning.rounding import decimals, rounded
+from truepose.identification.leaves.planning.supply import decimals, rounded
 from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]

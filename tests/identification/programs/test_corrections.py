@@ -28,7 +28,7 @@ from truepose.identification.compensation.inverse import PoseSolver
 from truepose.identification.leaves.programs.correct import NEARBY, Correction, correct
 from truepose.identification.leaves.programs.dialects import DIALECTS
 from truepose.identification.leaves.programs.frames import Cell
-from truepose.identification.leaves.programs.robot import Robot
+from truepose.identification.leaves.programs.meaning import Robot
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 

@@ -14,7 +14,7 @@ from truepose.identification.compensation.inverse import PoseSolver
 from truepose.identification.leaves.programs.correct import correct
 from truepose.identification.leaves.programs.dialects import DIALECTS
 from truepose.identification.leaves.programs.frames import Cell
-from truepose.identification.leaves.programs.robot import Robot
+from truepose.identification.leaves.programs.meaning import Robot
 
 
 @pytest.mark.parametrize("dialect", ["kuka", "rapid"])

@@ -11,14 +11,19 @@ import pytest
 from support.program_robots import arms, joints, machine_file, shape, status_turn
 from truepose.errors import InputError
 from truepose.identification.compensation.inverse import PoseSolver
-from truepose.identification.leaves.programs.branches import Branches, flipped
-from truepose.identification.leaves.programs.configurations import StatusTurn
-from truepose.identification.leaves.programs.forms import Euler, Quaternion
 from truepose.identification.leaves.programs.frames import Cell, Frames, Told, shown_name
-from truepose.identification.leaves.programs.krl_frames import Stand, fdats, frames, motions
-from truepose.identification.leaves.programs.program import BASE_ITSELF, Number, Program, Target
-from truepose.identification.leaves.programs.rapid_frames import Move, cell_of, moves
-from truepose.identification.leaves.programs.shape import ArmShape
+from truepose.identification.leaves.programs.kuka import Stand, fdats, frames, motions
+from truepose.identification.leaves.programs.meaning import ArmShape, Branches, flipped
+from truepose.identification.leaves.programs.program import (
+    BASE_ITSELF,
+    Euler,
+    Number,
+    Program,
+    Quaternion,
+    StatusTurn,
+    Target,
+)
+from truepose.identification.leaves.programs.rapid import Move, cell_of, moves
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 

@@ -10,13 +10,16 @@ from numpy.typing import NDArray
 
 from support.program_robots import arms, joints, machine_file
 from truepose.identification.compensation.inverse import PoseSolver
-from truepose.identification.leaves.programs.branches import Branches, flipped
-from truepose.identification.leaves.programs.configurations import StatusTurn
-from truepose.identification.leaves.programs.forms import Euler, RotationVector
 from truepose.identification.leaves.programs.frames import Told
-from truepose.identification.leaves.programs.meaning import by_tool, joint_units, joint_values
-from truepose.identification.leaves.programs.program import Program
-from truepose.identification.leaves.programs.robot import Robot
+from truepose.identification.leaves.programs.meaning import (
+    Branches,
+    Robot,
+    by_tool,
+    flipped,
+    joint_units,
+    joint_values,
+)
+from truepose.identification.leaves.programs.program import Euler, Program, RotationVector, StatusTurn
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 

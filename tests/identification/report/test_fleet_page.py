@@ -10,11 +10,10 @@ import pytest
 
 from support.browser import browser, tried
 from support.told_fleet import DONE, FAILED, HOSTILE, RARE, SEEN, STATISTICS, fleet
-from truepose.identification.leaves.fleet.changes import Change, Changes, Moved
 from truepose.identification.leaves.fleet.page import fleet_html
-from truepose.identification.leaves.fleet.result import SHOWN, Fleet
+from truepose.identification.leaves.fleet.record import Change, Changes, Moved
 from truepose.identification.leaves.fleet.statistics import FleetStatistics, Interval
-from truepose.identification.leaves.fleet.table import table
+from truepose.identification.leaves.fleet.table import SHOWN, Fleet, table
 from truepose.identification.leaves.fleet.words import effect_sentence, fleet_json, fleet_lines, often
 from truepose.identification.report.json_text import json_text
 

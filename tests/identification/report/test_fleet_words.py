@@ -14,9 +14,8 @@ import pytest
 
 from support.reports import own_markup
 from support.told_fleet import DONE, FAILED, SEEN, STATISTICS, fleet
-from truepose.identification.leaves.fleet.changes import Change, Changes, Moved
 from truepose.identification.leaves.fleet.page import fleet_html
-from truepose.identification.leaves.fleet.result import Fleet
+from truepose.identification.leaves.fleet.record import Change, Changes, Moved
 from truepose.identification.leaves.fleet.sections import effect_blocks, shown_words, tolerance_blocks
 from truepose.identification.leaves.fleet.statistics import (
     ConstantInFleet,
@@ -24,6 +23,7 @@ from truepose.identification.leaves.fleet.statistics import (
     Interval,
     ToleranceInFleet,
 )
+from truepose.identification.leaves.fleet.table import Fleet
 from truepose.identification.leaves.fleet.words import (
     change_sentences,
     effect_sentence,

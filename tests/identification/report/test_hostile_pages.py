@@ -18,9 +18,8 @@ from support.browser import browser, tried
 from truepose.identification.compensation.inverse import PoseSolver
 from truepose.identification.leaves.drift.page import drift_html
 from truepose.identification.leaves.fleet.page import fleet_html
-from truepose.identification.leaves.fleet.result import Fleet
 from truepose.identification.leaves.fleet.statistics import FleetStatistics
-from truepose.identification.leaves.fleet.table import Row
+from truepose.identification.leaves.fleet.table import Fleet, Row
 from truepose.identification.report.pages import calibration_html, report_html
 from truepose.models.machine.machine import Machine
 

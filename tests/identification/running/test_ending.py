@@ -13,14 +13,13 @@ import pytest
 
 from support.fleets import mixed_machines
 from truepose.errors import InputError
-from truepose.identification.leaves.fleet import ending
-from truepose.identification.leaves.fleet.ending import TABLE, Folders, ended
-from truepose.identification.leaves.fleet.record import Record, Status
-from truepose.identification.leaves.fleet.result import SHOWN, Fleet
-from truepose.identification.leaves.fleet.store import STORE, SUMS
+from truepose.identification.leaves.fleet import run
+from truepose.identification.leaves.fleet.record import STORE, SUMS, Record, Status
+from truepose.identification.leaves.fleet.run import TABLE, Folders, ended
+from truepose.identification.leaves.fleet.table import SHOWN, Fleet
 
 MADE = (TABLE, "prior.yaml", STORE, SUMS)
-MACHINES = 2 * ending.TOGETHER + 5
+MACHINES = 2 * run.TOGETHER + 5
 
 
 def records(seed: int, number: int = MACHINES) -> list[Record]:
@@ -71,7 +70,7 @@ def test_files_do_not_tell_how_many_were_worked_out_at_once(
     together: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole = end(tmp_path / "whole", records(3))
-    monkeypatch.setattr(ending, "TOGETHER", together)
+    monkeypatch.setattr(run, "TOGETHER", together)
     assert end(tmp_path / "other", records(3)) == whole
 
 

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from truepose.identification.leaves.fleet.limit import OverdueError, within
+from truepose.identification.leaves.fleet.work import OverdueError, within
 
 
 def test_work_that_ends_in_time_is_left_alone() -> None:

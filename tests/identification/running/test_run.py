@@ -17,10 +17,8 @@ import pytest
 
 from support.tiny_fleets import GAIN, PLAY, rows, write_fleet, write_machine
 from truepose.errors import InputError
-from truepose.identification.leaves.fleet.ending import Folders
-from truepose.identification.leaves.fleet.record import Record
-from truepose.identification.leaves.fleet.run import run_fleet
-from truepose.identification.leaves.fleet.store import JOURNAL
+from truepose.identification.leaves.fleet.record import JOURNAL, Record
+from truepose.identification.leaves.fleet.run import Folders, run_fleet
 from truepose.identification.leaves.fleet.work import Options
 from truepose.pool import Cluster, Cores, Pool, cluster, several_threads
 

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.leaves.planning.continuous import Landscape
-from truepose.identification.leaves.planning.criteria import CRITERIA, Objective
+from truepose.identification.leaves.planning.criteria import CRITERIA, Landscape, Objective
 from truepose.identification.leaves.planning.information import PoseInformation
 from truepose.models.machine.machine import Machine
 

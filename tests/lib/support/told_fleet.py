@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from truepose.identification.leaves.fleet.changes import Change, Changes, Moved
-from truepose.identification.leaves.fleet.result import SHOWN, Fleet
+from truepose.identification.leaves.fleet.record import Change, Changes, Moved
 from truepose.identification.leaves.fleet.statistics import (
     ConstantInFleet,
     EffectInFleet,
@@ -13,7 +12,7 @@ from truepose.identification.leaves.fleet.statistics import (
     Interval,
     ToleranceInFleet,
 )
-from truepose.identification.leaves.fleet.table import Row
+from truepose.identification.leaves.fleet.table import SHOWN, Fleet, Row
 
 HOSTILE = '<script>alert("1")</script>&'
 SEEN = EffectInFleet(

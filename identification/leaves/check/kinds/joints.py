@@ -1,4 +1,7 @@
-"""Joints that turn the other way, that were exchanged, or whose zero is elsewhere."""
+"""Joints that turn the other way, that were exchanged, or whose zero is elsewhere.
+
+The size of a slip that fits best: a grid, then halved steps.
+"""
 
 from __future__ import annotations
 
@@ -10,14 +13,30 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.leaves.check.kinds.narrowed import narrowed
-from truepose.identification.leaves.check.pair import Field, Pair, Sheet
+from truepose.identification.leaves.check.pair import RARE, SELDOM, USUAL, Field, Pair, Sheet, Slip
 from truepose.identification.leaves.check.rig import Rig, Scene
-from truepose.identification.leaves.check.slip import RARE, SELDOM, USUAL, Slip
 from truepose.identification.leaves.check.weighing import bound
 from truepose.models.machine.mechanism import Actuator
 from truepose.models.units import convert
 from truepose.wording import joined
+
+_HALVED = 8
+
+
+def narrowed(misfit: Callable[[float], float], grid: NDArray[np.float64]) -> float:
+    """Return where a misfit is least: the best of a grid, then halved steps around it."""
+    tried = {float(size): misfit(float(size)) for size in grid}
+    best = min(tried, key=lambda size: tried[size])
+    order = sorted(tried)
+    at = order.index(best)
+    step = max(abs(order[min(at + 1, len(order) - 1)] - best), abs(best - order[max(at - 1, 0)]))
+    for _ in range(_HALVED):
+        step /= 2
+        for size in (best - step, best + step):
+            tried[size] = misfit(size)
+        best = min((best - step, best, best + step), key=lambda size: tried[size])
+    return best
+
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
@@ -256,6 +275,3 @@ def _turns() -> Array:
 def _ways(span: float) -> Array:
     """Sizes that a slide's zero may be off by, mm: up to four times its way."""
     return span * np.concatenate([-np.geomspace(4.0, 0.05, 8), [0.0], np.geomspace(0.05, 4.0, 8)])
-
-
-__all__ = ["end_zeros", "exchanged", "mirrored_zeros", "offset", "quarter_turns", "signs", "zeros"]

@@ -13,9 +13,8 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from truepose.identification.fit.align import rigid_motion
-from truepose.identification.leaves.check.pair import Pair, Sheet
+from truepose.identification.leaves.check.pair import SELDOM, Pair, Sheet, Slip
 from truepose.identification.leaves.check.rig import Rig, Scene
-from truepose.identification.leaves.check.slip import SELDOM, Slip
 from truepose.models.sensors.pose import Pose, Position
 from truepose.models.sensors.targets import Targets
 from truepose.wording import shortened

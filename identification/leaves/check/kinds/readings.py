@@ -9,10 +9,9 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.leaves.check.kinds.narrowed import narrowed
-from truepose.identification.leaves.check.pair import Field, Pair
+from truepose.identification.leaves.check.kinds.joints import narrowed
+from truepose.identification.leaves.check.pair import RARE, SELDOM, USUAL, Field, Pair, Slip
 from truepose.identification.leaves.check.rig import Rig, Scene
-from truepose.identification.leaves.check.slip import RARE, SELDOM, USUAL, Slip
 from truepose.models.machine.mechanism import Actuator
 from truepose.models.units import convert
 from truepose.wording import joined

@@ -9,10 +9,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.leaves.check.kinds.narrowed import narrowed
-from truepose.identification.leaves.check.pair import Pair, Sheet
+from truepose.identification.leaves.check.kinds.joints import narrowed
+from truepose.identification.leaves.check.pair import RARE, SELDOM, Pair, Sheet, Slip
 from truepose.identification.leaves.check.rig import Rig, Scene
-from truepose.identification.leaves.check.slip import RARE, SELDOM, Slip
 from truepose.models.units import convert
 
 Array = NDArray[np.float64]

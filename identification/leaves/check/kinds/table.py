@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.fit.align import transform
-from truepose.identification.leaves.check.pair import Pair
+from truepose.identification.leaves.check.pair import SELDOM, USUAL, Pair, Slip
 from truepose.identification.leaves.check.rig import Rig, Scene
-from truepose.identification.leaves.check.slip import SELDOM, USUAL, Slip
 
 Array = NDArray[np.float64]
 _FIELDS = ("alpha", "d", "theta", "r")

@@ -9,9 +9,8 @@ from itertools import product
 
 import numpy as np
 
-from truepose.identification.leaves.check.pair import Field, Pair
+from truepose.identification.leaves.check.pair import RARE, SELDOM, USUAL, Field, Pair, Slip
 from truepose.identification.leaves.check.rig import Rig, Scene
-from truepose.identification.leaves.check.slip import RARE, SELDOM, USUAL, Slip
 from truepose.models.units import UnitSystem, convert
 from truepose.wording import joined, shortened
 
