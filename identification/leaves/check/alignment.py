@@ -259,6 +259,3 @@ def _with_shifts(flange: Array, measured: Array, base: Array, tool: Array, near:
     found = np.linalg.lstsq(system, right.reshape(-1), rcond=1e-6)[0]
     ends = _transforms(np.array([base, tool]), np.array([found[3:], near + found[:3]]))
     return ends[0], ends[1]
-
-
-__all__ = ["Frames", "frames_from_poses", "starts", "tools"]

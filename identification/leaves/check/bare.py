@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from truepose.identification.fit.standing_out import FAR, Left, row_words
-from truepose.identification.leaves.check.pair import USUAL, Pair, usable
+from truepose.identification.leaves.check.pair import USUAL, Pair, Stand, usable
 from truepose.identification.leaves.check.result import Found
-from truepose.identification.leaves.check.rig import Rig, Stand
+from truepose.identification.leaves.check.rig import Rig
 from truepose.identification.leaves.check.weighing import (
     CERTAIN,
     USUAL_REACH,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 
@@ -114,14 +114,18 @@ def _meanings(machine: Machine, recording: Recording, sensor: Sensor, channel: C
         if abs(factor - 1.0) > 1e-9:
             fix = f"write the unit in the header: {name} [{other}]"
             kind = "unit-angle" if unit == "rad" else "unit-length"
-            yield _Meant(kind, factor * read, f"{name} in {other}", fix, partial(_said_in, name, other))
+            mend = partial(Pair.in_unit, names=[name], unit=other)
+            yield _Meant(kind, factor * read, f"{name} in {other}", fix, mend)
     fix = f"change the sign of column {name}"
-    yield _Meant("sign", -read, f"{name} counts the other way than {joint}", fix, partial(_negated, name))
+    says = f"{name} counts the other way than {joint}"
+    yield _Meant("sign", -read, says, fix, partial(Pair.negated, names=[name]))
     for beside in sensor.joints:
         if beside != name and sensor.columns[beside] == unit:
             fix = f"exchange the headers of columns {name} and {beside}"
             says = f"{name} and {beside} exchanged"
-            mend = partial(_exchanged, name, beside)
+            # once: the finding of the other column says the same
+            names = {name: beside, beside: name} if name < beside else {}
+            mend = partial(Pair.renamed, names=names)
             yield _Meant("permutation", recording.observations[beside], says, fix, mend)
 
 
@@ -144,7 +148,8 @@ def _zero(
     at, stated = (convert(v, channel.unit, unit) for v in (zero.nominal + off, zero.nominal))
     key = "angle" if channel.unit == "rad" else "length"
     certain = channel.unit == "rad" and zero.tolerance == 0.0 and abs(off) > LEAST
-    head = _section(machine, place)
+    several = machine.file is not None and isinstance(machine.file.raw.get("sensor"), list)
+    head: tuple[str | int, ...] = ("sensor", place) if several else ("sensor",)
     exact = "exactly " if zero.tolerance == 0.0 else ""
     yield Found(
         "offset",
@@ -152,32 +157,7 @@ def _zero(
         f"{channel.name} reads {at:.4g} {unit} where {joint} reads 0; the machine file has {exact}{stated:.4g} {unit} there",
         f"state 'zero: {{{joint}: {at:.4g}}}' and 'tolerance: {{{key}: .inf}}' of this sensor if nobody measured it",
         "wrong" if certain else "suspect",
-        mend=partial(_mend_zero, (*head, "zero", joint), float(f"{at:.6g}"), (*head, "tolerance", key)),
+        mend=lambda pair: pair.with_field((*head, "zero", joint), float(f"{at:.6g}")).with_field(
+            (*head, "tolerance", key), float("inf")
+        ),
     )
-
-
-def _section(machine: Machine, place: int) -> tuple[str | int, ...]:
-    """Where a sensor's section stands in the machine file's document."""
-    several = machine.file is not None and isinstance(machine.file.raw.get("sensor"), list)
-    return ("sensor", place) if several else ("sensor",)
-
-
-def _said_in(name: str, unit: str, pair: Pair) -> Pair:
-    return pair.each(lambda sheet: sheet.in_unit([name], unit))
-
-
-def _negated(name: str, pair: Pair) -> Pair:
-    return pair.each(lambda s: s.with_numbers({name: -s.numbers(name)}) if name in s.units else s)
-
-
-def _exchanged(one: str, other: str, pair: Pair) -> Pair:
-    """Once: the finding of the other column says the same."""
-    names = {one: other, other: one} if one < other else {}
-    return pair.each(lambda sheet: sheet.renamed(names))
-
-
-def _mend_zero(zero: Sequence[str | int], at: float, tolerance: Sequence[str | int], pair: Pair) -> Pair:
-    return pair.with_field(tuple(zero), at).with_field(tuple(tolerance), float("inf"))
-
-
-__all__ = ["encoders"]

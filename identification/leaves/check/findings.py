@@ -17,9 +17,9 @@ import numpy as np
 
 from truepose.errors import InputError
 from truepose.identification.leaves.check.kinds.frames import frame_unknown
-from truepose.identification.leaves.check.pair import Pair
+from truepose.identification.leaves.check.pair import Pair, Stand
 from truepose.identification.leaves.check.result import Check, Found, Verdict
-from truepose.identification.leaves.check.rig import Rig, Stand, motion
+from truepose.identification.leaves.check.rig import Rig, motion
 from truepose.identification.leaves.check.search import Search, still_columns
 from truepose.identification.leaves.check.weighing import (
     CERTAIN,

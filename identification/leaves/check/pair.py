@@ -71,6 +71,13 @@ class Sheet:
         cells = self.cells.rename(columns=dict(names))
         return replace(self, cells=cells, units={names.get(n, n): unit for n, unit in self.units.items()})
 
+    def with_cells_of(self, names: Iterable[str], rows: NDArray[np.intp]) -> Sheet:
+        """Some columns with the cells that they have in other rows (n,)."""
+        cells = self.cells.copy()
+        for name in set(names) & set(cells):
+            cells[name] = self.cells[name].to_numpy()[rows]
+        return replace(self, cells=cells)
+
     def rows(self, places: Sequence[int] | NDArray[np.intp]) -> Sheet:
         """Some rows, in this order."""
         return replace(self, cells=self.cells.iloc[list(places)].reset_index(drop=True))
@@ -105,6 +112,18 @@ class Pair:
     def each(self, change: Callable[[Sheet], Sheet]) -> Pair:
         """Every sheet changed alike."""
         return replace(self, sheets=tuple(change(sheet) for sheet in self.sheets))
+
+    def in_unit(self, names: Iterable[str], unit: str) -> Pair:
+        """Columns of every sheet said to be in another unit."""
+        return self.each(lambda sheet: sheet.in_unit(names, unit))
+
+    def renamed(self, names: Mapping[str, str]) -> Pair:
+        """Headers of every sheet exchanged."""
+        return self.each(lambda sheet: sheet.renamed(names))
+
+    def negated(self, names: Sequence[str]) -> Pair:
+        """Columns of every sheet with the other sign."""
+        return self.each(lambda s: s.with_numbers({n: -s.numbers(n) for n in names if n in s.units}))
 
     def with_field(self, field: Field, value: object) -> Pair:
         """A field of the machine file set, made where it is not there yet."""
@@ -208,6 +227,21 @@ class Scene:
     def with_joints(self, q: Array) -> Scene:
         """The same with other readings of the joints (n, nq)."""
         return replace(self, rows=replace(self.rows, q=q))
+
+    def with_joint_columns(self, columns: Mapping[int, Array]) -> Scene:
+        """The same with other readings (n,) of some joints."""
+        q = self.rows.q.copy()
+        for k, column in columns.items():
+            q[:, k] = column
+        return self.with_joints(q)
+
+    def with_readings_of(self, rows: NDArray[np.intp]) -> Scene:
+        """The same with the sensors' readings of other rows (n,)."""
+        return self.with_columns({n: v[rows] for n, v in self.rows.observations.items()})
+
+    def without(self, lost: Mask) -> Scene:
+        """The same with more rows (n,) left without a reading."""
+        return replace(self, lost=lost if self.lost is None else lost | self.lost)
 
     def with_columns(self, columns: Mapping[str, Array], size: float = 1.0, width: float = 1.0) -> Scene:
         """The same with other columns (n,) of the sensors, multiplied by ``size`` (lengths) and ``width`` (angles)."""

@@ -97,6 +97,3 @@ class Check(Shown):
             else {"value": self.left, "unit": self.unit, "rows": self.left_rows},
             "untestable": [{"effects": list(m.effects), "why": m.why, "add": m.add} for m in self.missing],
         }
-
-
-__all__ = ["SCHEMA", "Check", "Found", "Verdict"]

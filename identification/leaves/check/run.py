@@ -167,6 +167,3 @@ def _searched(machine: Machine, recording: Recording) -> tuple[Rig, Search, list
 def _said(rig: Rig) -> tuple[Rig, Search, list[Found]]:
     result = search(rig, weigh(rig, Hypothesis((), rig.scene), NOWHERE_ELSE))
     return rig, result, findings(rig, result)
-
-
-__all__ = ["check", "check_files", "check_loaded", "unbounded"]

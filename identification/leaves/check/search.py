@@ -32,9 +32,9 @@ from truepose.identification.leaves.check.kinds.readings import counts, coupled
 from truepose.identification.leaves.check.kinds.runs import clocks, stands_still
 from truepose.identification.leaves.check.kinds.table import conventions, exchanged_rows
 from truepose.identification.leaves.check.kinds.units import units
-from truepose.identification.leaves.check.pair import SELDOM, Pair, Sheet, Slip
+from truepose.identification.leaves.check.pair import SELDOM, Pair, Scene, Sheet, Slip, Stand
 from truepose.identification.leaves.check.result import Found, Verdict
-from truepose.identification.leaves.check.rig import ABSURD, Rig, Scene, Stand, motion
+from truepose.identification.leaves.check.rig import ABSURD, Rig, motion
 from truepose.identification.leaves.check.weighing import (
     CERTAIN,
     NOWHERE_ELSE,

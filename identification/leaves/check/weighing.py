@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from truepose.identification.fit.standing_out import FAR
 from truepose.identification.leaves.check.alignment import Frames
-from truepose.identification.leaves.check.pair import RARE, SELDOM, Slip
-from truepose.identification.leaves.check.rig import ABSURD, KEPT, Rig, Scene, Stand, motion
+from truepose.identification.leaves.check.pair import RARE, SELDOM, Scene, Slip, Stand
+from truepose.identification.leaves.check.rig import ABSURD, KEPT, Rig, motion
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.angle_range import SLACK
 from truepose.models.file.machine_file import Frames as StatedFrames

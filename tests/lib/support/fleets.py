@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import expit, logsumexp
 
 from truepose.identification.leaves.fleet.columns import KERNEL, SLAB
-from truepose.identification.leaves.fleet.statistics import STEPS, effect_steps
+from truepose.identification.leaves.fleet.statistics import GRID_STEPS, effect_steps
 from truepose.identification.prior import FLEET_PLACES, SIZES
 
 Array = NDArray[np.float64]
@@ -34,7 +34,7 @@ class DrawnFleet:
     @classmethod
     def draw(cls, rng: np.random.Generator, places: int, usual: float = -4.0) -> DrawnFleet:
         """From the prior."""
-        step = rng.choice(STEPS, p=np.exp(effect_steps(usual)))
+        step = rng.choice(GRID_STEPS, p=np.exp(effect_steps(usual)))
         odds = usual + step + FLEET_PLACES * rng.standard_normal(places)
         return cls(expit(odds), int(rng.choice(len(SLAB), p=SLAB)), usual)
 

@@ -9,8 +9,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.leaves.check.pair import Pair, Slip
-from truepose.identification.leaves.check.rig import Rig, Scene
+from truepose.identification.leaves.check.pair import Pair, Scene, Slip
+from truepose.identification.leaves.check.rig import Rig
 from truepose.models.file.machine_file import Frames
 from truepose.models.machine.machine import FRAMES
 from truepose.models.units import convert

@@ -6,6 +6,7 @@ The size of a slip that fits best: a grid, then halved steps.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import combinations
 from typing import TypeVar
@@ -13,8 +14,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.leaves.check.pair import RARE, SELDOM, USUAL, Field, Pair, Sheet, Slip
-from truepose.identification.leaves.check.rig import Rig, Scene
+from truepose.identification.leaves.check.pair import RARE, SELDOM, USUAL, Field, Pair, Scene, Sheet, Slip
+from truepose.identification.leaves.check.rig import Rig
 from truepose.identification.leaves.check.weighing import bound
 from truepose.models.machine.mechanism import Actuator
 from truepose.models.units import convert
@@ -57,36 +58,20 @@ def signs(rig: Rig, scene: Scene) -> Iterator[Slip]:
 
 
 def _reversed(rig: Rig, places: Sequence[int]) -> Slip:
+    """Joints with the other sign, and so the sides and speeds of their arrival."""
     names = tuple(rig.machine.mechanism.actuators[k].reading for k in places)
     one = len(names) == 1
+    every = [f"{head}{name}" for name in names for head in ("", "approach.", "velocity.")]
     return Slip(
         "sign",
         names,
         f"{joined(names)} counted the other way",
         f"change the sign of column{'' if one else 's'} {joined(names)}, or turn {'its axis' if one else 'their axes'} in "
         "the machine file",
-        partial(_times, places, -1.0),
-        partial(_negated, names),
+        lambda scene: scene.with_joint_columns({k: -scene.rows.q[:, k] for k in places}),
+        lambda pair: pair.negated(every),
         USUAL if one else SELDOM,
     )
-
-
-def _times(places: Sequence[int], factor: float, scene: Scene) -> Scene:
-    q = scene.rows.q.copy()
-    q[:, list(places)] *= factor
-    return scene.with_joints(q)
-
-
-def _negated(names: Sequence[str], pair: Pair) -> Pair:
-    """Columns, and the sides and speeds of arrival of the same joints, with the other sign."""
-
-    def change(sheet: Sheet) -> Sheet:
-        every = [
-            n for name in names for n in (name, f"approach.{name}", f"velocity.{name}") if n in sheet.units
-        ]
-        return sheet.with_numbers({n: -sheet.numbers(n) for n in every})
-
-    return pair.each(change)
 
 
 def exchanged(rig: Rig, scene: Scene) -> Iterator[Slip]:
@@ -96,39 +81,31 @@ def exchanged(rig: Rig, scene: Scene) -> Iterator[Slip]:
     orders: list[tuple[int, ...]] = []
     for i, j in combinations(range(n), 2):
         if actuators[i].reading_unit == actuators[j].reading_unit:
-            swapped = list(range(n))
-            swapped[i], swapped[j] = j, i
-            orders.append(tuple(swapped))
+            orders.append(tuple({i: j, j: i}.get(k, k) for k in range(n)))
     if len({a.reading_unit for a in actuators}) == 1 and n > 2:
         orders += [tuple(range(n))[::-1], *((*range(by, n), *range(by)) for by in range(1, n))]
-    for order in dict.fromkeys(orders):
-        moved = [k for k in range(n) if order[k] != k]
-        names = tuple(actuators[k].reading for k in moved)
-        called = {actuators[order[k]].reading: actuators[k].reading for k in moved}
-        yield Slip(
-            "permutation",
-            names,
-            f"{joined(names)} {'exchanged' if len(names) == 2 else 'in another order'}",
-            f"exchange the headers of columns {joined(names)}"
-            if len(names) == 2
-            else "rename the columns: " + ", ".join(f"{a} is {b}" for a, b in called.items()),
-            partial(_reordered, order),
-            partial(_renamed, called),
-            USUAL if len(names) == 2 else SELDOM,
-        )
+    yield from (_reordered(rig, order) for order in dict.fromkeys(orders))
 
 
-def _reordered(order: Sequence[int], scene: Scene) -> Scene:
-    return scene.with_joints(scene.rows.q[:, list(order)])
-
-
-def _renamed(called: dict[str, str], pair: Pair) -> Pair:
-    every = {
-        f"{head}{a}": f"{head}{b}"
-        for a, b in called.items()
-        for head in ("", "approach.", "velocity.", "temperature.")
-    }
-    return pair.each(lambda sheet: sheet.renamed(every))
+def _reordered(rig: Rig, order: Sequence[int]) -> Slip:
+    actuators = rig.machine.mechanism.actuators
+    moved = [k for k in range(len(order)) if order[k] != k]
+    names = tuple(actuators[k].reading for k in moved)
+    called = {actuators[order[k]].reading: actuators[k].reading for k in moved}
+    heads = ("", "approach.", "velocity.", "temperature.")
+    every = {f"{head}{a}": f"{head}{b}" for a, b in called.items() for head in heads}
+    two = len(names) == 2
+    return Slip(
+        "permutation",
+        names,
+        f"{joined(names)} {'exchanged' if two else 'in another order'}",
+        f"exchange the headers of columns {joined(names)}"
+        if two
+        else "rename the columns: " + ", ".join(f"{a} is {b}" for a, b in called.items()),
+        lambda scene: scene.with_joints(scene.rows.q[:, list(order)]),
+        lambda pair: pair.renamed(every),
+        USUAL if two else SELDOM,
+    )
 
 
 def quarter_turns(rig: Rig, scene: Scene) -> Iterator[Slip]:
@@ -156,9 +133,7 @@ def offset(rig: Rig, k: int, size: float, *, searched: bool = False) -> Slip:
 
 
 def _plus(k: int, size: float, scene: Scene) -> Scene:
-    q = scene.rows.q.copy()
-    q[:, k] += size
-    return scene.with_joints(q)
+    return scene.with_joint_columns({k: scene.rows.q[:, k] + size})
 
 
 def _shifted_zero(rig: Rig, k: int, size: float, pair: Pair) -> Pair:
@@ -213,20 +188,17 @@ def _zero_field(rig: Rig, a: Actuator, pair: Pair) -> Field | None:
 
 def mirrored_zeros(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """Yield each turning joint counted the other way, with its zero a quarter or half turn away."""
-    for k in range(len(rig.machine.mechanism.actuators)):
+    for k, a in enumerate(rig.machine.mechanism.actuators):
         negative = _reversed(rig, (k,))
-        if rig.machine.mechanism.actuators[k].reading_unit != "rad":
-            continue
-        for degrees in QUARTERS:
+        for degrees in QUARTERS if a.reading_unit == "rad" else ():
             zero = offset(rig, k, np.radians(degrees))
-            yield Slip(
-                "sign",
-                negative.where,
-                f"{negative.says}, {zero.says}",
-                f"{negative.fix}; then {zero.fix}",
-                partial(_both, negative.change, zero.change),
-                partial(_both, negative.mend, zero.mend),
-                SELDOM,
+            yield replace(
+                negative,
+                says=f"{negative.says}, {zero.says}",
+                fix=f"{negative.fix}; then {zero.fix}",
+                change=partial(_both, negative.change, zero.change),
+                mend=partial(_both, negative.mend, zero.mend),
+                odds=SELDOM,
             )
 
 
@@ -236,16 +208,8 @@ def _both(first: Callable[[T], T], second: Callable[[T], T], held: T) -> T:
 
 def zeros(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """Each joint with the zero that fits best, wherever that is: one search a joint."""
-    for k, a in enumerate(rig.machine.mechanism.actuators):
-        span = float(np.ptp(scene.rows.q[:, k])) or 1.0
-        grid = _turns() if a.reading_unit == "rad" else _ways(span)
-
-        def misfit(size: float, k: int = k) -> float:
-            return rig.stand(_plus(k, size, scene), quick=True).misfit
-
-        found = narrowed(misfit, grid)
-        if abs(found) > (LEAST if a.reading_unit == "rad" else 0.02 * span):
-            yield offset(rig, k, found, searched=True)
+    for k in range(len(rig.machine.mechanism.actuators)):
+        yield from _searched(rig, scene, k, lambda moved: rig.stand(moved, quick=True).misfit)
 
 
 def end_zeros(rig: Rig, scene: Scene) -> Iterator[Slip]:
@@ -256,22 +220,20 @@ def end_zeros(rig: Rig, scene: Scene) -> Iterator[Slip]:
     mechanism = rig.machine.mechanism
     if mechanism.closing or mechanism.rods:
         return
+
+    def against(moved: Scene) -> float:
+        return -bound(rig, rig.stand(moved, (), quick=True), (), 1.0)
+
     for k in sorted({0, len(mechanism.actuators) - 1}):
-        turns = mechanism.actuators[k].reading_unit == "rad"
-        span = float(np.ptp(scene.rows.q[:, k])) or 1.0
-
-        def against(size: float, k: int = k) -> float:
-            return -bound(rig, rig.stand(_plus(k, size, scene), (), quick=True), (), 1.0)
-
-        found = narrowed(against, _turns() if turns else _ways(span))
-        if abs(found) > (LEAST if turns else 0.02 * span):
-            yield offset(rig, k, found, searched=True)
+        yield from _searched(rig, scene, k, against)
 
 
-def _turns() -> Array:
-    return np.linspace(-np.pi, np.pi, _GRID, endpoint=False)
-
-
-def _ways(span: float) -> Array:
-    """Sizes that a slide's zero may be off by, mm: up to four times its way."""
-    return span * np.concatenate([-np.geomspace(4.0, 0.05, 8), [0.0], np.geomspace(0.05, 4.0, 8)])
+def _searched(rig: Rig, scene: Scene, k: int, against: Callable[[Scene], float]) -> Iterator[Slip]:
+    """Yield the zero of joint k with which least speaks against a scene: a slide's is up to four times its way off."""
+    turns = rig.machine.mechanism.actuators[k].reading_unit == "rad"
+    span = float(np.ptp(scene.rows.q[:, k])) or 1.0
+    ways = np.concatenate([-np.geomspace(4.0, 0.05, 8), [0.0], np.geomspace(0.05, 4.0, 8)])
+    grid = np.linspace(-np.pi, np.pi, _GRID, endpoint=False) if turns else span * ways
+    found = narrowed(lambda size: against(_plus(k, size, scene)), grid)
+    if abs(found) > (LEAST if turns else 0.02 * span):
+        yield offset(rig, k, found, searched=True)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
-from functools import partial
 from itertools import permutations, product
 
 import numpy as np
@@ -13,8 +11,8 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from truepose.identification.fit.align import rigid_motion
-from truepose.identification.leaves.check.pair import SELDOM, Pair, Sheet, Slip
-from truepose.identification.leaves.check.rig import Rig, Scene
+from truepose.identification.leaves.check.pair import SELDOM, Scene, Sheet, Slip
+from truepose.identification.leaves.check.rig import Rig
 from truepose.models.sensors.pose import Pose, Position
 from truepose.models.sensors.targets import Targets
 from truepose.wording import shortened
@@ -30,32 +28,40 @@ def shifted(rig: Rig, scene: Scene) -> Iterator[Slip]:
     columns = _columns(rig)
     if len(scene.rows) < 4 + _FURTHEST or scene.rows.from_row is not None:
         return
-    for by in (1, -1, 2, -2, 3, -3):
-        rows = f"{abs(by)} row{'s' if abs(by) > 1 else ''}"
-        yield Slip(
-            "rows-shifted",
-            columns,
-            f"readings {rows} {'too late' if by > 0 else 'too early'}",
-            f"move {shortened(columns, 3)} {rows} {'up' if by > 0 else 'down'}, against the joints",
-            partial(_rolled, by),
-            partial(_mend_shift, columns, by),
-            between=True,
-        )
+    yield from (_shift(columns, by) for by in (1, -1, 2, -2, 3, -3))
     if len(scene.rows.files) == 1:
-        last = np.arange(len(scene.rows))[::-1]
         yield Slip(
             "rows-shifted",
             columns,
             "readings from the last row to the first",
             f"turn {shortened(columns, 3)} round, against the joints",
-            partial(_reordered, last),
-            partial(_mend_reversed, columns),
+            lambda scene: scene.with_readings_of(np.arange(len(scene.rows))[::-1]),
+            lambda pair: pair.each(lambda s: s.with_cells_of(columns, np.arange(len(s.cells))[::-1])),
             between=True,
         )
 
 
-def _mend_reversed(columns: tuple[str, ...], pair: Pair) -> Pair:
-    return pair.each(lambda sheet: _mend_order(columns, np.arange(len(sheet.cells))[::-1], sheet))
+def _shift(columns: tuple[str, ...], by: int) -> Slip:
+    """Readings that stand some rows too late, or too early: of a sheet, rows without a reading are taken out."""
+
+    def change(scene: Scene) -> Scene:
+        source, lost = _places(scene.rows.source_file, by)
+        return scene.with_readings_of(source).without(lost)
+
+    def mend(sheet: Sheet) -> Sheet:
+        source, lost = _places(np.zeros(len(sheet.cells), dtype=np.int64), by)
+        return sheet.with_cells_of(columns, source).rows(np.flatnonzero(~lost))
+
+    rows = f"{abs(by)} row{'s' if abs(by) > 1 else ''}"
+    return Slip(
+        "rows-shifted",
+        columns,
+        f"readings {rows} {'too late' if by > 0 else 'too early'}",
+        f"move {shortened(columns, 3)} {rows} {'up' if by > 0 else 'down'}, against the joints",
+        change,
+        lambda pair: pair.each(mend),
+        between=True,
+    )
 
 
 def _columns(rig: Rig) -> tuple[str, ...]:
@@ -69,25 +75,6 @@ def _places(file: NDArray[np.int64], by: int) -> tuple[NDArray[np.intp], NDArray
     inside = (source >= 0) & (source < n)
     source = np.clip(source, 0, n - 1)
     return source, ~(inside & (file[source] == file))
-
-
-def _rolled(by: int, scene: Scene) -> Scene:
-    source, lost = _places(scene.rows.source_file, by)
-    moved = scene.with_columns({n: v[source] for n, v in scene.rows.observations.items()})
-    return replace(moved, lost=lost if scene.lost is None else lost | scene.lost)
-
-
-def _mend_shift(columns: tuple[str, ...], by: int, pair: Pair) -> Pair:
-    def change(sheet: Sheet) -> Sheet:
-        source, lost = _places(np.zeros(len(sheet.cells), dtype=np.int64), by)
-        cells = sheet.cells.copy()
-        for name in columns:
-            if name in cells:
-                cells[name] = sheet.cells[name].to_numpy()[source]
-        moved = Sheet(sheet.file, cells, sheet.units)
-        return moved.rows(np.flatnonzero(~lost))
-
-    return pair.each(change)
 
 
 def matched(rig: Rig, scene: Scene) -> Iterator[Slip]:
@@ -107,8 +94,8 @@ def matched(rig: Rig, scene: Scene) -> Iterator[Slip]:
         tuple(sorted_by),
         f"rows sorted by {shortened(sorted_by, 2)} in some of the columns only",
         "put readings and joints back into one order",
-        partial(_reordered, order),
-        lambda pair: pair.each(lambda sheet: _mend_order(columns, order, sheet)),
+        lambda scene: scene.with_readings_of(order),
+        lambda pair: pair.each(lambda sheet: sheet.with_cells_of(columns, order)),
         SELDOM,
         between=True,
     )
@@ -121,11 +108,8 @@ def _monotone(values: Array) -> bool:
 
 def _points(rig: Rig, scene: Scene) -> Array | None:
     for sensor in rig.machine.sensors:
-        if isinstance(sensor, (Pose, Position)):
+        if isinstance(sensor, (Pose, Position, Targets)):
             return np.column_stack([scene.rows.observations[n] for n in [*sensor.columns][:3]])
-        if isinstance(sensor, Targets):
-            names = list(sensor.columns)
-            return np.column_stack([scene.rows.observations[n] for n in names[:3]])
     return None
 
 
@@ -134,16 +118,12 @@ def _assigned(rig: Rig, scene: Scene, points: Array) -> NDArray[np.intp] | None:
     here = rig.predictor.over(scene.rows)
     x, _ = rig.assembled(here, scene.p, scene)
     drawn = here.poses(scene.p, x)[0][:, :3, 3]
-    ends = []
-    for rotation, shift in _attitudes(drawn, points):
-        order = _in_turns(drawn, points, rotation, shift)
-        left = float(np.sum((_moved(drawn, points[order]) - points[order]) ** 2))
-        ends.append((left, order))
+    ends = [_in_turns(drawn, points, *attitude) for attitude in _attitudes(drawn, points)]
     best, chosen = np.inf, None
     for _, start in sorted(ends, key=lambda end: end[0])[:_TRIED]:
         order = start
         for _ in range(_ROUNDS):
-            stand = rig.stand(_reordered(order, scene))
+            stand = rig.stand(scene.with_readings_of(order))
             if stand.misfit < best:
                 best, chosen = stand.misfit, order
             if stand.bad:
@@ -156,8 +136,8 @@ def _assigned(rig: Rig, scene: Scene, points: Array) -> NDArray[np.intp] | None:
     return chosen
 
 
-def _in_turns(drawn: Array, points: Array, rotation: Array, shift: Array) -> NDArray[np.intp]:
-    """Assignment and rigid motion in turns, from an attitude."""
+def _in_turns(drawn: Array, points: Array, rotation: Array, shift: Array) -> tuple[float, NDArray[np.intp]]:
+    """Assignment and rigid motion in turns, from an attitude; the sum of squares that it leaves, and the order."""
     order = np.arange(len(drawn))
     for _ in range(_ROUNDS):
         fresh = linear_sum_assignment(cdist(drawn @ rotation.T + shift, points) ** 2)[1]
@@ -165,16 +145,8 @@ def _in_turns(drawn: Array, points: Array, rotation: Array, shift: Array) -> NDA
         if (fresh == order).all():
             break
         order = fresh
-    return order
-
-
-def _moved(drawn: Array, points: Array) -> Array:
-    rotation, shift = rigid_motion(drawn, points)
-    return np.asarray(drawn @ rotation.T + shift)
-
-
-def _reordered(order: NDArray[np.intp], scene: Scene) -> Scene:
-    return scene.with_columns({n: v[order] for n, v in scene.rows.observations.items()})
+    rotation, shift = rigid_motion(drawn, points[order])
+    return float(np.sum((drawn @ rotation.T + shift - points[order]) ** 2)), order
 
 
 def _attitudes(drawn: Array, points: Array) -> Iterator[tuple[Array, Array]]:
@@ -188,14 +160,3 @@ def _attitudes(drawn: Array, points: Array) -> Iterator[tuple[Array, Array]]:
             turn = (b[:, order] * np.array(signs)) @ a.T
             if np.linalg.det(turn) > 0:
                 yield turn, points.mean(axis=0) - turn @ drawn.mean(axis=0)
-
-
-def _mend_order(columns: tuple[str, ...], order: NDArray[np.intp], sheet: Sheet) -> Sheet:
-    cells = sheet.cells.copy()
-    for name in columns:
-        if name in cells:
-            cells[name] = sheet.cells[name].to_numpy()[order]
-    return Sheet(sheet.file, cells, sheet.units)
-
-
-__all__ = ["matched", "shifted"]

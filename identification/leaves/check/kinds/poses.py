@@ -7,14 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from itertools import permutations, product
+from itertools import combinations, permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from truepose.identification.leaves.check.pair import SELDOM, USUAL, Pair, Sheet, Slip
-from truepose.identification.leaves.check.rig import Rig, Scene
+from truepose.identification.leaves.check.pair import SELDOM, USUAL, Scene, Sheet, Slip
+from truepose.identification.leaves.check.rig import Rig
 from truepose.models.sensors.pose import Pose, Position
 from truepose.models.sensors.targets import Targets
 from truepose.models.units import convert
@@ -69,21 +69,31 @@ def _mapped(rig: Rig, order: tuple[int, ...], signs: tuple[int, ...], *, whole: 
     points = _points(rig)
     if not points:
         return
-    turns = whole and _turns(rig)
+    triples = [*points, _TURN] if whole and _turns(rig) else points
     exchanged = [_XYZ[k] for k in range(3) if order[k] != k]
     flipped = [_XYZ[k] for k in range(3) if signs[k] < 0]
     parts = [_exchange(exchanged, order)] if exchanged else []
     parts += [f"{joined(flipped)} with the other sign"] if flipped else []
-    told = joined(parts) + (", turns mirrored too" if turns else "")
+    told = joined(parts) + (", turns mirrored too" if triples != points else "")
     swap = exchanged and not flipped
-    kind = "permutation" if swap else "handedness"
+
+    def mapped(seen: Mapping[str, Array]) -> dict[str, Array]:
+        """Columns in the mapped axes; of rotation vectors S Exp(w) S' = Exp(det(S) S w)."""
+        hands = [_hand(order, signs) if triple is _TURN else 1.0 for triple in triples]
+        pairs = [(t, hand, k) for t, hand in zip(triples, hands, strict=True) for k in range(3)]
+        return {t[k]: hand * signs[k] * seen[t[order[k]]] for t, hand, k in pairs}
+
+    def mend(sheet: Sheet) -> Sheet:
+        here = {n: sheet.numbers(n) for triple in triples for n in triple if n in sheet.units}
+        return sheet.with_numbers(mapped(here)) if here else sheet
+
     yield Slip(
-        kind,
+        "permutation" if swap else "handedness",
         tuple(exchanged if swap else dict.fromkeys([*exchanged, *flipped])),
         f"measured {told}",
         f"{'exchange the headers of' if swap else 'change'} the sensor's columns: {told}",
-        partial(_remapped, points, order, signs, turns),
-        partial(_mend_axes, points, order, signs, turns),
+        lambda scene: scene.with_columns(mapped(scene.rows.observations)),
+        lambda pair: pair.each(mend),
         USUAL if len(exchanged) + len(flipped) <= 2 else SELDOM,
     )
 
@@ -108,87 +118,36 @@ def _points(rig: Rig) -> list[tuple[str, str, str]]:
     return out
 
 
-def _remapped(
-    points: Sequence[tuple[str, str, str]],
-    order: Sequence[int],
-    signs: Sequence[int],
-    turns: bool,
-    scene: Scene,
-) -> Scene:
-    return scene.with_columns(_columns(scene.rows.observations, points, order, signs, turns))
-
-
-def _columns(
-    seen: Mapping[str, Array],
-    points: Sequence[tuple[str, str, str]],
-    order: Sequence[int],
-    signs: Sequence[int],
-    turns: bool,
-) -> dict[str, Array]:
-    """Columns of points in the mapped axes, and of rotation vectors: S Exp(w) S' = Exp(det(S) S w)."""
-    out = {triple[k]: signs[k] * seen[triple[order[k]]] for triple in points for k in range(3)}
-    hand = _hand(order, signs)
-    return out | {_TURN[k]: hand * signs[k] * seen[_TURN[order[k]]] for k in range(3) if turns}
-
-
-def _mend_axes(
-    points: Sequence[tuple[str, str, str]],
-    order: Sequence[int],
-    signs: Sequence[int],
-    turns: bool,
-    pair: Pair,
-) -> Pair:
-    names = [n for triple in (*points, *((_TURN,) if turns else ())) for n in triple]
-
-    def change(sheet: Sheet) -> Sheet:
-        here = {n: sheet.numbers(n) for n in names if n in sheet.units}
-        return sheet.with_numbers(_columns(here, points, order, signs, turns)) if here else sheet
-
-    return pair.each(change)
-
-
 def targets(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """Targets exchanged: every order of a few, pairs of many."""
     for sensor in rig.machine.sensors:
         if not isinstance(sensor, Targets):
             continue
         labels = list(dict.fromkeys(n.rpartition(".")[0] for n in sensor.columns))
-        for order in _orders(len(labels)):
-            moved = [k for k in range(len(labels)) if order[k] != k]
-            called = {f"{labels[order[k]]}.{a}": f"{labels[k]}.{a}" for k in moved for a in _XYZ}
-            names = tuple(labels[k] for k in moved)
-            yield Slip(
-                "permutation",
-                names,
-                f"targets {joined(names)} {'exchanged' if len(names) == 2 else 'in another order'}",
-                "rename the columns: " + ", ".join(f"{labels[order[k]]} is {labels[k]}" for k in moved),
-                partial(_relabelled, called),
-                partial(_mend_labels, called),
-                USUAL if len(names) == 2 else SELDOM,
-            )
+        yield from (_relabelled(labels, order) for order in _orders(len(labels)))
 
 
-def _mend_labels(called: Mapping[str, str], pair: Pair) -> Pair:
-    return pair.each(lambda sheet: sheet.renamed(called))
+def _relabelled(labels: Sequence[str], order: Sequence[int]) -> Slip:
+    moved = [k for k in range(len(labels)) if order[k] != k]
+    called = {f"{labels[order[k]]}.{a}": f"{labels[k]}.{a}" for k in moved for a in _XYZ}
+    names = tuple(labels[k] for k in moved)
+    return Slip(
+        "permutation",
+        names,
+        f"targets {joined(names)} {'exchanged' if len(names) == 2 else 'in another order'}",
+        "rename the columns: " + ", ".join(f"{labels[order[k]]} is {labels[k]}" for k in moved),
+        lambda scene: scene.with_columns({b: scene.rows.observations[a] for a, b in called.items()}),
+        lambda pair: pair.renamed(called),
+        USUAL if len(names) == 2 else SELDOM,
+    )
 
 
-def _orders(n: int) -> Iterator[tuple[int, ...]]:
+def _orders(n: int) -> list[tuple[int, ...]]:
     still = tuple(range(n))
-    if n <= _MOST_TARGETS:
-        yield from sorted(
-            (o for o in permutations(still) if o != still),
-            key=lambda o: sum(a != b for a, b in zip(o, still, strict=True)),
-        )
-        return
-    for i in range(n):
-        for j in range(i + 1, n):
-            order = list(still)
-            order[i], order[j] = j, i
-            yield tuple(order)
-
-
-def _relabelled(called: Mapping[str, str], scene: Scene) -> Scene:
-    return scene.with_columns({new: scene.rows.observations[old] for old, new in called.items()})
+    if n > _MOST_TARGETS:
+        return [tuple({i: j, j: i}.get(k, k) for k in still) for i, j in combinations(still, 2)]
+    others = (order for order in permutations(still) if order != still)
+    return sorted(others, key=lambda order: sum(a != b for a, b in zip(order, still, strict=True)))
 
 
 _SIX = ("x", "y", "z", "rx", "ry", "rz")
@@ -199,35 +158,19 @@ def poses(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """The inverse pose, the inverse rotation, and all orders of Euler's angles, about moving or fixed axes."""
     if not any(isinstance(sensor, Pose) for sensor in rig.machine.sensors):
         return
-    yield _slip(
-        rig,
-        "inverse-pose",
-        "poses of the measuring frame in the tool (inverse)",
+    inverse, back = (
         "give the pose of the tool in the measuring frame",
-        _inverse,
-    )
-    yield _slip(
-        rig,
-        "rotation-convention",
-        "rx, ry, rz of the inverse rotation",
         "give the rotation of the tool, not its inverse",
-        _turned_back,
     )
-    for says, change in (*_quaternions(), *_angles()):
-        yield _slip(rig, "rotation-convention", says, "write rotation vectors (axis times angle)", change)
-
-
-def _quaternions() -> Iterator[tuple[str, Callable[[Array], Array]]]:
-    """Yield orders in which a quaternion may have been read: in words, and as what puts rotation vectors right."""
+    yield _slip(rig, _inverse, "poses of the measuring frame in the tool (inverse)", inverse)
+    yield _slip(rig, _turned_back, "rx, ry, rz of the inverse rotation", back)
     last, first = "scalar last (x, y, z, w)", "scalar first (w, x, y, z)"
-    yield (
-        f"the quaternion behind rx, ry, rz was {first} and read as {last}",
-        partial(_requaternioned, (1, 2, 3, 0)),
-    )
-    yield (
-        f"the quaternion behind rx, ry, rz was {last} and read as {first}",
-        partial(_requaternioned, (3, 0, 1, 2)),
-    )
+    vectors = "write rotation vectors (axis times angle)"
+    for was, read, order in ((first, last, (1, 2, 3, 0)), (last, first, (3, 0, 1, 2))):
+        says = f"the quaternion behind rx, ry, rz was {was} and read as {read}"
+        yield _slip(rig, partial(_requaternioned, order), says, vectors)
+    for says, change in _angles():
+        yield _slip(rig, change, says, vectors)
 
 
 def _requaternioned(order: tuple[int, ...], six: Array) -> Array:
@@ -255,14 +198,15 @@ def _angles() -> Iterator[tuple[str, Callable[[Array], Array]]]:
             )
 
 
-def _slip(rig: Rig, kind: str, says: str, fix: str, change: Callable[[Array], Array]) -> Slip:
-    where = _SIX if change is _inverse else _SIX[3:]
-    return Slip(kind, where, says, fix, partial(_changed, change), partial(_mend, rig, change))
+def _slip(rig: Rig, change: Callable[[Array], Array], says: str, fix: str) -> Slip:
+    whole = change is _inverse
+    kind, where = ("inverse-pose", _SIX) if whole else ("rotation-convention", _SIX[3:])
 
+    def changed(scene: Scene) -> Scene:
+        six = np.column_stack([scene.rows.observations[n] for n in _SIX])
+        return scene.with_columns(dict(zip(_SIX, _whole(change, six).T, strict=True)))
 
-def _changed(change: Callable[[Array], Array], scene: Scene) -> Scene:
-    six = np.column_stack([scene.rows.observations[n] for n in _SIX])
-    return scene.with_columns(dict(zip(_SIX, _whole(change, six).T, strict=True)))
+    return Slip(kind, where, says, fix, changed, lambda pair: pair.each(partial(_mend, rig, change)))
 
 
 def _whole(change: Callable[[Array], Array], six: Array) -> Array:
@@ -272,15 +216,11 @@ def _whole(change: Callable[[Array], Array], six: Array) -> Array:
     return out
 
 
-def _mend(rig: Rig, change: Callable[[Array], Array], pair: Pair) -> Pair:
-    def mended(sheet: Sheet) -> Sheet:
-        written, inside = rig.machine.units, dict(zip(_SIX, 3 * ("mm",) + 3 * ("rad",), strict=True))
-        unit = {n: sheet.units.get(n) or written.written(inside[n]) for n in _SIX}
-        six = np.column_stack([convert(sheet.numbers(n), unit[n], inside[n]) for n in _SIX])
-        new = _whole(change, six)
-        return sheet.with_numbers({n: convert(new[:, k], inside[n], unit[n]) for k, n in enumerate(_SIX)})
-
-    return pair.each(mended)
+def _mend(rig: Rig, change: Callable[[Array], Array], sheet: Sheet) -> Sheet:
+    written, inside = rig.machine.units, dict(zip(_SIX, 3 * ("mm",) + 3 * ("rad",), strict=True))
+    unit = {n: sheet.units.get(n) or written.written(inside[n]) for n in _SIX}
+    new = _whole(change, np.column_stack([convert(sheet.numbers(n), unit[n], inside[n]) for n in _SIX]))
+    return sheet.with_numbers({n: convert(new[:, k], inside[n], unit[n]) for k, n in enumerate(_SIX)})
 
 
 def _inverse(six: Array) -> Array:

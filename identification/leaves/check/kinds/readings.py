@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.leaves.check.kinds.joints import narrowed
-from truepose.identification.leaves.check.pair import RARE, SELDOM, USUAL, Field, Pair, Slip
-from truepose.identification.leaves.check.rig import Rig, Scene
+from truepose.identification.leaves.check.pair import RARE, SELDOM, USUAL, Field, Pair, Scene, Slip
+from truepose.identification.leaves.check.rig import Rig
 from truepose.models.machine.mechanism import Actuator
 from truepose.models.units import convert
 from truepose.wording import joined
@@ -34,47 +34,35 @@ def coupled(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """Yield each joint with its reading counted from another joint's: the horizon of a parallelogram or of a teach pendant."""
     actuators = rig.machine.mechanism.actuators
     for k, j in permutations(range(len(actuators)), 2):
-        mine, other = actuators[k], actuators[j]
-        if mine.reading_unit != other.reading_unit or mine.reading_unit not in _SPANS:
-            continue
-        for ratio in (1.0, -1.0):
-            yield Slip(
-                "coupled",
-                (mine.reading, other.reading),
-                f"the reading of {mine.reading} is coupled: its own {'angle' if mine.reading_unit == 'rad' else 'travel'} "
-                f"{'+' if ratio > 0 else '-'} {other.reading} (counted from the horizon, or by a linkage; k = {ratio:g})",
-                f"state 'coupled: {{{other.reading}: {ratio:g}}}' at {mine.reading} in the machine file",
-                partial(_uncoupled, k, j, ratio),
-                partial(_mend_coupled, rig, k, j, ratio),
-                USUAL if abs(k - j) == 1 else SELDOM,
-            )
+        unit = actuators[k].reading_unit
+        if unit == actuators[j].reading_unit and unit in _SPANS:
+            yield from (_coupled(rig, k, j, ratio) for ratio in (1.0, -1.0))
 
 
-def _uncoupled(k: int, j: int, ratio: float, scene: Scene) -> Scene:
-    q = scene.rows.q.copy()
-    q[:, k] -= ratio * q[:, j]
-    return scene.with_joints(q)
-
-
-def _mend_coupled(rig: Rig, k: int, j: int, ratio: float, pair: Pair) -> Pair:
-    mine, other = (rig.machine.mechanism.actuators[i].reading for i in (k, j))
-    return pair.with_field(_joint_field(rig, pair, mine, "coupled"), {other: ratio})
+def _coupled(rig: Rig, k: int, j: int, ratio: float) -> Slip:
+    mine, other = (rig.machine.mechanism.actuators[i] for i in (k, j))
+    return Slip(
+        "coupled",
+        (mine.reading, other.reading),
+        f"the reading of {mine.reading} is coupled: its own {'angle' if mine.reading_unit == 'rad' else 'travel'} "
+        f"{'+' if ratio > 0 else '-'} {other.reading} (counted from the horizon, or by a linkage; k = {ratio:g})",
+        f"state 'coupled: {{{other.reading}: {ratio:g}}}' at {mine.reading} in the machine file",
+        lambda scene: scene.with_joint_columns({k: scene.rows.q[:, k] - ratio * scene.rows.q[:, j]}),
+        lambda pair: pair.with_field(
+            _joint_field(rig, pair, mine.reading, "coupled"), {other.reading: ratio}
+        ),
+        USUAL if abs(k - j) == 1 else SELDOM,
+    )
 
 
 def counts(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """Yield joints that read more than a joint turns, each alone and all of them, as counts of an encoder."""
     actuators = rig.machine.mechanism.actuators
     units = [rig.machine.column_unit(a.reading) for a in actuators]
-    wide = [
-        k
-        for k, (a, unit) in enumerate(zip(actuators, units, strict=True))
-        if a.reading_unit in _SPANS and _counted(a, unit, scene.rows.q[:, k])
-    ]
-    sets: list[tuple[int, ...]] = [(k,) for k in wide]
-    alike = {actuators[k].reading_unit for k in wide}
-    if len(wide) > 1 and len(alike) == 1:
-        sets = [tuple(wide), *sets]
-    for places in sets:
+    read = zip(actuators, units, scene.rows.q.T, strict=True)
+    wide = [k for k, (a, unit, q) in enumerate(read) if a.reading_unit in _SPANS and _counted(a, unit, q)]
+    alike = len(wide) > 1 and len({actuators[k].reading_unit for k in wide}) == 1
+    for places in [*([tuple(wide)] if alike else []), *((k,) for k in wide)]:
         yield from _as_counts(rig, scene, places)
 
 
@@ -99,14 +87,10 @@ def _as_counts(rig: Rig, scene: Scene, places: Sequence[int]) -> Iterator[Slip]:
     columns = tuple(actuators[k].reading for k in places)
 
     def misfit(factor: float) -> float:
-        return rig.stand(_scaled(dict.fromkeys(places, factor), scene), quick=True).misfit
+        return rig.stand(_scaled(places, factor, scene), quick=True).misfit
 
     per, what = (2.0 * np.pi, "turn") if unit == "rad" else (1.0, "mm")
     name = joined(columns)
-
-    def factor_of(counted: float) -> float:
-        return per / convert(counted, written, unit)
-
     for sign, way in ((1.0, ""), (-1.0, ", counted the other way")):
         found = abs(narrowed(misfit, sign * grid))
         counted = convert(per / found, unit, written)  # how many of what was written make a turn, or a mm
@@ -116,17 +100,14 @@ def _as_counts(rig: Rig, scene: Scene, places: Sequence[int]) -> Iterator[Slip]:
                 columns,
                 f"{name} in counts of an encoder, {number:.7g} a {what}{way}",
                 f"state 'counts: {sign * number:.7g}' at {name} in the machine file",
-                partial(_scaled, dict.fromkeys(places, sign * factor_of(number))),
+                partial(_scaled, places, sign * (per / convert(number, written, unit))),
                 partial(_mend_counts, rig, columns, sign * number),
                 odds,
             )
 
 
-def _scaled(factors: Mapping[int, float], scene: Scene) -> Scene:
-    q = scene.rows.q.copy()
-    for k, factor in factors.items():
-        q[:, k] *= factor
-    return scene.with_joints(q)
+def _scaled(places: Sequence[int], factor: float, scene: Scene) -> Scene:
+    return scene.with_joint_columns({k: factor * scene.rows.q[:, k] for k in places})
 
 
 def _numbers(fitted: float) -> dict[float, float]:
@@ -152,6 +133,3 @@ def _joint_field(rig: Rig, pair: Pair, reading: str, key: str) -> Field:
             if isinstance(row, Mapping) and {row.get("name"), row.get("joint")} & names:
                 return ("mechanism", group, k, key)
     return ("mechanism", "encoders", reading, key)
-
-
-__all__ = ["counts", "coupled"]

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.leaves.check.kinds.joints import narrowed
-from truepose.identification.leaves.check.pair import RARE, SELDOM, Pair, Sheet, Slip
-from truepose.identification.leaves.check.rig import Rig, Scene
+from truepose.identification.leaves.check.pair import RARE, SELDOM, Pair, Scene, Sheet, Slip
+from truepose.identification.leaves.check.rig import Rig
 from truepose.models.units import convert
 
 Array = NDArray[np.float64]
@@ -59,8 +58,7 @@ def _delayed(late: float, scene: Scene) -> Scene:
     then = time - late
     q = np.column_stack([np.interp(then, time, column) for column in scene.rows.q.T])
     lost = (then < time[0]) | (then > time[-1])
-    moved = scene.with_joints(q)
-    return replace(moved, lost=lost if scene.lost is None else lost | scene.lost)
+    return scene.with_joints(q).without(lost)
 
 
 def _mend_clock(joints: tuple[str, ...], late: float, pair: Pair) -> Pair:
@@ -108,12 +106,9 @@ def _longest_run(column: Array) -> tuple[int, int]:
     return int(starts[k]), int(starts[k + 1]) - 1
 
 
+def _without(run: NDArray[np.bool_], scene: Scene) -> Scene:
+    return scene.without(run)
+
+
 def _mend_run(kept: NDArray[np.intp], pair: Pair) -> Pair:
     return pair.each(lambda sheet: sheet.rows(kept))
-
-
-def _without(run: NDArray[np.bool_], scene: Scene) -> Scene:
-    return replace(scene, lost=run if scene.lost is None else run | scene.lost)
-
-
-__all__ = ["clocks", "stands_still"]

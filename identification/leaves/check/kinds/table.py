@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.fit.align import transform
-from truepose.identification.leaves.check.pair import SELDOM, USUAL, Pair, Slip
-from truepose.identification.leaves.check.rig import Rig, Scene
+from truepose.identification.leaves.check.pair import SELDOM, USUAL, Pair, Scene, Slip
+from truepose.identification.leaves.check.rig import Rig
 
 Array = NDArray[np.float64]
 _FIELDS = ("alpha", "d", "theta", "r")
@@ -154,6 +154,3 @@ def _mend_rows(i: int, j: int, pair: Pair) -> Pair:
     rest = [{k: v for k, v in row.items() if k not in constants} for row in rows]
     mine[i], mine[j] = mine[j], mine[i]
     return pair.with_field(("mechanism", "joints"), [{**r, **m} for r, m in zip(rest, mine, strict=True)])
-
-
-__all__ = ["conventions", "exchanged_rows"]

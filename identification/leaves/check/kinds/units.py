@@ -9,8 +9,8 @@ from itertools import product
 
 import numpy as np
 
-from truepose.identification.leaves.check.pair import RARE, SELDOM, USUAL, Field, Pair, Slip
-from truepose.identification.leaves.check.rig import Rig, Scene
+from truepose.identification.leaves.check.pair import RARE, SELDOM, USUAL, Change, Field, Pair, Scene, Slip
+from truepose.identification.leaves.check.rig import Rig
 from truepose.models.units import UnitSystem, convert
 from truepose.wording import joined, shortened
 
@@ -46,8 +46,7 @@ def _recordings(rig: Rig) -> Iterator[Slip]:
         for n, u in (*joints.items(), *seen.items())
     }
     others = [
-        [(None, {}), *((unit, factors) for unit, factors in _otherwise(rig, columns[inside], said, known))]
-        for inside, _, known in _DIMENSIONS
+        [(None, {}), *_otherwise(rig, columns[inside], said, known)] for inside, _, known in _DIMENSIONS
     ]
     for (length, longer), (angle, wider) in product(*others):
         factors = {**longer, **wider}
@@ -62,7 +61,7 @@ def _recordings(rig: Rig) -> Iterator[Slip]:
             f"the recording in {joined(named)}",
             f"write the units in the header: {shortened([f'{n} [{u}]' for n, u in units.items()], 12)}",
             partial(_scaled_both, factors, size, width),
-            partial(_said_each, units),
+            partial(_said_in, units),
             min((LENGTHS[length] if length else 1.0), (ANGLES[angle] if angle else 1.0)),
         )
 
@@ -72,9 +71,9 @@ def _scaled_both(factors: Mapping[str, float], size: float, width: float, scene:
     return _scaled_joints(factors, _scaled_columns(seen, size, width, scene))
 
 
-def _said_each(units: Mapping[str, str], pair: Pair) -> Pair:
+def _said_in(units: Mapping[str, str], pair: Pair) -> Pair:
     for name, unit in units.items():
-        pair = _said_in((name,), unit, pair)
+        pair = pair.in_unit((name,), unit)
     return pair
 
 
@@ -91,10 +90,8 @@ def _readings(rig: Rig) -> Iterator[Slip]:
         for unit, factors in _otherwise(rig, names, dict.fromkeys(names, written.written(inside)), known):
             most = max(factors.values())
             sizes = (most, 1.0) if inside == "mm" else (1.0, most)
-            change, mend = partial(_scaled_columns, factors, *sizes), partial(_said_in, tuple(factors), unit)
-            yield Slip(
-                kind, tuple(factors), f"readings in {unit}", _header(factors, unit), change, mend, known[unit]
-            )
+            change = partial(_scaled_columns, factors, *sizes)
+            yield _in_unit(kind, factors, unit, f"readings in {unit}", change, known[unit])
 
 
 def _joints(rig: Rig) -> Iterator[Slip]:
@@ -107,9 +104,8 @@ def _joints(rig: Rig) -> Iterator[Slip]:
                 rig, chosen, {n: rig.machine.column_unit(n) for n in chosen}, known
             ):
                 says = f"{joined(tuple(factors)) if len(factors) < 4 else 'joints'} in {unit}"
-                change, mend = partial(_scaled_joints, factors), partial(_said_in, tuple(factors), unit)
-                yield Slip(
-                    kind, tuple(factors), says, _header(factors, unit), change, mend, odds * known[unit]
+                yield _in_unit(
+                    kind, factors, unit, says, partial(_scaled_joints, factors), odds * known[unit]
                 )
 
 
@@ -125,12 +121,13 @@ def _otherwise(
             yield unit, factors
 
 
-def _header(names: Iterable[str], unit: str) -> str:
-    return f"write the unit in the header: {shortened([f'{n} [{unit}]' for n in names], 3)}"
-
-
-def _said_in(names: Sequence[str], unit: str, pair: Pair) -> Pair:
-    return pair.each(lambda sheet: sheet.in_unit(names, unit))
+def _in_unit(
+    kind: str, factors: Mapping[str, float], unit: str, says: str, change: Change, odds: float
+) -> Slip:
+    fix = f"write the unit in the header: {shortened([f'{n} [{unit}]' for n in factors], 3)}"
+    return Slip(
+        kind, tuple(factors), says, fix, change, lambda pair: pair.in_unit(tuple(factors), unit), odds
+    )
 
 
 def _scaled_columns(factors: Mapping[str, float], size: float, width: float, scene: Scene) -> Scene:
@@ -144,12 +141,12 @@ def _scaled_joints(factors: Mapping[str, float], scene: Scene) -> Scene:
 
 def file_lengths(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """Lengths of the mechanism alone, or of the whole file, in another unit."""
-    written = rig.machine.units
+    written, file = rig.machine.units, rig.machine.file
     own = {p.name for p in rig.machine.mechanism.parameters}
     every = np.flatnonzero(rig.lengths).tolist()
     drawn = [k for k in every if rig.names[k] in own]
-    if _description(rig):
-        yield from _description_lengths(rig, drawn)
+    if file is not None and file.mechanism.get("type") == "urdf":
+        yield from _description_lengths(drawn)
         return
     for unit, factor in _others(LENGTHS, written.length):
         for places, whole in ((drawn, False), (every, True)):
@@ -169,12 +166,7 @@ def file_lengths(rig: Rig, scene: Scene) -> Iterator[Slip]:
             )
 
 
-def _description(rig: Rig) -> bool:
-    file = rig.machine.file
-    return file is not None and file.mechanism.get("type") == "urdf"
-
-
-def _description_lengths(rig: Rig, places: Sequence[int]) -> Iterator[Slip]:
+def _description_lengths(places: Sequence[int]) -> Iterator[Slip]:
     """Lengths of a URDF, which has them in metres, in another unit."""
     for unit, factor in _others(LENGTHS, "m"):
         yield Slip(
@@ -270,12 +262,8 @@ def _all_angles(rig: Rig) -> Iterator[Slip]:
             f"all angles in {unit}, where the machine file says {written}",
             f"state 'units: {{angle: {unit}}}' in the machine file",
             partial(_turned, rig, dict.fromkeys(alike, factor), factor),
-            partial(_said_to_be, unit),
+            partial(Pair.with_field, field=("units", "angle"), value=unit),
         )
-
-
-def _said_to_be(unit: str, pair: Pair) -> Pair:
-    return pair.with_field(("units", "angle"), unit)
 
 
 def _turned(rig: Rig, factors: Mapping[str, float], factor: float, scene: Scene) -> Scene:
@@ -295,18 +283,12 @@ def _file_angles(rig: Rig) -> Iterator[Slip]:
             continue
         for unit, factor in _others(("rad", "deg"), written):
             fields = _table_fields(rig, ends) or [own[rig.names[k]].field for k in places]
+            there = {rig.names[k].rpartition(".")[2] for k in places}
             yield Slip(
                 "unit-angle",
-                tuple(
-                    f"mechanism.{end}"
-                    for end in ends
-                    if any(rig.names[k].endswith(f".{end}") for k in places)
-                ),
+                tuple(f"mechanism.{end}" for end in ends if end in there),
                 f"{joined(ends)} of the mechanism in {unit}",
                 f"write {joined(ends)} in {written} (or state 'units: {{angle: {unit}}}' for the whole file)",
                 partial(_scaled_constants, places, factor),
                 partial(_scaled_fields, fields=fields, factor=factor),
             )
-
-
-__all__ = ["file_lengths", "units"]
