@@ -114,18 +114,14 @@ def _shared_columns(machine: Machine) -> Iterator[Found]:
 
 def repeats(recording: Recording) -> NDArray[np.intp]:
     """Places of rows that repeat an earlier one in all that was logged; changes since a row itself do not count."""
-    parts = [
-        recording.q,
-        *(v[:, None] for v in (*recording.observations.values(), *recording.drivers.values())),
-    ]
-    if not recording.observations:
+    read, time = list(recording.observations.values()), recording.time
+    if not read:
         return np.zeros(0, dtype=np.intp)
-    if recording.time is not None:
-        parts.append(recording.time[:, None])
-    seen = np.hstack(parts)
-    told = np.abs(np.column_stack(list(recording.observations.values()))).max(axis=1) > 0
-    first = set(_firsts(seen).tolist())
-    return np.array([k for k in range(len(seen)) if k not in first and told[k]], dtype=np.intp)
+    seen = np.column_stack(
+        [recording.q, *read, *recording.drivers.values(), *([] if time is None else [time])]
+    )
+    told = np.abs(np.column_stack(read)).max(axis=1) > 0
+    return np.setdiff1d(np.flatnonzero(told), _firsts(seen))
 
 
 def _firsts(cells: NDArray[np.generic]) -> NDArray[np.intp]:
@@ -156,12 +152,9 @@ def out_of_range(machine: Machine, recording: Recording) -> Iterator[Found]:
         if not len(bad):
             continue
         unit = machine.column_unit(a.reading)
-        found, ends = (
-            convert(float(q[bad[0]]), a.reading_unit, unit),
-            [convert(v, a.reading_unit, unit) for v in a.reading_range],
-        )
-        limits = f"[{ends[0]:.6g}, {ends[1]:.6g}]"
-        says = f"{recording.where(int(bad[0]))}: {a.reading} is {found:.6g} {unit}, out of its range {limits}"
+        found, low, high = (convert(v, a.reading_unit, unit) for v in (float(q[bad[0]]), *a.reading_range))
+        where = recording.where(int(bad[0]))
+        says = f"{where}: {a.reading} is {found:.6g} {unit}, out of its range [{low:.6g}, {high:.6g}]"
         yield Found(
             "offset", (a.reading,), says, f"compare the zero, the unit and the range of {a.reading}", "wrong"
         )
@@ -188,18 +181,15 @@ def _too_heavy(machine: Machine) -> Iterator[Found]:
     travels = [np.ptp(a.range) for a in machine.mechanism.actuators if a.range and a.reading_unit == "mm"]
     longest = max([SMALLEST_PART, *lengths, *travels, *(abs(x) for m in machine.masses for x in m.com)])
     cube = STEEL * (longest / 1000.0) ** 3
-    where: tuple[str, ...]
+    where: tuple[str, ...] = ("masses",)
     heavy = sorted((mass for mass in machine.masses if mass.kg > 0.0), key=lambda mass: -mass.kg)
     total = sum(mass.kg for mass in heavy)
     if len(heavy) > 2 and heavy[0].kg > max(NEARER * heavy[1].kg, FILLED * cube):
         where, kg = ("masses", heavy[0].name), heavy[0].kg
         says = f"{heavy[0].name} weighs {kg:.6g} kg, {kg / heavy[1].kg:.3g} times as much as any other mass"
     elif total > cube:
-        where, kg = ("masses",), total
-        says = (
-            f"the masses add up to {kg:.6g} kg; a solid steel cube as long as the longest part ({longest:.4g} mm) weighs "
-            f"{cube:.3g} kg"
-        )
+        kg, part = total, f"the longest part ({longest:.4g} mm)"
+        says = f"the masses add up to {kg:.6g} kg; a solid steel cube as long as {part} weighs {cube:.3g} kg"
     else:
         return
     fix = f"state `kg` in kilograms: {'this mass' if len(where) > 1 else 'masses'} in grams would be {kg / 1000.0:.6g} kg"
@@ -220,11 +210,8 @@ def coarse_joints(rig: Rig, stand: Stand) -> Iterator[Found]:
     steps = [_step(convert(q, a.reading_unit, unit)) for a, unit, q in columns]
     for a, unit, step in zip(actuators, units, steps, strict=True):
         alike = [other for b, other in zip(actuators, steps, strict=True) if b.unit == a.unit]
-        if (
-            step
-            and min(alike) == 0.0
-            and _is_rounded(rig, stand, a.reading, convert(step, unit, a.reading_unit))
-        ):
+        size = convert(step, unit, a.reading_unit)
+        if step and min(alike) == 0.0 and _is_rounded(rig, stand, a.reading, size):
             yield Found(
                 "resolution",
                 (a.reading,),
@@ -240,9 +227,8 @@ def _is_rounded(rig: Rig, stand: Stand, joint: str, step: float) -> bool:
     predictor, q = Predictor(rig.machine, rows, rig.machine.effects), rows.q.copy()
     q[:, rows.joints.index(joint)] += SMALL
     both = predictor, predictor.over(replace(rows, q=q))
-    at, moved = (
-        np.concatenate([b.residual for b in one.blocks(stand.p, one.assemble(stand.p)[0])]) for one in both
-    )
+    assembled = ((one, one.assemble(stand.p)[0]) for one in both)
+    at, moved = (np.concatenate([b.residual for b in one.blocks(stand.p, x)]) for one, x in assembled)
     along = np.nan_to_num(moved - at) / SMALL
     rounding = step / np.sqrt(12.0) * float(np.sqrt(np.mean(along**2)))
     explained = np.sum(along * stand.residual, axis=1) ** 2 / np.maximum(np.sum(along**2, axis=1), 1e-300)
@@ -301,7 +287,7 @@ def sigmas(rig: Rig, stand: Stand, price: float) -> Iterator[Found]:
             continue
         channel = next(c for c in rig.machine.channels if c.kind == kind)
         size = float(f"{channel.sigma * ratio:.2g}")
-        fields = _fields(kind)
+        fields = {"position": "xyz", "rotation": "rot", "direction": "angle"}.get(kind, kind)
         unit = rig.machine.units.written(channel.unit)
         yield Found(
             "sigma",
@@ -314,12 +300,6 @@ def sigmas(rig: Rig, stand: Stand, price: float) -> Iterator[Found]:
             channel.unit,
             partial(_mend_sigma, fields, convert(size, channel.unit, unit)),
         )
-
-
-def _fields(kind: str) -> str:
-    return {"position": "xyz", "rotation": "rot", "distance": "distance", "direction": "angle"}.get(
-        kind, kind
-    )
 
 
 def _mend_sigma(key: str, value: float, pair: Pair) -> Pair:
@@ -336,19 +316,13 @@ def _scatters(rig: Rig, stand: Stand, price: float) -> dict[str, tuple[float | N
     kinds = list(dict.fromkeys(c.kind for c in rig.machine.channels))
     rows = _replicates(rig.recording)
     out: dict[str, tuple[float | None, str]] = {}
-    if len(rows) >= 2:
-        labels = np.concatenate([np.full(len(r), k) for k, r in enumerate(rows)])
-        here = (
-            rig.predictor.over(rig.recording.subset(np.concatenate(rows)))
-            if not _differs(rig.machine)
-            else None
-        )
-        if here is not None:
-            x, good = rig.assembled(here, stand.p, stand.scene)
-            residual = np.concatenate([b.residual for b in here.blocks(stand.p, x)])
-            for kind in kinds:
-                at = [k for k, c in enumerate(rig.machine.channels) if c.kind == kind]
-                out[kind] = (_within(residual[:, at], labels, good), "replicates scatter")
+    if len(rows) >= 2 and not any(s.differs_from_row or s.compares for s in rig.machine.sensors):
+        labels = np.repeat(np.arange(len(rows)), [len(r) for r in rows])
+        here = rig.predictor.over(rig.recording.subset(np.concatenate(rows)))
+        residual, good = rig.residual(here, stand.p, stand.scene)
+        for kind in kinds:
+            at = [k for k, c in enumerate(rig.machine.channels) if c.kind == kind]
+            out[kind] = (_within(residual[:, at], labels, good), "replicates scatter")
     left = stand.residual
     for kind in kinds:
         if kind not in out and price < 1.0 / SIGMA_FAR and len(left):
@@ -377,14 +351,9 @@ def _within(residual: Array, labels: NDArray[np.int64], good: NDArray[np.bool_])
         own = own[np.isfinite(own).all(axis=1)]
         if len(own) >= 2:
             spare += (len(own) - 1) * own.shape[1]
-            sizes.append(
-                float(np.sqrt(np.sum((own - own.mean(axis=0)) ** 2) / ((len(own) - 1) * own.shape[1])))
-            )
+            square = np.sum((own - own.mean(axis=0)) ** 2)
+            sizes.append(float(np.sqrt(square / ((len(own) - 1) * own.shape[1]))))
     return float(np.median(sizes)) if spare >= _FEWEST else None
-
-
-def _differs(machine: Machine) -> bool:
-    return any(s.differs_from_row or s.compares for s in machine.sensors)
 
 
 def reversed_gravity(rig: Rig, weighed: Weighed, misfit: float) -> Iterator[Found]:
@@ -508,8 +477,8 @@ def left_of(rig: Rig, weighed: Weighed) -> Left:
     scene = weighed.hypothesis.scene
     places = usable(rig.machine, scene)
     here = rig.predictor.over(scene.rows.subset(places))
-    x, good = rig.assembled(here, weighed.settled.p, scene)
-    residual = np.concatenate([b.residual for b in here.blocks(weighed.settled.p, x)]) * rig.scale(scene)
+    residual, good = rig.residual(here, weighed.settled.p, scene)
+    residual = residual * rig.scale(scene)
     fine = good & np.isfinite(residual).all(axis=1)
     return Left.of(residual[fine], places[fine], allowed(rig, weighed.stand))
 

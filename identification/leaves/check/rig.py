@@ -356,6 +356,11 @@ class Rig:
         are given up."""
         return here.assemble(p, follow=False, larger=scene.drawn)
 
+    def residual(self, here: Predictor, p: Array, scene: Scene) -> tuple[Array, Mask]:
+        """Whitened residuals (n, m) with constants p (np,), and which rows could be assembled."""
+        x, good = self.assembled(here, p, scene)
+        return np.concatenate([block.residual for block in here.blocks(p, x)]), good
+
     def _points(self, p: Array) -> Array | None:
         for sensor in self.machine.sensors:
             if isinstance(sensor, Targets):

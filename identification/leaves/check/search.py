@@ -80,12 +80,12 @@ def shares(rig: Rig, every: Sequence[Weighed]) -> list[tuple[list[Weighed], floa
         else:
             mine.append(one)
     total = sum(weight[id(w)] for w in needed)
-    told = [(sorted(members, key=_order), sum(weight[id(w)] for w in members) / total) for members in classes]
+    order = {id(w): (not w.near, len(w.free), -w.score) for w in every}
+    told = [
+        (sorted(members, key=lambda w: order[id(w)]), sum(weight[id(w)] for w in members) / total)
+        for members in classes
+    ]
     return sorted(told, key=lambda each: -each[1])
-
-
-def _order(weighed: Weighed) -> tuple[bool, int, float]:
-    return not weighed.near, len(weighed.free), -weighed.score
 
 
 def _told(weighed: Weighed) -> set[str]:
@@ -209,8 +209,7 @@ def _between(rig: Rig, scene: Scene, cut: _Cut) -> int:
 
 def _sizes(rig: Rig, here: Predictor, p: Array, scene: Scene) -> Array:
     """(n,) squared misfits of rows with constants p (np,); 0 where nothing is read."""
-    x, good = rig.assembled(here, p, scene)
-    residual = np.concatenate([block.residual for block in here.blocks(p, x)])
+    residual, good = rig.residual(here, p, scene)
     return np.asarray(np.nan_to_num(np.sum(residual**2, axis=1)) * good)
 
 
@@ -296,29 +295,11 @@ _DEEPEST, _WEIGHED, _MOST = 2, 6, 300
 """Most slips at once, hypotheses weighed in full at each depth, and quick fits at each depth beyond the first."""
 Makers = tuple[Callable[[Rig, Scene], Iterable[Slip]], ...]
 QUICK: Makers = (
-    units,
-    signs,
-    exchanged,
-    quarter_turns,
-    coupled,
-    mirrored,
-    turned,
-    targets,
-    poses,
-    shifted,
-    frames_swapped,
-)
+    units, signs, exchanged, quarter_turns, coupled, mirrored, turned, targets, poses, shifted, frames_swapped,
+)  # fmt: skip
 SLOW: Makers = (
-    conventions,
-    matched,
-    clocks,
-    stands_still,
-    mirrored_zeros,
-    counts,
-    zeros,
-    end_zeros,
-    exchanged_rows,
-)
+    conventions, matched, clocks, stands_still, mirrored_zeros, counts, zeros, end_zeros, exchanged_rows,
+)  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -132,8 +132,7 @@ class Problem:
 
     def _price(self, p: Array) -> tuple[float, float]:
         """The sum at constants (np,), and the readings' share of it, both as an rms over the readings."""
-        x, good = self.rig.assembled(self.here, p, self.stand.scene)
-        residual = np.concatenate([b.residual for b in self.here.blocks(p, x)])
+        residual, good = self.rig.residual(self.here, p, self.stand.scene)
         residual = residual * self.rig.scale(self.stand.scene)
         residual = residual[good & np.isfinite(residual).all(axis=1)]
         if len(residual) < 0.5 * len(good):

@@ -27,9 +27,9 @@ import json
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from itertools import islice
+from itertools import groupby, islice
 from pathlib import Path
-from typing import IO, Any, Literal, Protocol, TypeVar, get_args
+from typing import IO, Any, Literal, TypeVar, get_args
 
 import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.parquet as pq  # type: ignore[import-untyped]
@@ -332,15 +332,7 @@ LEAST = 3.0
 """Difference in 1-sigma below which nothing is said to have moved, however few were compared: the field's three sigma."""
 
 
-class Named(Protocol):
-    """What has the name of a machine."""
-
-    @property
-    def name(self) -> str:
-        """Of the machine."""
-
-
-Item = TypeVar("Item", bound=Named)
+Item = TypeVar("Item", Record, Line)
 
 
 @dataclass(frozen=True)
@@ -438,22 +430,9 @@ def paired(before: Iterable[Item], after: Iterable[Item]) -> Iterator[tuple[Item
     both = heapq.merge(
         ((r.name, 0, r) for r in before), ((r.name, 1, r) for r in after), key=lambda one: one[:2]
     )
-    waiting: Item | None = None
-    for _, which, record in both:
-        if which == 0:
-            if waiting is not None:
-                yield waiting, None
-            waiting = record
-        elif waiting is not None and waiting.name == record.name:
-            yield waiting, record
-            waiting = None
-        else:
-            if waiting is not None:
-                yield waiting, None
-            waiting = None
-            yield None, record
-    if waiting is not None:
-        yield waiting, None
+    for _, several in groupby(both, key=lambda one: one[0]):
+        by_run = {which: item for _, which, item in several}
+        yield by_run.get(0), by_run.get(1)
 
 
 def _said(before: Record, after: Record) -> Iterator[Change]:

@@ -14,7 +14,7 @@ each is summed out once, and its own posterior is the others' message times what
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -371,8 +371,3 @@ def _constants(summary: Summary) -> Iterator[ConstantInFleet]:
         half = float(student.ppf(0.5 + LEVEL / 2.0, count - 1) * np.sqrt(total / count))
         spread = float(np.sqrt(max(total - noise / n, 0.0)))
         yield ConstantInFleet(mechanism, name, count, Interval(mean, mean - half, mean + half), spread)
-
-
-def most_frequent(effects: Iterable[EffectInFleet], least: float) -> list[EffectInFleet]:
-    """Those that so many machines are expected to have at least."""
-    return [one for one in effects if one.frequency.value * one.machines >= least]

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -52,9 +53,7 @@ class Poses:
 
     def take(self, rows: Index | Mask) -> Poses:
         """Poses by number (k,) or by mask (n,)."""
-        return Poses(
-            self.q[rows], self.x[rows], self.signature[rows], self.good[rows], self.amplification[rows]
-        )
+        return Poses(*(getattr(self, one.name)[rows] for one in fields(self)))
 
 
 class PoseInformation:
@@ -75,7 +74,7 @@ class PoseInformation:
         self.names = tuple(prior.names[k] for k in self._free)
         sigma = np.minimum(prior.sigma[self._free], UNKNOWN * self._scale)
         self.weight = self._scale / sigma
-        here = _recording(machine, self.home[None])
+        here = unmeasured(machine, self.home[None], "planned poses")
         self._predictor = Predictor(machine, here, machine.effects)
         self.differs = np.array(
             [sensor.differs_from_row for sensor in machine.sensors for _ in sensor.channels], dtype=bool
@@ -262,24 +261,32 @@ def _refuse_unplannable(sensor: Sensor, machine: Machine) -> None:
         )
 
 
-def _recording(machine: Machine, q: Array) -> Recording:
-    """Rows of joint values alone, in memory, each after the one before."""
+def unmeasured(
+    machine: Machine, q: Array, file: str, made: type[Recording] = Recording, **more: Any
+) -> Recording:
+    """Return rows of joint values (n, nq) in memory, each after the one before: of one session, without readings.
+
+    ``more``: fields of ``made`` that are otherwise.
+    """
     n = len(q)
     rows = np.arange(n)
-    return Recording(
+    usual: dict[str, Any] = {
+        "drivers": {},
+        "session": frozen(np.ones(n, dtype=np.int64)),
+        "session_recorded": frozen(np.zeros(n, dtype=bool)),
+        "from_row": frozen(np.maximum(rows - 1, 0)),
+    }
+    return made(
         joints=machine.mechanism.readings,
         uncoupling=coupling_matrix(machine.mechanism),
         q=frozen(q.copy()),
         observations={},
         labels={},
-        drivers={},
-        files=("planned poses",),
+        files=(file,),
         source_file=frozen(np.zeros(n, dtype=np.int64)),
         source_row=frozen(rows + 1),
-        session=frozen(np.ones(n, dtype=np.int64)),
-        session_recorded=frozen(np.zeros(n, dtype=bool)),
         validation=frozen(np.zeros(n, dtype=bool)),
         pose=frozen(rows + 1),
-        from_row=frozen(np.maximum(rows - 1, 0)),
         shuffled=True,
+        **{**usual, **more},
     )

@@ -298,16 +298,12 @@ class Motions:
         stand = motion.stand
         if not frames:
             stand = self.taught.get(_named(self.masks[other], leaf)[0].upper(), stand)
-        base, tool = (
-            self._in_force(other, stand.base, stand.base_at),
-            self._in_force(other, stand.tool, stand.tool_at),
-        )
+        named = ((stand.base, stand.base_at), (stand.tool, stand.tool_at))
+        base, tool = (self._in_force(other, name, at) for name, at in named)
         if not motion.sure or _SEVERAL in (base, tool):
             self._keep(other, leaf)
             if not other:
-                self.left.append(
-                    Left(self.lines.of(motion.start), shown(self.masks[0][slice(*leaf)]), _UNSURE)
-                )
+                self.left.append(self.lines.left(motion.start, self.masks[0][slice(*leaf)], _UNSURE))
             return
         tool = FIXED if stand.fixed else tool
         self._parts.clear()
@@ -369,16 +365,14 @@ class Motions:
                 self.goings.setdefault(key, []).append(going)
             elif other or one.partly:
                 continue
-            elif one.parameter:
-                self.left.append(Left(self.lines.of(going.place), name, ARGUMENT))
-            elif (pose := self._pose(other, span)) is not None:
+            elif not one.parameter and (pose := self._pose(other, span)) is not None:
                 self._work_out(name, pose, going)
             else:
-                why = _UNKNOWN if len(reaching) == 1 else SEVERAL
+                why = ARGUMENT if one.parameter else _UNKNOWN if len(reaching) == 1 else SEVERAL
                 self.left.append(Left(self.lines.of(going.place), name, why))
         if not reaching and not other and not going.within:
             why = "its value is in neither this text nor the file beside it"
-            self.left.append(Left(self.lines.of(going.place), shown(self.masks[0][slice(*span)]), why))
+            self.left.append(self.lines.left(going.place, self.masks[0][slice(*span)], why))
         return bool(reaching)
 
     def _work_out(self, name: str, pose: Array, going: Going) -> None:
@@ -473,61 +467,54 @@ _OWN, _OTHER = "", "beside:"
 _EXTERNAL = re.compile(r"E[1-6]")
 
 
-@dataclass
-class _Found:
-    """What is collected while a text is read."""
-
-    targets: list[Target] = field(default_factory=list)
-    left: list[Left] = field(default_factory=list)
-
-
 class Kuka:
     """KRL, .src and .dat."""
 
     name, title = "kuka", "KUKA KRL"
 
     def read(self, text: str, machine: Machine, beside: str | None = None) -> Program:
-        mask, lines, found = masked(text, _COMMENT), Lines(text), _Found()
+        mask, lines = masked(text, _COMMENT), Lines(text)
         other = "" if beside is None else masked(beside, _COMMENT)
         taught = fdats(other) | fdats(mask)
         went = Motions((mask, other), lines, taught)
         went.follow()
         types = _types(mask) | _types(other)
         count = len(machine.mechanism.readings) if machine else len(_JOINTS)
-        for text_of, is_beside in ((mask, False), (other, True)):
-            _Reader(text_of, is_beside, lines, found, went, taught, types, count).take()
-        self._computed(mask, lines, found, went)
-        targets, left = [*found.targets, *went.worked_out], [*found.left, *went.left]
+        both = ((mask, False), (other, True))
+        readers = [_Reader(*one, lines, went, taught, types, count) for one in both]
+        for reader in readers:
+            reader.take()
+        targets = [*(target for reader in readers for target in reader.targets), *went.worked_out]
+        left = [
+            *(one for reader in readers for one in reader.left),
+            *_computed(mask, lines, went),
+            *went.left,
+        ]
         return Program(
             text, tuple(targets), in_order(left), Euler(), {"rad": "deg", "mm": "mm"},
             frames(other, _OTHER) | frames(mask, _OWN) | went.frames, StatusTurn(),
             again=functools.partial(self.read, machine=machine, beside=beside),
         )  # fmt: skip
 
-    def _computed(self, mask: str, lines: Lines, found: _Found, went: Motions) -> None:
-        """Motions to what the program works out while it runs."""
-        motion = re.compile(r"(?im)^[ \t]*((?:S?PTP|S?LIN|S?CIRC|SPL)\b[^\r\n]*)")
-        for m in motion.finditer(mask):
-            what = m.group(1)
-            products = [
-                p
-                for p in parts(mask, m.start(1) + len(what.split()[0]), m.end(1))
-                if ":" in outside(mask[slice(*p)])
-            ]
-            if products and not any(p[0] <= place < p[1] for p in products for place in went.followed):
-                origins = went.origins(products[0])
-                why = "worked out by `:` while the program runs"
-                found.left.append(Left(lines.of(m.start(1)), shown(what), why, True, origins))
-            elif re.match(r"(?i)\w+\s+[A-Z_]\w*\s*\(", what):
-                found.left.append(
-                    Left(
-                        lines.of(m.start(1)), shown(what), "a function gives the point while the program runs"
-                    )
-                )
-        component = re.compile(r"(?im)^[ \t]*(\w+(?:\[[^\]]*\])?\.(?:[XYZABC]|A[1-6])\s*=[^\r\n]*)")
-        for m in component.finditer(mask):
-            why = "the program changes a coordinate while it runs: it stands for what was written there, not corrected"
-            found.left.append(Left(lines.of(m.start(1)), shown(m.group(1)), why, computed=True))
+
+def _computed(mask: str, lines: Lines, went: Motions) -> Iterator[Left]:
+    """Yield motions to what the program works out while it runs."""
+    motion = re.compile(r"(?im)^[ \t]*((?:S?PTP|S?LIN|S?CIRC|SPL)\b[^\r\n]*)")
+    for m in motion.finditer(mask):
+        what = m.group(1)
+        pieces = parts(mask, m.start(1) + len(what.split()[0]), m.end(1))
+        products = [p for p in pieces if ":" in outside(mask[slice(*p)])]
+        if products and not any(p[0] <= place < p[1] for p in products for place in went.followed):
+            origins = went.origins(products[0])
+            why = "worked out by `:` while the program runs"
+            yield lines.left(m.start(1), what, why, True, origins)
+        elif re.match(r"(?i)\w+\s+[A-Z_]\w*\s*\(", what):
+            why = "a function gives the point while the program runs"
+            yield lines.left(m.start(1), what, why)
+    component = re.compile(r"(?im)^[ \t]*(\w+(?:\[[^\]]*\])?\.(?:[XYZABC]|A[1-6])\s*=[^\r\n]*)")
+    for m in component.finditer(mask):
+        why = "the program changes a coordinate while it runs: it stands for what was written there, not corrected"
+        yield lines.left(m.start(1), m.group(1), why, computed=True)
 
 
 def _types(mask: str) -> dict[str, str]:
@@ -561,11 +548,12 @@ class _Reader:
     mask: str
     beside: bool
     lines: Lines
-    found: _Found
     went: Motions
     taught: dict[str, Stand]
     types: dict[str, str]
     count: int
+    targets: list[Target] = field(default_factory=list)
+    left: list[Left] = field(default_factory=list)
 
     def take(self) -> None:
         """Collect targets, and what is left."""
@@ -615,9 +603,8 @@ class _Reader:
         missing = [f for f in names if f not in fields]
         external = [f for f in fields if _EXTERNAL.fullmatch(f) and fields[f].value != 0.0]
         if missing:
-            self._leave(
-                begin, span[1], f"{', '.join(missing)} of it stay what they are when the robot comes there"
-            )
+            why = f"{', '.join(missing)} of it stay what they are when the robot comes there"
+            self._leave(begin, span[1], why)
             return
         if external:
             used = ", ".join(f"{f} {fields[f].text}" for f in external)
@@ -634,21 +621,19 @@ class _Reader:
             if way.names is not None or not self.beside:
                 self._way(way, Target(0, name, kind, numbers, configuration, place=begin), span)
         if not self.beside and ways[0].names is not None and any(one.elsewhere for one in goings):
-            told = sorted({_stand_words(one) for one in goings})
-            self._leave(
-                begin, span[1], f"used with several frames ({'; '.join(told)}): its motions get copies"
-            )
+            told = "; ".join(sorted({_stand_words(one) for one in goings}))
+            self._leave(begin, span[1], f"used with several frames ({told}): its motions get copies")
 
     def _way(self, way: Way, bare: Target, span: Span) -> None:
         """Motions to a constant in the same frames: it is changed itself, or each of them gets a copy."""
-        self.found.left += unsure(way, bare.name, self.lines)
+        self.left += unsure(way, bare.name, self.lines)
         for target in targets_of(way, bare, self.mask, span, self.lines):
             if target.tool == FIXED and target.kind == "pose":
                 why = "the tool is fixed in the cell and the robot holds the part (#TCP)"
                 at = bare.place if way.names is None else target.place
-                self.found.left.append(Left(self.lines.of(at), shown(self.mask[bare.place : span[1]]), why))
+                self.left.append(self.lines.left(at, self.mask[bare.place : span[1]], why))
             else:
-                self.found.targets.append(replace(target, tool=None if target.tool == FIXED else target.tool))
+                self.targets.append(replace(target, tool=None if target.tool == FIXED else target.tool))
 
     def _axes(self, fields: dict[str, Number]) -> tuple[str, ...]:
         """Names of the robot's axes; a robot of fewer than six has no others, or they are 0."""
@@ -658,16 +643,13 @@ class _Reader:
     def _is_position(
         self, assigned: re.Match[str] | None, motion: re.Match[str] | None, start: int, end: int
     ) -> bool:
-        inside = self.mask[start + 1 : end]
-        typed = assigned is not None and assigned["type"] is not None
-        return (motion is not None or typed) and re.match(
-            r"(?i)\s*(?:\w+\s*:)?\s*(?:X|A1)\s", inside
-        ) is not None
+        placed = re.match(r"(?i)\s*(?:\w+\s*:)?\s*(?:X|A1)\s", self.mask[start + 1 : end]) is not None
+        return placed and (motion is not None or (assigned is not None and assigned["type"] is not None))
 
     def _leave(self, begin: int, end: int, why: str) -> None:
         if not self.beside:
             start = begin + len(self.mask[begin:end]) - len(self.mask[begin:end].lstrip())
-            self.found.left.append(Left(self.lines.of(start), shown(self.mask[begin:end]), why))
+            self.left.append(self.lines.left(start, self.mask[begin:end], why))
 
 
 def _stand_words(going: Going) -> str:

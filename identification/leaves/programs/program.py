@@ -37,28 +37,13 @@ SLACK = math.radians(0.05)
 _QUARTER = math.pi / 2
 
 
-class Configuration(Protocol):
-    """What a target's configuration means for joints q (m, nq), rad, and for how the arm stands with them (``shape``)."""
-
-    def fits(self, numbers: tuple[float, ...], q: Array) -> Mask:
-        """(m,) joints whose signs or quadrants are those of the configuration."""
-        ...
-
-    def decides(self, numbers: tuple[float, ...], shape: Mask) -> Mask:
-        """(m,) shapes (m, 3) that are those of the configuration: it tells apart joints that all fit."""
-        ...
-
-    def renewed(self, numbers: tuple[float, ...], q: Array) -> tuple[float, ...] | None:
-        """The numbers at joints (nq,) a correction away; None where the robot would be in another configuration."""
-        ...
-
-
 @dataclass(frozen=True)
 class StatusTurn:
     """KUKA's S and T. A bit of T is set where its axis is below zero. Bits of S: the wrist is behind axis 1 (overhead); it is
     behind the lower arm (axis 3 below its stretched position); axis 5 is below zero."""
 
     def fits(self, numbers: tuple[float, ...], q: Array) -> Mask:
+        """(m,) joints q (m, nq), rad, whose signs are those of the configuration."""
         turn = int(numbers[1])
         out = np.ones(len(q), dtype=bool)
         for k in range(6):
@@ -66,10 +51,11 @@ class StatusTurn:
         return out
 
     def decides(self, numbers: tuple[float, ...], shape: Mask) -> Mask:
-        bits = [bool(int(numbers[0]) >> k & 1) for k in range(3)]
-        return np.asarray((shape == bits).all(axis=1))
+        """(m,) shapes (m, 3) of the arm that are those of the configuration: it tells apart joints that all fit."""
+        return _has_bits(shape, numbers[0], (0, 1, 2))
 
     def renewed(self, numbers: tuple[float, ...], q: Array) -> tuple[float, ...] | None:
+        """The numbers at joints (nq,) a correction away; None where the robot would be in another configuration."""
         status, turn = int(numbers[0]), int(numbers[1])
         now = 0
         for k in range(6):
@@ -88,6 +74,7 @@ class Quadrants:
     """
 
     def fits(self, numbers: tuple[float, ...], q: Array) -> Mask:
+        """(m,) joints q (m, nq), rad, whose quadrants are those of the configuration."""
         out = np.ones(len(q), dtype=bool)
         for quadrant, k in zip(numbers, (0, 3, 5), strict=False):
             low = quadrant * _QUARTER
@@ -95,10 +82,11 @@ class Quadrants:
         return out
 
     def decides(self, numbers: tuple[float, ...], shape: Mask) -> Mask:
-        bits = [bool(int(numbers[3]) >> k & 1) for k in (2, 1, 0)]
-        return np.asarray((shape == bits).all(axis=1))
+        """(m,) as of ``StatusTurn``."""
+        return _has_bits(shape, numbers[3], (2, 1, 0))
 
     def renewed(self, numbers: tuple[float, ...], q: Array) -> tuple[float, ...] | None:
+        """The numbers at joints (nq,) a correction away."""
         now = []
         for quadrant, k in zip(numbers, (0, 3, 5), strict=False):
             low = quadrant * _QUARTER
@@ -107,26 +95,16 @@ class Quadrants:
         return (*now, *numbers[3:])
 
 
+Configuration = StatusTurn | Quadrants
+"""What a target's configuration means for joints, and for how the arm stands with them (``shape``)."""
+
+
+def _has_bits(shape: Mask, number: float, places: tuple[int, ...]) -> Mask:
+    return np.asarray((shape == [bool(int(number) >> k & 1) for k in places]).all(axis=1))
+
+
 _LOCKED = 1e-9
 """Cosine of the middle angle below which the other two only count together."""
-
-
-class Form(Protocol):
-    """How a pose is written. ``decimals`` (k,): at least so many are written of each number; ``words`` names the numbers."""
-
-    @property
-    def decimals(self) -> tuple[int, ...]: ...
-
-    @property
-    def words(self) -> str: ...
-
-    def poses(self, numbers: Array) -> Array:
-        """(n, 4, 4), mm, of numbers (n, k)."""
-        ...
-
-    def numbers(self, poses: Array, near: Array) -> Array:
-        """(n, k) of poses (n, 4, 4), mm; of those that mean the same the ones next to ``near`` (n, k)."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -187,6 +165,13 @@ class RotationVector:
                 *(convert(turn[:, k], "rad", u) for k, u in enumerate(self.angles)),
             ]
         )
+
+
+Form = Euler | Quaternion | RotationVector
+"""How a pose is written. ``decimals`` (k,): at least so many are written of each number; ``words`` names the numbers.
+
+``poses`` (n, 4, 4), mm, of numbers (n, k); ``numbers`` (n, k) of poses, of those that mean the same the ones next to ``near``.
+"""
 
 
 def numbers_of(form: Form, pose: Array) -> tuple[float, ...]:
@@ -384,6 +369,17 @@ class Lines:
     def of(self, position: int) -> int:
         """The line that a position stands in."""
         return bisect.bisect_right(self._ends, position) + 1
+
+    def left(
+        self,
+        position: int,
+        what: str,
+        why: str,
+        computed: bool = False,
+        origins: tuple[Span, ...] | None = None,
+    ) -> Left:
+        """What stands at a position and is left."""
+        return Left(self.of(position), shown(what), why, computed, origins)
 
 
 def masked(text: str, comment: str, quote: str = r'"[^"\r\n]*"') -> str:

@@ -26,7 +26,6 @@ from truepose.identification.leaves.fleet.statistics import (
     Interval,
     joined,
     log_normal,
-    most_frequent,
     quantiles,
     single,
     statistics,
@@ -96,11 +95,6 @@ def effect(frequency: float, machines: int) -> EffectInFleet:
     return EffectInFleet(
         "serial", "backlash", ("q1",), machines, Interval(frequency, 0.0, 1.0), 0.1, 1.0, 1.0
     )
-
-
-def test_the_most_frequent_are_those_that_enough_machines_have() -> None:
-    every = [effect(0.5, 10), effect(0.1, 49), effect(0.1, 50)]
-    assert most_frequent(every, 5.0) == [every[0], every[2]]
 
 
 def test_an_effect_without_machines_is_as_frequent_as_before() -> None:

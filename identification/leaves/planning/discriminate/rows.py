@@ -19,7 +19,7 @@ from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.leastsquares import Solution, Status
 from truepose.identification.fit.problem import prior_of
 from truepose.identification.leaves.planning.discriminate.factors import Factor, settings
-from truepose.identification.leaves.planning.information import UNKNOWN, PoseInformation
+from truepose.identification.leaves.planning.information import UNKNOWN, PoseInformation, unmeasured
 from truepose.identification.leaves.planning.supply import Supply, rounded
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.history import line_of_full_loop
@@ -27,7 +27,6 @@ from truepose.identification.recording.recording import Recording, frozen
 from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.file.driver import APPROACH, OF_THE_WAY, SESSION, TIME, Driver
-from truepose.models.machine.couplings import coupling_matrix
 from truepose.models.machine.machine import Machine
 
 WIDE = 100.0
@@ -145,24 +144,16 @@ def recording_of(machine: Machine, rows: Rows, reference: Array) -> Recording:
     drivers = {name: np.concatenate([values[:1], values]) for name, values in rows.drivers.items()}
     session = drivers.pop(SESSION, np.ones(n)).astype(np.int64)
     time = drivers.pop(TIME, None)
-    place = np.arange(n)
-    return _Steady(
-        joints=machine.mechanism.readings,
-        uncoupling=coupling_matrix(machine.mechanism),
-        q=frozen(q),
-        observations={},
-        labels={},
+    return unmeasured(
+        machine,
+        q,
+        "planned rows",
+        _Steady,
         drivers={name: frozen(values) for name, values in drivers.items()},
-        files=("planned rows",),
-        source_file=frozen(np.zeros(n, dtype=np.int64)),
-        source_row=frozen(place + 1),
         session=frozen(session),
         session_recorded=frozen(np.ones(n, dtype=bool)),
-        validation=frozen(np.zeros(n, dtype=bool)),
-        pose=frozen(place + 1),
         time=None if time is None else frozen(time),
         from_row=frozen(np.zeros(n, dtype=np.int64)),
-        shuffled=True,
     )
 
 
