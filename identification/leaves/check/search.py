@@ -17,8 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.leaves.check.alignment import Frames
-from truepose.identification.leaves.check.kinds.frames import frames_swapped
+from truepose.identification.leaves.check.kinds.frames import conventions, exchanged_rows, frames_swapped
 from truepose.identification.leaves.check.kinds.joints import (
+    counts,
+    coupled,
     end_zeros,
     exchanged,
     mirrored_zeros,
@@ -26,11 +28,8 @@ from truepose.identification.leaves.check.kinds.joints import (
     signs,
     zeros,
 )
-from truepose.identification.leaves.check.kinds.order import matched, shifted
+from truepose.identification.leaves.check.kinds.order import clocks, matched, shifted, stands_still
 from truepose.identification.leaves.check.kinds.poses import mirrored, poses, targets, turned
-from truepose.identification.leaves.check.kinds.readings import counts, coupled
-from truepose.identification.leaves.check.kinds.runs import clocks, stands_still
-from truepose.identification.leaves.check.kinds.table import conventions, exchanged_rows
 from truepose.identification.leaves.check.kinds.units import units
 from truepose.identification.leaves.check.pair import SELDOM, Pair, Scene, Sheet, Slip, Stand
 from truepose.identification.leaves.check.result import Found, Verdict

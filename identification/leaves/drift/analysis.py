@@ -23,7 +23,6 @@ from truepose.identification.fit.set_ups import without_set_ups
 from truepose.identification.identifiability.note import Note
 from truepose.identification.identifiability.observability import Knowledge
 from truepose.identification.identifiability.patterns import Blind
-from truepose.identification.leaves.drift.durability import Durability, durability
 from truepose.identification.leaves.drift.sessions import (
     Kinds,
     Likeliest,
@@ -35,7 +34,13 @@ from truepose.identification.leaves.drift.sessions import (
     movement_posterior,
     sessions_of,
 )
-from truepose.identification.leaves.drift.sizes import Movement, joint_parameters, movements
+from truepose.identification.leaves.drift.sizes import (
+    Durability,
+    Movement,
+    durability,
+    joint_parameters,
+    movements,
+)
 from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.given import MachineLike, as_machine

@@ -25,8 +25,7 @@ from truepose.identification.leaves.planning.criteria import (
     climb,
     exchange,
 )
-from truepose.identification.leaves.planning.information import PoseInformation, Poses
-from truepose.identification.leaves.planning.supply import Supply, rounded
+from truepose.identification.leaves.planning.information import PoseInformation, Poses, Supply, rounded
 from truepose.models.given import MachineLike, as_machine
 from truepose.models.machine.machine import Machine
 from truepose.shown.result import Shown, frame

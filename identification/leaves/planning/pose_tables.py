@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from truepose.arrays import Array
 from truepose.identification.leaves.planning.discriminate.experiment import Experiment
+from truepose.identification.leaves.planning.information import decimals
 from truepose.identification.leaves.planning.plan import Plan
-from truepose.identification.leaves.planning.supply import decimals
 from truepose.models.file.driver import APPROACH, SESSION, TIME, Driver
 from truepose.models.machine.machine import Machine
 from truepose.models.units import convert

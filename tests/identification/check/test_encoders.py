@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import truepose
 from support.checked_arm import Document, written
-from truepose.identification.leaves.check.encoders import encoders
+from truepose.identification.leaves.check.bare import encoders
 from truepose.identification.leaves.check.pair import Pair
 from truepose.identification.leaves.check.result import Found
 

@@ -13,11 +13,10 @@ import pytest
 import truepose
 from support.checked_arm import Document, checked, document, recorded, written
 from truepose.identification.leaves.check.bare import bare, no_tolerances, out_of_range, repeats
-from truepose.identification.leaves.check.findings import shown, without_sensor
 from truepose.identification.leaves.check.pair import Pair, Scene, Sheet, Stand
 from truepose.identification.leaves.check.result import Check, Found
 from truepose.identification.leaves.check.rig import Rig
-from truepose.identification.leaves.check.run import check_loaded, unbounded
+from truepose.identification.leaves.check.run import check_loaded, shown, unbounded, without_sensor
 from truepose.identification.leaves.check.weighing import reach
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from support.checked_arm import Document, document, recorded, written
-from truepose.identification.leaves.check.findings import unnamed_table
 from truepose.identification.leaves.check.pair import Pair
+from truepose.identification.leaves.check.run import unnamed_table
 
 
 def nameless(convention: str) -> Document:

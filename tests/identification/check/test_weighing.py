@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from support.checked_arm import EXACT, Document, checked, document, recorded, rig_of
 from support.examples import examples
 from truepose.identification.fit.standing_out import FAR
-from truepose.identification.leaves.check.findings import findings, unexplained
 from truepose.identification.leaves.check.kinds.joints import offset, signs
 from truepose.identification.leaves.check.rig import ABSURD, Rig, motion
+from truepose.identification.leaves.check.run import findings, unexplained
 from truepose.identification.leaves.check.search import Search, shares, undone
 from truepose.identification.leaves.check.weighing import (
     CERTAIN,

@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 
 from truepose.errors import InputError
 from truepose.identification.leaves.fringes import excursions, lengths, levels, move, turns
-from truepose.identification.leaves.fringes.count import Count, End
+from truepose.identification.leaves.fringes.count import Count, End, evenly, normalised
 from truepose.identification.leaves.fringes.excursions import Excursions, centre_means, find_excursions
 from truepose.identification.leaves.fringes.lengths import read_fast, read_samples
 from truepose.identification.leaves.fringes.levels import Levels, Noise, Scan, find_rest, noise_of
 from truepose.identification.leaves.fringes.move import Move, read_move
-from truepose.identification.leaves.fringes.passages import evenly, normalised
 from truepose.identification.recording.table import read_table
 from truepose.models.machine.fabry_perot import coupling, folded_phase, fringe
 from truepose.models.units import UnitSystem

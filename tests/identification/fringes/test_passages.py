@@ -9,10 +9,11 @@ import pytest
 from numpy.typing import NDArray
 
 from support.fringe_series import EVERY, RATE, G, series, steady
-from truepose.identification.leaves.fringes import passages, turns
+from truepose.identification.leaves.fringes import count as counting
+from truepose.identification.leaves.fringes import turns
+from truepose.identification.leaves.fringes.count import Series, evenly
 from truepose.identification.leaves.fringes.excursions import Excursions
 from truepose.identification.leaves.fringes.levels import Noise, Rest
-from truepose.identification.leaves.fringes.passages import Series, evenly
 from truepose.models.machine.fabry_perot import folded_phase, fringe
 
 Array = NDArray[np.float64]
@@ -46,7 +47,7 @@ def every(n: int, k: int | None = None) -> NDArray[np.bool_]:
 def test_a_steady_mirror_passes_every_end_between_its_first_and_last() -> None:
     one = series(steady())
     assert evenly(one)[1:-1].all() and not evenly(one)[[0, -1]].any()
-    judged = passages.passages(one)
+    judged = counting.passages(one)
     assert judged is not None
     assert np.isinf(judged[0][1:-1]).all() and (judged[0][1:-1] > 0).all()
     assert {k for k, _ in judged[1]} == {0, len(one.found) - 1}
@@ -58,7 +59,7 @@ def test_a_steady_mirror_passes_every_end_between_its_first_and_last() -> None:
 def test_an_excursion_is_late_by_one_and_a_half_per_cent_of_its_time(share: float, in_time: bool) -> None:
     factors = np.ones(9)
     factors[4] += share
-    found = passages.in_time(timed(factors), every(11))
+    found = counting.in_time(timed(factors), every(11))
     assert found.tolist() == every(11, None if in_time else 5).tolist()
 
 
@@ -67,7 +68,7 @@ def test_of_neighbours_out_of_time_the_worst_is_the_one() -> None:
     for k in range(2, 9):
         factors = np.ones(9)
         factors[k - 1] = 1.1
-        assert passages.in_time(timed(factors), every(11)).tolist() == every(11, k).tolist()
+        assert counting.in_time(timed(factors), every(11)).tolist() == every(11, k).tolist()
 
 
 def test_neighbours_that_did_not_pass_evenly_tell_no_time() -> None:
@@ -75,9 +76,9 @@ def test_neighbours_that_did_not_pass_evenly_tell_no_time() -> None:
     factors[4] = 1.1
     for other in (4, 6):
         even = every(11, other)
-        assert passages.in_time(timed(factors), even)[5]
-    assert not passages.in_time(timed(factors), every(11, 5))[5]
-    assert passages.in_time(timed(np.array([1.0, 1.5])), every(4)).all()  # too few to compare
+        assert counting.in_time(timed(factors), even)[5]
+    assert not counting.in_time(timed(factors), every(11, 5))[5]
+    assert counting.in_time(timed(np.array([1.0, 1.5])), every(4)).all()  # too few to compare
 
 
 @pytest.mark.parametrize(("samples", "in_time"), [(10, True), (20, True), (100, True), (4000, False)])
@@ -85,7 +86,7 @@ def test_noise_hides_lateness_by_the_root_of_the_samples_at_a_crossing(samples: 
     """A twentieth of an excursion's samples, one at least: 0.02 of a fringe hides 4 % of its time until there are many."""
     factors = np.ones(9)
     factors[4] = 1.04
-    assert passages.in_time(timed(factors, samples, 0.02), every(11))[5] == in_time
+    assert counting.in_time(timed(factors, samples, 0.02), every(11))[5] == in_time
 
 
 def hidden(k: int, samples: int, sigma: float) -> float:
@@ -95,7 +96,7 @@ def hidden(k: int, samples: int, sigma: float) -> float:
         middle = 0.5 * (low + high)
         factors = np.ones(10)
         factors[k - 1] = np.exp(middle)
-        in_time = bool(passages.in_time(timed(factors, samples, sigma), every(12))[k])
+        in_time = bool(counting.in_time(timed(factors, samples, sigma), every(12))[k])
         low, high = (middle, high) if in_time else (low, middle)
     return low - 0.015
 
@@ -143,7 +144,7 @@ def test_a_mirror_that_turns_at_the_end_of_a_fringe_is_not_even_there(kind: int)
     speed = one.found.speeds
     assert max(speed[k - 1], speed[k + 1]) > 2.4 * speed[k]
     assert not evenly(one)[k]
-    judged = passages.passages(one)
+    judged = counting.passages(one)
     assert judged is not None
     assert np.isfinite(judged[0][k])
 
@@ -156,7 +157,7 @@ def test_a_sudden_turn_before_the_end_of_a_fringe_is_no_passage(before: float, k
     t = np.arange(0.0, 2.0 * (peak - 0.3) / RATE, 1.0 / EVERY)
     one = series(peak - np.abs(peak - 0.3 - RATE * t), 0.002)
     k = int(np.searchsorted(one.found.times, (peak - 0.3) / RATE))
-    judged = passages.passages(one)
+    judged = counting.passages(one)
     assert judged is not None
     odds = judged[0]
     assert odds[k] < -turns.DECISIVE
@@ -173,7 +174,7 @@ def test_a_series_reversed_in_time_rests_the_other_way_round() -> None:
 
 def test_everyone_is_judged_on_request_and_agrees() -> None:
     one = series(steady(3.0), 0.002)
-    judged = passages.passages(one, everyone=True)
+    judged = counting.passages(one, everyone=True)
     assert judged is not None
     assert [k for k, _ in judged[1]] == list(range(len(one.found)))
     assert (judged[0][1:-1] > turns.DECISIVE).all() and np.isfinite(judged[0]).all()
@@ -183,7 +184,7 @@ def test_everyone_is_judged_on_request_and_agrees() -> None:
 
 
 def test_a_mirror_that_rests_all_the_time_did_not_pass() -> None:
-    judged = passages.passages(series(np.full(400, 1.0), 0.01))
+    judged = counting.passages(series(np.full(400, 1.0), 0.01))
     assert judged is not None
     assert judged[0].tolist() == [-np.inf] and judged[1] == []
 
@@ -223,7 +224,7 @@ def test_three_excursions_show_no_neighbours_and_four_and_five_do() -> None:
         assert len(one.found) == count
         assert evenly(one).tolist() == [False, *[count == 4] * (count - 2), False]
     late = np.array([1.0, 1.1, 1.0])
-    assert passages.in_time(timed(late), every(5)).tolist() == every(5, 2).tolist()
+    assert counting.in_time(timed(late), every(5)).tolist() == every(5, 2).tolist()
 
 
 def test_an_excursion_that_misses_its_end_by_four_hundredths_does_not_reach_it() -> None:
@@ -237,12 +238,12 @@ def test_an_excursion_that_misses_its_end_by_four_hundredths_does_not_reach_it()
                 far = miss + 4.0 * noise
                 v = one.v.copy()
                 v[inside] = np.minimum(v[inside], 1.0 - far) if high else np.maximum(v[inside], far)
-                assert bool(passages.reaches_end(v, noise, one.found, G)[k]) is reaches
+                assert bool(counting.reaches_end(v, noise, one.found, G)[k]) is reaches
     for samples in (4.5, 5.3, 6.7, 9.1):
         n = round(12.0 * samples)
         sparse = series(0.3 + np.arange(float(n)) * 2.0 * np.pi / samples)
-        assert passages.reaches_end(sparse.v, 0.0, sparse.found, G)[1:-1].all()
+        assert counting.reaches_end(sparse.v, 0.0, sparse.found, G)[1:-1].all()
         step = 2.0 * np.pi / samples
         missed = fringe(np.cos(np.pi + 0.9 * step), G) - 0.04
         low = np.where(sparse.v > 0.5, np.minimum(sparse.v, missed), sparse.v)
-        assert not passages.reaches_end(low, 0.0, sparse.found, G)[1:-1][sparse.found.high[1:-1]].any()
+        assert not counting.reaches_end(low, 0.0, sparse.found, G)[1:-1][sparse.found.high[1:-1]].any()

@@ -9,9 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 from support.fringe_series import EVERY, RATE, G, series, steady
-from truepose.identification.leaves.fringes import passages, turns
+from truepose.identification.leaves.fringes import count as counting
+from truepose.identification.leaves.fringes import turns
+from truepose.identification.leaves.fringes.count import evenly
 from truepose.identification.leaves.fringes.levels import Rest
-from truepose.identification.leaves.fringes.passages import evenly
 from truepose.models.machine.fabry_perot import fringe
 
 Array = NDArray[np.float64]
@@ -41,7 +42,7 @@ def test_what_is_judged_lies_as_far_from_the_end_as_the_mirror_does(fringes: flo
     last = len(one.found) - 1
     for k in range(last + 1):
         end = np.pi * (k + first_end)
-        times, distance = far(passages.visit_of(one, k, even))
+        times, distance = far(counting.visit_of(one, k, even))
         true = np.abs(0.4 + RATE * times - end)
         # next to one that is cut by the end of the series nobody knows how far that goes
         known = true < (np.pi - 0.05 if k in (1, last - 1) else np.inf)
@@ -53,7 +54,7 @@ def test_rests_hold_the_motions_next_to_them() -> None:
     one = series(steady())
     even, last = evenly(one), len(one.found) - 1
     held = [
-        tuple(edge is not None for edge in passages.visit_of(one, k, even).edges) for k in range(last + 1)
+        tuple(edge is not None for edge in counting.visit_of(one, k, even).edges) for k in range(last + 1)
     ]
     assert held == [(True, False), *[(False, False)] * (last - 1), (False, True)]
 
@@ -66,7 +67,7 @@ def test_a_move_within_one_excursion_passes_or_turns(end: float) -> None:
     back = -0.5 - 0.6 * np.linspace(-1.0, 1.0, 900) ** 2
     for path, sign in ((-0.7 + 1.4 * smooth, 1.0), (back, -1.0)):
         one = series(end + path, 0.002)
-        judged = passages.passages(one)
+        judged = counting.passages(one)
         assert len(one.found) == 1 and judged is not None
         assert sign * judged[0][0] > turns.DECISIVE
 
@@ -76,7 +77,7 @@ def test_a_window_reaches_two_plain_neighbours_or_half_of_the_next() -> None:
     found, t, n = one.found, one.t, len(one.found)
 
     def spans(k: int, even: NDArray[np.bool_], start: float, stop: float) -> bool:
-        rows = passages.window_of(one, k, even)
+        rows = counting.window_of(one, k, even)
         return bool(np.allclose(t[[rows.start, rows.stop - 1]], [start, stop], rtol=0.0, atol=1.01 / EVERY))
 
     times, half = found.times, 0.5 * found.durations
@@ -89,12 +90,12 @@ def test_a_window_reaches_two_plain_neighbours_or_half_of_the_next() -> None:
     assert spans(0, every(n), t[one.rests[0].samples - 1], times[0] + half[1])
     assert spans(n - 1, every(n), times[-1] - half[-2], t[len(t) - one.rests[1].samples])
     rested = replace(one, rests=(replace(one.rests[0], samples=6), replace(one.rests[1], samples=9)))
-    first, last = (passages.window_of(rested, k, every(n)) for k in (0, n - 1))
+    first, last = (counting.window_of(rested, k, every(n)) for k in (0, n - 1))
     assert (first.start, last.stop) == (5, len(t) - 8)  # a sample of each rest stays
     # where the next is cut by the end, half as long as the one that is judged
     short = series(steady(1.0, start=0.9))
     k = len(short.found) - 2
-    rows = passages.window_of(short, k, every(len(short.found), k + 1))
+    rows = counting.window_of(short, k, every(len(short.found), k + 1))
     expected = min(short.found.times[k] + 0.5 * short.found.durations[k], short.t[-short.rests[1].samples])
     assert short.t[rows.stop - 1] == pytest.approx(expected, abs=1.01 / EVERY)
 
@@ -107,7 +108,7 @@ def test_a_rest_is_held_where_it_is(high: bool, distance: float) -> None:
     slope = abs(float(fringe(np.cos(phase + 1e-6), G) - fringe(np.cos(phase - 1e-6), G))) / 2e-6
     for sigma, still in ((0.02, True), (1e-5, False)):
         rest = Rest(50, float(fringe(np.cos(phase), G)), sigma, still)
-        held = passages.held_rest(one, rest, high)
+        held = counting.held_rest(one, rest, high)
         assert held.distance == pytest.approx(distance, abs=1e-9) and held.still is still
         assert held.sigma == pytest.approx(max(0.03, sigma / slope), rel=0.3)
         assert held.sigma >= 0.03  # a polynomial follows no better

@@ -15,9 +15,14 @@ from support.experiments import UNEVEN, YIELDING, arm, poses
 from truepose.errors import InputError
 from truepose.identification.identifiability.note import Note
 from truepose.identification.leaves.planning.discriminate.experiment import Experiment, discriminate
-from truepose.identification.leaves.planning.discriminate.explanations import Class, class_of, explanation
-from truepose.identification.leaves.planning.discriminate.factors import Offer, Target
-from truepose.identification.leaves.planning.discriminate.rows import recording_of
+from truepose.identification.leaves.planning.discriminate.factors import (
+    Class,
+    Offer,
+    Target,
+    class_of,
+    explanation,
+)
+from truepose.identification.leaves.planning.discriminate.race import recording_of
 from truepose.models.machine.machine import Mass
 
 QUANTITY = {"c": "rad/(N*m)", "b": "rad", "a": "rad", "s": "1"}

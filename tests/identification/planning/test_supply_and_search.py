@@ -13,9 +13,16 @@ from support.graph_machines import machine_of
 from support.plans import landscape, poses
 from truepose.errors import InputError
 from truepose.identification.leaves.planning.criteria import CRITERIA, Landscape, climb
-from truepose.identification.leaves.planning.information import UNKNOWN, PoseInformation, Poses
+from truepose.identification.leaves.planning.information import (
+    CANDIDATES,
+    STRONG,
+    UNKNOWN,
+    PoseInformation,
+    Poses,
+    Supply,
+    rounded,
+)
 from truepose.identification.leaves.planning.plan import DRAWS, Plan, plan
-from truepose.identification.leaves.planning.supply import CANDIDATES, STRONG, Supply, rounded
 from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]

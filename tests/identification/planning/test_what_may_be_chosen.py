@@ -13,19 +13,25 @@ from support.experiments import BENT, COMPLIANT, UNEVEN, YIELDING, arm, telescop
 from truepose.errors import InputError
 from truepose.identification.leaves.planning.criteria import CRITERIA, OPEN, Objective, Pool, exchange
 from truepose.identification.leaves.planning.discriminate.experiment import IDENTICAL, SPLIT, Experiment, Pair
-from truepose.identification.leaves.planning.discriminate.explanations import explanation
 from truepose.identification.leaves.planning.discriminate.factors import (
     MOST,
     Factor,
     Offer,
     Target,
+    explanation,
     factors,
     settings,
     unplanned,
 )
-from truepose.identification.leaves.planning.discriminate.race import Contest, Race, chosen, ordered
-from truepose.identification.leaves.planning.discriminate.rows import Rows, recording_of
-from truepose.identification.leaves.planning.supply import decimals, rounded
+from truepose.identification.leaves.planning.discriminate.race import (
+    Contest,
+    Race,
+    Rows,
+    chosen,
+    ordered,
+    recording_of,
+)
+from truepose.identification.leaves.planning.information import decimals, rounded
 from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]

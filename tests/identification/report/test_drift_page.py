@@ -15,9 +15,8 @@ from support.reports import arm, fitted, own_markup, page_data, recorded
 from support.told_drift import BAD, CHANGED, DAY, GOOD, NAMES, blind, movement, told_drift
 from truepose.identification.identifiability.observability import Direction
 from truepose.identification.leaves.drift.analysis import Drift
-from truepose.identification.leaves.drift.durability import Check
 from truepose.identification.leaves.drift.page import drift_html
-from truepose.identification.leaves.drift.sizes import Movement
+from truepose.identification.leaves.drift.sizes import Check, Movement
 from truepose.models.machine.machine import Machine
 
 IN_THE_TABLE = "are in the table."

@@ -9,7 +9,7 @@ import pytest
 
 from support.told_drift import BAD, CHANGED, DAY, GOOD, NAMES, WORSE, blind, movement, told_drift
 from truepose.identification.identifiability.observability import Direction
-from truepose.identification.leaves.drift.durability import Check
+from truepose.identification.leaves.drift.sizes import Check
 from truepose.identification.leaves.drift.words import (
     advice,
     drift_json,

@@ -11,9 +11,8 @@ import pytest
 
 from support.experiments import arm
 from truepose.identification.leaves.planning.discriminate.experiment import Experiment, Pair, Worth
-from truepose.identification.leaves.planning.discriminate.explanations import Explanation
-from truepose.identification.leaves.planning.discriminate.factors import Factor, Target
-from truepose.identification.leaves.planning.discriminate.rows import Rows
+from truepose.identification.leaves.planning.discriminate.factors import Explanation, Factor, Target
+from truepose.identification.leaves.planning.discriminate.race import Rows
 from truepose.identification.leaves.planning.discriminate.words import experiment_json, sentences
 from truepose.identification.leaves.planning.plan import Plan
 from truepose.identification.leaves.planning.words import plan_json, plan_lines, plan_notes

@@ -120,8 +120,13 @@ def run(
 ) -> tuple[Experiment, pd.DataFrame, list[str], dict[str, object]]:
     """The experiment, its table, its lines and its JSON."""
     from truepose.identification.leaves.planning.discriminate.experiment import discriminate
-    from truepose.identification.leaves.planning.discriminate.explanations import Class, class_of, explanation
-    from truepose.identification.leaves.planning.discriminate.factors import Offer, Target
+    from truepose.identification.leaves.planning.discriminate.factors import (
+        Class,
+        Offer,
+        Target,
+        class_of,
+        explanation,
+    )
     from truepose.identification.leaves.planning.discriminate.words import experiment_json, sentences
     from truepose.identification.leaves.planning.pose_tables import experiment_table
     from truepose.identification.recording.load import load_recording

@@ -18,8 +18,9 @@ import numpy as np
 from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.identifiability.note import Note
-from truepose.identification.leaves.planning.discriminate.explanations import Class, Explanation
 from truepose.identification.leaves.planning.discriminate.factors import (
+    Class,
+    Explanation,
     Factor,
     Offer,
     Target,
@@ -30,19 +31,17 @@ from truepose.identification.leaves.planning.discriminate.factors import (
 from truepose.identification.leaves.planning.discriminate.race import (
     Field,
     Hypothesis,
-    Race,
-    chosen,
-    hypotheses,
-    ordered,
-    race,
-    shares,
-)
-from truepose.identification.leaves.planning.discriminate.rows import (
     Pool,
+    Race,
     Rows,
     Signals,
+    chosen,
+    hypotheses,
     kind_of,
+    ordered,
+    race,
     recording_of,
+    shares,
     signals,
 )
 from truepose.identification.recording.recording import Recording
