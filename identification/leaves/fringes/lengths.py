@@ -4,15 +4,11 @@ Returns to a pose: the changes of length along the way must add up to nothing, o
 
 The long table of a photocurrent, ``pose t I``, as one series for every move.
 
-Millions of rows are read at once; only what is wrong with them is looked for row by row.
 """
 
 from __future__ import annotations
 
-import csv
 import itertools
-import re
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -20,9 +16,6 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import pandas as pd
-import pyarrow as pa  # type: ignore[import-untyped]
-import pyarrow.parquet as pq  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
 from truepose.arrays import Array, Index, Mask
@@ -32,11 +25,11 @@ from truepose.identification.leaves.fringes.levels import Levels
 from truepose.identification.leaves.fringes.move import Move, read_move
 from truepose.identification.prediction.predict import predicted, predictor_for
 from truepose.identification.recording.recording import Recording
-from truepose.identification.recording.table import Column, Table, read_table
+from truepose.identification.recording.table import Table, read_table
 from truepose.models.machine.machine import Machine
 from truepose.models.sensors.irradiance import Irradiance
-from truepose.models.units import UnitSystem, convert, parse_unit
-from truepose.wording import close_matches
+from truepose.models.units import UnitSystem, convert
+from truepose.wording import close_matches, shortened
 
 _REPEATS = 0.05  # of a count: how well a pose repeats where nothing was miscounted
 _SIGMAS = 4.0
@@ -109,7 +102,6 @@ def _between(origin: NDArray[np.int64], first: int, last: int) -> list[int]:
 
 _NEEDED: Final = ("pose", "t", "I")
 _FEWEST: Final = 32
-_HEADER: Final = re.compile(r"^(?P<name>.*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?$")
 
 
 @dataclass(frozen=True)
@@ -141,20 +133,22 @@ def read_samples(path: Path | str, units: UnitSystem) -> SampleTable:
     ``wavelength`` without a unit of its own is in the file's unit of length. Raises InputError naming file, row
     and column: for a missing column, what is no number, and times that do not increase within a pose's series.
     """
-    table = read_fast(path)
+    table = read_table(path)
     for name in _NEEDED:
         if name not in table:
             raise InputError(f"{table.file}: missing column {name!r}; {close_matches(name, table.names)}")
-    pose = _whole(table, "pose")
-    values = {name: _numbers(table, name) for name in ("t", "I", "wavelength", "sign") if name in table}
+    pose = table.integers("pose")
+    values = {name: table.numbers(name) for name in ("t", "I", "wavelength", "sign") if name in table}
     values["t"] = convert(values["t"], table.unit("t", "s", "s"), "s")
     table.unit("I", "1", "any")
     if "wavelength" in values:
         unit = table.unit("wavelength", units.length, "mm")
         values["wavelength"] = convert(values["wavelength"], unit, "mm")
-        _refuse(table, "wavelength", values["wavelength"] <= 0.0, "a wavelength > 0")
+        wrong, found = values["wavelength"] <= 0.0, table.cells["wavelength"]
+        table.refuse("wavelength", wrong, lambda row: str(found[row]), "a wavelength > 0")
     if "sign" in values:
-        _refuse(table, "sign", ~np.isin(values["sign"], (-1.0, 0.0, 1.0)), "-1, 1, or 0 for unknown")
+        wrong, signs = ~np.isin(values["sign"], (-1.0, 0.0, 1.0)), table.cells["sign"]
+        table.refuse("sign", wrong, lambda row: str(signs[row]), "-1, 1, or 0 for unknown")
     ignored = [name for name in table.names if name not in (*_NEEDED, "wavelength", "sign")]
     notes = [f"{table.file}: ignored columns that mean nothing here: {', '.join(map(repr, ignored))}"]
     return SampleTable(table.file, _series(table, pose, values), tuple(notes if ignored else []))
@@ -198,83 +192,6 @@ def _one(table: Table, first: int, last: int, values: Mapping[str, Array]) -> Se
         )
     wavelength = values["wavelength"][rows] if "wavelength" in values else None
     return Series(first + 1, values["t"][rows], values["I"][rows], wavelength, sign)
-
-
-def _refuse(table: Table, name: str, bad: Mask, expected: str) -> None:
-    rows = np.flatnonzero(bad)
-    if len(rows):
-        cell = table.cells[name][int(rows[0])]
-        raise InputError(f"{table.where(name, int(rows[0]))}: found {cell}, expected {expected}")
-
-
-def _numbers(table: Table, name: str) -> Array:
-    cells = table.cells[name]
-    return np.asarray(cells, dtype=np.float64) if isinstance(cells, np.ndarray) else table.numbers(name)
-
-
-def _whole(table: Table, name: str) -> NDArray[np.int64]:
-    values = _numbers(table, name)
-    _refuse(table, name, values != np.round(values), "a whole number")
-    return values.astype(np.int64)
-
-
-def read_fast(path: Path | str) -> Table:
-    """A table whose cells are arrays where all is well; else as `read_table` gives it, which says what is not."""
-    try:
-        with Path(path).open("rb") as stream:
-            parquet = stream.read(4) == b"PAR1"
-        frame = pq.ParquetFile(path).read().to_pandas() if parquet else _read_csv(Path(path))
-    except (OSError, ValueError, csv.Error, pa.ArrowException):
-        return read_table(path)
-    if frame is None or not len(frame):
-        return read_table(path)
-    columns = tuple(_column(str(header)) for header in frame.columns)
-    cells = {column.name: frame.iloc[:, k].to_numpy() for k, column in enumerate(columns)}
-    numeric = all(
-        values.dtype.kind in "iuf" and np.isfinite(values).all()
-        for name, values in cells.items()
-        if name in (*_NEEDED, "wavelength", "sign")
-    )
-    if not numeric or len(cells) < len(columns):
-        return read_table(path)
-    for column in columns:
-        if column.unit is not None and column.name in cells:
-            parse_unit(column.unit, "any", f"{path}: column {column.name!r}")
-    return Table(str(path), columns, cells, len(frame))  # type: ignore[arg-type]
-
-
-def _read_csv(path: Path) -> pd.DataFrame | None:
-    """The rows as numbers, None when they need a closer look."""
-    with path.open(encoding="utf-8-sig", newline="") as stream:
-        skipped, headers = 0, None
-        for line in stream:
-            skipped += 1
-            if line.strip() and not line.lstrip().startswith("#"):
-                headers = next(csv.reader([line], strict=True))
-                break
-    if headers is None or len(set(headers)) < len(headers):
-        return None
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", pd.errors.ParserWarning)
-        try:
-            return pd.read_csv(
-                path,
-                comment="#",
-                header=None,
-                names=headers,
-                skiprows=skipped,
-                encoding="utf-8-sig",
-                index_col=False,
-            )
-        except pd.errors.ParserWarning:  # rows longer than the header
-            return None
-
-
-def _column(header: str) -> Column:
-    match = _HEADER.match(header.strip())
-    assert match is not None  # the pattern takes any line
-    unit = match["unit"]
-    return Column(match["name"], None if unit is None else unit.strip())
 
 
 _ODDS = 4.6  # log of the odds (99 to 1) from which on the model's sign is taken
@@ -453,9 +370,7 @@ def shared_levels(moves: Sequence[Move]) -> Levels | None:
 
 def listed_rows(numbers: Sequence[int]) -> str:
     """The first of some rows in words, and how many more there are."""
-    shown = ", ".join(str(number) for number in numbers[:_SHOWN])
-    more = f" and {len(numbers) - _SHOWN} more" if len(numbers) > _SHOWN else ""
-    return f"row{'s' if len(numbers) > 1 else ''} {shown}{more}"
+    return f"row{'s' if len(numbers) > 1 else ''} {shortened([str(number) for number in numbers], _SHOWN)}"
 
 
 def with_lengths(rows: Recording, found: ReadLengths) -> Recording:

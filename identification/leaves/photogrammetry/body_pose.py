@@ -16,6 +16,7 @@ from scipy.stats import chi2 as chi2_distribution
 
 from truepose.arrays import Array
 from truepose.errors import InputError
+from truepose.identification.fit.align import rigid_motion
 from truepose.models.lie import pose_of
 
 FEWEST = 3
@@ -109,10 +110,8 @@ def body_pose(before: ArrayLike, after: ArrayLike, sigma_after: float, sigma_bef
     sigma = float(np.hypot(sigma_before, sigma_after))
     if sigma == 0.0:
         raise InputError("found no noise, expected sigma > 0 in one scatter or both")
-    middle = x.mean(axis=0)
-    turn = _turn(x - middle, y - y.mean(axis=0))
-    arm = turn @ middle
-    shift = y.mean(axis=0) - arm
+    turn, shift = rigid_motion(x, y)
+    arm = turn @ x.mean(axis=0)
     r = y - x @ turn.T - shift
     lever = y - (sigma_after / sigma) ** 2 * r - shift
     j = _rows(lever - arm).reshape(-1, 6) / sigma  # about the middle, where it is well conditioned
@@ -140,12 +139,6 @@ def _points(points: ArrayLike, what: str) -> Array:
     if bad.size:
         raise InputError(f"{what}: point {bad[0]}: found {p[bad[0]]}, expected finite numbers")
     return p
-
-
-def _turn(x: Array, y: Array) -> Array:
-    """Rotation that minimises sum |y - R x|^2 of centred points, never a reflection."""
-    u, _, vt = np.linalg.svd(y.T @ x)
-    return np.asarray((u * [1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)
 
 
 def _refuse_loose(information: Array, turn: Array) -> None:

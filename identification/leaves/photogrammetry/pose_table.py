@@ -59,11 +59,8 @@ def read_body(path: Path) -> dict[str, tuple[float, ...]]:
 
 def _lengths(table: Table, name: str, *, gaps: bool = True) -> Array:
     """(n,) mm; NaN for an empty cell where ``gaps`` are allowed."""
-    cells = list(table.cells[name])
-    empty = np.array([gaps and (cell is None or str(cell).strip() == "") for cell in cells], dtype=bool)
-    filled = ["0" if gap else cell for cell, gap in zip(cells, empty, strict=True)]
-    numbers = replace(table, cells={**table.cells, name: filled}).numbers(name)
-    return np.where(empty, np.nan, convert(numbers, table.unit(name, "mm", "length"), "mm"))
+    numbers = table.readings(name) if gaps else table.numbers(name)
+    return np.asarray(convert(numbers, table.unit(name, "mm", "length"), "mm"))
 
 
 COLUMNS = ("x", "y", "z", "rx", "ry", "rz")

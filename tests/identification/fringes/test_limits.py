@@ -13,10 +13,9 @@ from truepose.errors import InputError
 from truepose.identification.leaves.fringes import excursions, lengths, levels, move, turns
 from truepose.identification.leaves.fringes.count import Count, End, evenly, normalised
 from truepose.identification.leaves.fringes.excursions import Excursions, centre_means, find_excursions
-from truepose.identification.leaves.fringes.lengths import read_fast, read_samples
+from truepose.identification.leaves.fringes.lengths import read_samples
 from truepose.identification.leaves.fringes.levels import Levels, Noise, Scan, find_rest, noise_of
 from truepose.identification.leaves.fringes.move import Move, read_move
-from truepose.identification.recording.table import read_table
 from truepose.models.machine.fabry_perot import coupling, folded_phase, fringe
 from truepose.models.units import UnitSystem
 
@@ -30,16 +29,10 @@ LEVELS = Levels(np.zeros(1), np.zeros(1), np.ones(1))
 # -- samples -------------------------------------------------------------------------------------------
 
 
-def test_a_table_of_numbers_is_read_at_once_and_says_the_same(tmp_path: Path) -> None:
-    """As arrays, where nothing is to be refused; cell by cell otherwise."""
+def test_a_table_of_numbers_is_a_series_for_each_pose(tmp_path: Path) -> None:
     path = tmp_path / "light.csv"
     rows = [f"{k // 40},{0.01 * k!r},{np.sin(k):.12g}" for k in range(80)]
     path.write_text("# a note\n" + "\n".join(["pose,t [ms],I", *rows]) + "\n", encoding="utf-8")
-    fast, slow = read_fast(path), read_table(path)
-    assert all(isinstance(cells, np.ndarray) for cells in fast.cells.values())
-    assert fast.names == slow.names and fast.columns == slow.columns
-    for name in fast.names:
-        np.testing.assert_array_equal(fast.cells[name], slow.numbers(name))
     found = read_samples(path, UnitSystem())
     assert [len(found.series[k][0].t) for k in (0, 1)] == [40, 40]
     np.testing.assert_allclose(found.series[1][0].t, 1e-5 * np.arange(40, 80))
