@@ -47,6 +47,8 @@ from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import AXES
 from truepose.models.units import convert
 
+# -- A corrected program run from its text: read anew, solved as the nominal controller does, and moved by the real machine
+
 MISSED = 0.01
 """mm, and as an angle at the reach of the machine: no motion of a corrected program may end farther from where it should.
 Written numbers are rounded to a tenth of a micrometre."""
@@ -83,7 +85,7 @@ def run(
         if k is None:
             _check_same(target, other, frames[0].of(target), told)
         elif isinstance(told, str):
-            raise ReadBackError(f"{other.line}: {_wrong(other)}: {told}")
+            raise _wrong(other, f": {told}")
         else:
             now.append((k, other, told))
     after: list[Array] = [np.zeros(6) for _ in solved]
@@ -91,15 +93,12 @@ def run(
         some = [now[row] for row in rows]
         q = _commands(robot, programs[1], some, solved, tool)
         robot.real(tool)
-        missed = robot.missed(
-            np.array([solved[k].meant.goal for k, _, _ in some]), robot.solver.forward(q)[0]
-        )
+        goals = np.array([solved[k].meant.goal for k, _, _ in some])
+        missed = robot.missed(goals, robot.solver.forward(q)[0])
         for (k, other, _), one in zip(some, missed, strict=True):
             size = max(float(np.linalg.norm(one[:3])), robot.solver.size * float(np.linalg.norm(one[3:])))
             if not size <= MISSED:
-                raise ReadBackError(
-                    f"{other.line}: {_wrong(other)}: run, it misses by {size:.3g} mm, expected {MISSED:g}"
-                )
+                raise _wrong(other, f": run, it misses by {size:.3g} mm, expected {MISSED:g}")
             if np.linalg.norm(one) >= np.linalg.norm(after[k]):
                 after[k] = one
     return after
@@ -148,7 +147,7 @@ def _pairs(program: Program, again: Program, solved: Sequence[Solved]) -> list[t
         pairs.append((target, now))
     for target, other in pairs:
         if (target.kind, len(target.configuration)) != (other.kind, len(other.configuration)):
-            raise ReadBackError(f"{other.line}: {_wrong(other)}, expected {target.kind} of {target.name}")
+            raise _wrong(other, f", expected {target.kind} of {target.name}")
     return pairs
 
 
@@ -158,8 +157,8 @@ def _motions(program: Program) -> list[Target]:
     return [program.targets[k] for *_, k in sorted(every)]
 
 
-def _wrong(other: Target) -> str:
-    return f"{_WRONG} reads as another target: {other.name}"
+def _wrong(other: Target, why: str) -> ReadBackError:
+    return ReadBackError(f"{other.line}: {_WRONG} reads as another target: {other.name}{why}")
 
 
 def _check_same(target: Target, other: Target, told: Told | str, now: Told | str) -> None:
@@ -168,16 +167,12 @@ def _check_same(target: Target, other: Target, told: Told | str, now: Told | str
     if isinstance(told, str) or isinstance(now, str):
         same = isinstance(told, str) and isinstance(now, str)
     else:
-        same = np.allclose(told.base, now.base, rtol=0, atol=1e-9) and (told.tool is None) == (
-            now.tool is None
-        )
-        same = same and (
-            told.tool is None or now.tool is None or np.allclose(told.tool, now.tool, rtol=0, atol=1e-9)
+        frames = [(told.base, now.base), (told.tool, now.tool)]
+        same = all(
+            a is b if a is None or b is None else np.allclose(a, b, rtol=0, atol=1e-9) for a, b in frames
         )
     if here != there or not same:
-        raise ReadBackError(
-            f"{other.line}: {_wrong(other)} is {', '.join(there)}, expected {', '.join(here)}"
-        )
+        raise _wrong(other, f" is {', '.join(there)}, expected {', '.join(here)}")
 
 
 def _commands(
@@ -201,6 +196,8 @@ def _commands(
             q[row] = joint_values(robot, program, values[row])
     return q
 
+
+# -- Targets of a robot program corrected in place: the nominal controller brings the real tool where they meant
 
 FARTHEST = 0.1
 """rad, or part of the machine's size: a correction that moves a joint by more is not made. Calibrations move joints by
@@ -256,7 +253,8 @@ def correct(
     defaults. Raises InputError for a machine whose joints a pose does not tell where the program has poses, and where no target
     is left to correct; ReadBackError where the corrected program, run, does not do what this one meant.
     """
-    frames, robot = Frames(program, cell or Cell()), Robot(machine, drivers or {})
+    given = cell or Cell()
+    frames, robot = Frames(program, given), Robot(machine, drivers or {})
     program = _check(robot, program)
     left = list(program.left)
     known: list[tuple[Target, Told]] = []
@@ -270,7 +268,7 @@ def correct(
     solved = _solved(robot, program, meant, left)
     text = edited(program.text, solved)
     again = _check(robot, read_again(program, text)) if solved else program
-    after = run(robot, (program, again), (frames, Frames(again, cell or Cell())), solved)
+    after = run(robot, (program, again), (frames, Frames(again, given)), solved)
     changed = sorted(one.meant.target.numbers[0].start for one in solved if one.meant.target.copies is None)
     left = [one.settled(changed) for one in left]
     done = [
@@ -280,13 +278,11 @@ def correct(
     assumed = sorted({shown_name(m.told.assumed) for m in meant if m.told.assumed})
     arrival = robot.arrival(np.array([m.q for m in meant])) if meant else 0.0
     nearby = _nearby(robot, meant) if any(one.computed for one in left) else None
-    given = cell or Cell()
     poses = [m.target for m in meant if m.target.kind == "pose"]
     bare = sum(t.base is None for t in poses) * (given.base is None)
     unnamed = (bare, sum(t.tool is None for t in poses) * (given.tool is None))
-    return Correction(
-        text, tuple(done), in_order(left), robot.drivers, arrival, tuple(assumed), nearby, unnamed
-    )
+    facts = robot.drivers, arrival, tuple(assumed), nearby, unnamed
+    return Correction(text, tuple(done), in_order(left), *facts)
 
 
 def _beyond(target: Target) -> str | None:
@@ -380,10 +376,8 @@ def _texts(robot: Robot, program: Program, m: Meant, q: Array, seen: Array) -> t
     renewed = program.configuration.renewed(old, q)
     if renewed is None:
         return None
-    same = [
-        n.text if a == b else f"{a:.0f}" for a, b, n in zip(renewed, old, m.target.configuration, strict=True)
-    ]
-    return (*out, *same)
+    pairs = zip(renewed, old, m.target.configuration, strict=True)
+    return (*out, *(n.text if a == b else f"{a:.0f}" for a, b, n in pairs))
 
 
 def _nearby(robot: Robot, meant: Sequence[Meant]) -> float:
@@ -401,9 +395,8 @@ def _nearby(robot: Robot, meant: Sequence[Meant]) -> float:
             found = robot.solver.inverse(moved, start.q, restarts=0, rewind=False)
             robot.nominal(tool)
             twist = robot.missed(moved, robot.solver.forward(found.q)[0])[:, :3]
-            good = (
-                start.solved & found.solved & (np.abs(found.q - start.q) / robot.reach < FARTHEST).all(axis=1)
-            )
+            moves_little = (np.abs(found.q - start.q) / robot.reach < FARTHEST).all(axis=1)
+            good = start.solved & found.solved & moves_little
             change.append(np.where(good[:, None], twist, np.nan))
         sizes = np.linalg.norm(np.array(change[1:]) - change[0], axis=2)
         apart += sizes[np.isfinite(sizes)].tolist()

@@ -29,6 +29,8 @@ from truepose.identification.leaves.programs.program import (
     closing,
 )
 
+# -- What motions make of one literal: in which frames they go to it, and whether it is a frame itself
+
 ARGUMENT = "calls of its function give it its value"
 SEVERAL = "motions go to it in several ways, and what they name may have several values there"
 
@@ -106,6 +108,8 @@ def unsure(way: Way, name: str, lines: Lines) -> list[Left]:
     lost = [one for one in way.goings if one.span is None and not one.elsewhere]
     return [] if way.names is None else [Left(lines.of(one.place), name, SEVERAL) for one in lost]
 
+
+# -- Which assignments a place of a program can see: a reading of its text from top to bottom that runs nothing
 
 _NAME = re.compile(r"[A-Za-z_]\w*")
 BlockKind = Choice["text", "function", "loop", "branch"]

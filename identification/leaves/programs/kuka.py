@@ -4,10 +4,6 @@ Targets are constants ``{X 1, Y 2, ...}`` and ``{A1 1, A2 2, ...}`` behind a mot
 in variables of the types POS, E6POS, AXIS and E6AXIS, or of FRAME where a motion goes to them. Which base and tool a
 target is told in comes from the FDAT of its name (taught points), else from ``$BASE`` and ``$TOOL``, ``BAS(#BASE, n)`` and
 ``BAS(#TOOL, n)`` before the motions to it, in the order of the text.
-
-Which base and tool the motions of a KRL program go by: followed through its text from top to bottom.
-
-Motions of a KRL program: what each goes to, and in which frames, as far as its text and the file beside it tell.
 """
 
 from __future__ import annotations
@@ -54,6 +50,8 @@ from truepose.identification.leaves.programs.program import (
     shown,
 )
 from truepose.models.machine.machine import Machine
+
+# -- Which base and tool the motions of a KRL program go by: followed through its text from top to bottom
 
 _NULL = {"$NULLFRAME", "$WORLD", "$ROBROOT"}
 _SET = re.compile(r"(?i)^[ \t]*\$(BASE|TOOL)(?P<part>\.\w+)?\s*=\s*(?P<what>[^\r\n]+?)\s*$")
@@ -243,6 +241,8 @@ def _numbered(which: str, number: str | None) -> str | None:
         return None
     return BASE_ITSELF if int(number) == 0 else f"{which}_DATA[{int(number)}]"
 
+
+# -- Motions of a KRL program: what each goes to, and in which frames, as far as its text and the file beside it tell
 
 FIXED = "#TCP"
 """Name of the tool of motions whose tool stands in the cell."""
@@ -449,6 +449,8 @@ def _constant(text: str) -> Array | None:
     numbers = stated(text)
     return None if numbers is None else np.asarray(Euler().poses(np.array([numbers]))[0])
 
+
+# -- KUKA's KRL: positions in .src and .dat files
 
 _COMMENT = r";[^\r\n]*|(?m:^[ \t]*&[^\r\n]*)"
 _AGGREGATE = re.compile(r"\{")

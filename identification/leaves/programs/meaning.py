@@ -1,7 +1,5 @@
 """What targets mean: the pose in the sensor's frame, and the nominal joints that a controller would take there.
 
-One machine as the controller believes it to be and as it is, with any tool.
-
 How an arm of six joints stands: wrist behind axis 1, wrist behind the lower arm, axis 5 below zero.
 
 Controllers of KUKA and ABB tell configurations by these. Forward is the x axis of the robot's base, turned with axis 1;
@@ -38,6 +36,8 @@ from truepose.models.machine.mechanism import AXES
 from truepose.models.task import WHOLE
 from truepose.models.units import convert
 from truepose.wording import close_matches
+
+# -- One machine as the controller believes it to be and as it is, with any tool
 
 
 class Robot:
@@ -116,6 +116,9 @@ class Robot:
         )
 
 
+# -- How an arm of six joints stands: wrist behind axis 1, wrist behind the lower arm, axis 5 below zero
+
+
 class ArmShape:
     """The shape of one arm with these ``values`` of parameters (mm, rad). Raises InputError for what is no chain of joints."""
 
@@ -173,6 +176,8 @@ def _nearest(line: tuple[Array, Array], other: tuple[Array, Array]) -> Array:
     out: Array = a + u * float(np.linalg.det(np.array([b - a, v, across]))) / square
     return out
 
+
+# -- All joints that put an arm's tool at a pose, and which of them a program means
 
 Numbers = tuple[float, ...]
 STARTS = 48
@@ -312,6 +317,8 @@ def _within(stated: tuple[float, float], widest: tuple[float, float]) -> tuple[f
     middle = (stated[0] + stated[1]) / 2
     return middle - np.pi, middle + np.pi
 
+
+# -- What targets mean: the pose in the sensor's frame, and the nominal joints that a controller would take there
 
 _OTHER = 1e-3
 """rad, mm: joints that differ by more are another solution."""

@@ -140,6 +140,3 @@ def decimals_of(unit: str, kind: str) -> int:
     while float(step) < 0.999 and out < 12:
         step, out = step * 10.0, out + 1
     return out
-
-
-__all__ = ["Points", "decimals_of"]

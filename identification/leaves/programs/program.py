@@ -32,6 +32,8 @@ from truepose.models import lie
 from truepose.models.machine.machine import Machine
 from truepose.models.units import convert
 
+# -- Numbers of a target that choose among the joints which reach its pose: status and turn (KUKA), quadrants (ABB)
+
 SLACK = math.radians(0.05)
 """rad: a joint so near a sign's or a quadrant's border counts as on either side: targets are rounded."""
 _QUARTER = math.pi / 2
@@ -102,6 +104,8 @@ Configuration = StatusTurn | Quadrants
 def _has_bits(shape: Mask, number: float, places: tuple[int, ...]) -> Mask:
     return np.asarray((shape == [bool(int(number) >> k & 1) for k in places]).all(axis=1))
 
+
+# -- Ways of writing a pose as numbers: Euler angles, quaternions, rotation vectors; and of writing one number
 
 _LOCKED = 1e-9
 """Cosine of the middle angle below which the other two only count together."""
@@ -226,6 +230,8 @@ def written(value: float, before: str, decimals: int) -> str:
         out = out.lstrip("-")
     return f"+{out}" if before.startswith("+") and not out.startswith("-") else out
 
+
+# -- A robot program as what can be corrected in it: targets, the spans of their numbers, and what is left as it is
 
 Kind = Literal["pose", "joints"]
 Span = tuple[int, int]

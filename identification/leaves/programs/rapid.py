@@ -2,12 +2,6 @@
 
 Targets are literals ``[[x,y,z],[q1,q2,q3,q4],[cf1,cf4,cf6,cfx],[eax...]]`` and ``[[six axes],[eax...]]``, in declarations or
 in motions. The work object and the tool of one are those of the motions of this file that go to it.
-
-Statements of a RAPID module, the values they give to names, and literals of targets in them.
-
-RAPID's ``Offs`` and ``RelTool`` of constants: targets that a module works out, as literals.
-
-Work objects and tools of a RAPID module, and which of them its motions go by.
 """
 
 from __future__ import annotations
@@ -59,13 +53,15 @@ from truepose.identification.leaves.programs.program import (
 from truepose.models.lie import pose_of
 from truepose.models.machine.machine import Machine
 
-
-def _list(count: int) -> str:
-    return r"\[\s*" + r"\s*,\s*".join([NUMBER] * count) + r"\s*\]"
+# -- Statements of a RAPID module, the values they give to names, and literals of targets in them
 
 
-def _lists(*counts: int) -> str:
-    return r"\[\s*" + r"\s*,\s*".join(_list(n) for n in counts) + r"\s*\]"
+def _list(*pieces: str) -> str:
+    return r"\[\s*" + r"\s*,\s*".join(pieces) + r"\s*\]"
+
+
+def _lists(*counts: int, number: str = NUMBER) -> str:
+    return _list(*(_list(*[number] * n) for n in counts))
 
 
 ROBTARGET, _JOINTTARGET = re.compile(_lists(3, 4, 4, 6)), re.compile(_lists(6, 6))
@@ -123,6 +119,8 @@ def literals(mask: str, statement: Statement) -> Iterator[tuple[re.Match[str], b
             yield m, pattern is ROBTARGET
 
 
+# -- RAPID's ``Offs`` and ``RelTool`` of constants: targets that a module works out, as literals
+
 _CALL = re.compile(
     r"(?i)(?P<how>Offs|RelTool)\s*\(\s*(?P<name>\w+)"
     + "".join(rf"\s*,\s*(?P<{axis}>{NUMBER})" for axis in "xyz")
@@ -164,14 +162,10 @@ def offset_of(mask: str, span: Span) -> Offset | None:
     return Offset(m["name"].lower(), moved, of_tool)
 
 
+# -- Work objects and tools of a RAPID module, and which of them its motions go by
+
 _TEXT = r'(?:"(?:[^"]|"")*"|\w+)'
-_POSE = (
-    r"\[\s*\[\s*"
-    + r"\s*,\s*".join([f"({NUMBER})"] * 3)
-    + r"\s*\]\s*,\s*\[\s*"
-    + r"\s*,\s*".join([f"({NUMBER})"] * 4)
-    + r"\s*\]\s*\]"
-)
+_POSE = _lists(3, 4, number=f"({NUMBER})")
 _WOBJ = re.compile(
     rf"(?i)\bwobjdata\s+(\w+)\s*:=\s*\[\s*(TRUE|FALSE)\s*,\s*(TRUE|FALSE)\s*,\s*{_TEXT}\s*,\s*{_POSE}\s*,\s*{_POSE}\s*\]"
 )
@@ -202,20 +196,18 @@ class Move:
 
 @dataclass(frozen=True)
 class Moves:
-    """Motions by the name (lower case) of their target, and in the order of the text, from ``starts`` to ``ends``.
+    """Motions by the name (lower case) of their target, and in the order of the text with where they begin and end.
 
     ``others`` go to what is neither a name nor a literal.
     """
 
     names: Mapping[str, list[Move]]
-    starts: list[int]
-    ends: list[int]
-    moves: list[Move]
+    spans: list[tuple[int, int, Move]]
     others: list[Move]
 
     def of_place(self, start: int) -> list[Move]:
-        k = bisect.bisect_right(self.starts, start) - 1
-        return [self.moves[k]] if k >= 0 and start < self.ends[k] else []
+        k = bisect.bisect_right(self.spans, start, key=lambda one: one[0]) - 1
+        return [self.spans[k][2]] if k >= 0 and start < self.spans[k][1] else []
 
 
 @dataclass(frozen=True)
@@ -239,11 +231,8 @@ def moves(mask: str) -> Moves:
         positional = [p for p in pieces if not mask[slice(*p)].lstrip().startswith("\\")]
         tool = _NAME.match(mask, _tool_at(mask, m["how"], positional)) if len(positional) > 2 else None
         kind = "J" if re.search(r"(?i)J|Abs", m["how"]) else "L"
-        move = Move(
-            wobj[1].lower() if wobj else "wobj0",
-            tool["name"].lower() if tool else None,
-            kind not in unchecked,
-        )
+        named = wobj[1].lower() if wobj else "wobj0", tool["name"].lower() if tool else None
+        move = Move(*named, kind not in unchecked)
         spans.append((start, end, move))
         about = 1 if re.match(r"(?i)(?:Move|Trigg)C", m["how"]) else 0  # an arc has two places
         for k, (a, b) in enumerate(positional[:-1]):
@@ -255,9 +244,7 @@ def moves(mask: str) -> Moves:
                 names.setdefault(name["name"].lower(), []).append(to)
             elif mask[at : at + 1].isalpha():
                 others.append(replace(move, span=(at, a + len(mask[a:b].rstrip()))))
-    return Moves(
-        names, [s for s, _, _ in spans], [e for _, e, _ in spans], [move for *_, move in spans], others
-    )
+    return Moves(names, spans, others)
 
 
 def _tool_at(mask: str, how: str, positional: list[tuple[int, int]]) -> int:
@@ -305,6 +292,8 @@ def _product(first: Array, second: Array) -> tuple[float, ...]:
     x, y, z, w = (a * b).as_quat()
     return (*place.tolist(), w, x, y, z)
 
+
+# -- ABB's RAPID: robtargets and jointtargets in modules
 
 _COMMENT = r"![^\r\n]*"
 _QUOTE = r'"(?:[^"\r\n]|"")*"'
@@ -367,13 +356,10 @@ class _Reader:
             if statement.declared is not None and not found:
                 unread.append(statement)
             for m, is_pose in found:
+                going = goings.get(statement.start, [])
                 if statement.name is None:
                     going = [self._going(move, m.start()) for move in self.moved.of_place(m.start())]
-                    self._literal(m, is_pose, "literal", going)
-                else:
-                    self._literal(
-                        m, is_pose, statement.declared or statement.name, goings.get(statement.start, [])
-                    )
+                self._literal(m, is_pose, statement.declared or statement.name or "literal", going)
             if len(found) == 1 and not statement.array and found[0][1]:
                 whole[statement.start] = found[0][0]
         followed = self._offsets(whole)
@@ -402,11 +388,9 @@ class _Reader:
 
     def _literal(self, m: re.Match[str], is_pose: bool, name: str, goings: list[Going]) -> None:
         numbers = numbers_in(self.mask, m.start(), m.end())
-        own, configuration, external = (
-            (numbers[:7], numbers[7:11], numbers[11:])
-            if is_pose
-            else (self._axes(numbers[:6]), [], numbers[6:])
-        )
+        own, configuration, external = numbers[:7], numbers[7:11], numbers[11:]
+        if not is_pose:
+            own, configuration, external = self._axes(numbers[:6]), [], numbers[6:]
         if (why := _odd(is_pose, own, external)) is not None:
             self._leave(m.start(), f"{name} := {shown(m.group(), 40)}", why)
             return
@@ -476,21 +460,20 @@ class _Reader:
         for m in _OFFSET.finditer(self.mask):
             if m.start() in followed:
                 continue
-            end, first = (
-                self.mask.find(";", m.end()),
-                parts(self.mask, m.end(), closing(self.mask, m.end() - 1) or m.end())[0],
-            )
-            text = shown(self.mask[m.start() : end if end >= 0 else m.end() + 40])
+            end = self.mask.find(";", m.end())
+            first = parts(self.mask, m.end(), closing(self.mask, m.end() - 1) or m.end())[0]
+            text = self.mask[m.start() : end if end >= 0 else m.end() + 40]
             origins = self.flow.origins(self.mask, first, ROBTARGET)
-            yield Left(self.lines.of(m.start()), text, "worked out while the program runs", True, origins)
+            yield self.lines.left(m.start(), text, "worked out while the program runs", True, origins)
         for one in self.statements:
             if one.partly:
                 why = "the program changes a target while it runs; what it writes is not corrected"
-                what = shown(self.mask[one.start : one.end].rstrip("; "))
-                yield Left(self.lines.of(one.start), what, why, computed=True)
+                yield self.lines.left(
+                    one.start, self.mask[one.start : one.end].rstrip("; "), why, computed=True
+                )
 
     def _leave(self, place: int, what: str, why: str) -> None:
-        self.left.append(Left(self.lines.of(place + len(what) - len(what.lstrip())), shown(what), why))
+        self.left.append(self.lines.left(place + len(what) - len(what.lstrip()), what, why))
 
 
 def _assignments(said: Iterable[Statement]) -> Iterator[Assignment]:

@@ -2,10 +2,6 @@
 
 Targets are literals in motions (movej, movel, movep, movec, servoj), in ``get_inverse_kin``, and in variables that these
 go to. ``pose_trans(feature, p[...])`` in a motion is a pose in that feature; features may be poses in features again.
-
-Numbers of a URScript literal: plain, products of plain ones, or ``d2r`` of one.
-
-Motions of a URScript: what each goes to, in which features and with which tool, as far as its text tells.
 """
 
 from __future__ import annotations
@@ -52,6 +48,8 @@ from truepose.identification.leaves.programs.program import (
 )
 from truepose.models.machine.machine import Machine
 
+# -- Numbers of a URScript literal: plain, products of plain ones, or ``d2r`` of one
+
 CONSTANT = rf"(?:[+-]?d2r\s*\(\s*{NUMBER}\s*\)|{NUMBER}(?:\s*[*/]\s*{NUMBER})*+)"
 _CONSTANT = re.compile(CONSTANT)
 _DEGREES = re.compile(rf"(?P<sign>[+-]?)d2r\s*\(\s*(?P<deg>{NUMBER})")
@@ -78,6 +76,8 @@ def _plain(text: str) -> str:
             value = value * number if m["how"] != "/" else value / number if number else math.inf
     return f"{value:.10f}" if math.isfinite(value) else "1e99"
 
+
+# -- Motions of a URScript: what each goes to, in which features and with which tool, as far as its text tells
 
 _SIX = r"\[\s*" + r"\s*,\s*".join([CONSTANT] * 6) + r"\s*\]"
 LITERAL = re.compile(rf"(?:(?P<pose>(?<!\w)p[ \t]*)|(?<![\w\]])){_SIX}")
@@ -121,20 +121,16 @@ class Motions:
                 continue
             arguments = parts(self.mask, call.end(), end)
             near = self._near(arguments[1:2]) if call["what"] == "get_inverse_kin" else None
-            held = [
-                tools.get(one.start) if one else None for one in self.flow.in_force(IN_FORCE, call.start())
-            ]
+            force = self.flow.in_force(IN_FORCE, call.start())
+            held = [tools.get(one.start) if one else None for one in force]
             going = Going(None, (), held[-1], call.start(), near=near)
             several = {self.frames.get(name, name) if name else None for name in held}
             unsure = len(several) > 1 or _UNSURE in several
             for argument in arguments[: _PLACES.get(call["what"], 1)]:
                 span = self._bare(argument)
                 if unsure and not self.mask.startswith("get_inverse_kin", span[0]):
-                    self._leave(
-                        replace(going, place=span[0]),
-                        self.mask[slice(*span)],
-                        "its tool may have several values there",
-                    )
+                    why = "its tool may have several values there"
+                    self.left.append(self.lines.left(span[0], self.mask[slice(*span)], why))
                     self._pose(span)
                 else:
                     self._take(span, replace(going, place=span[0]), call["what"])
@@ -158,9 +154,7 @@ class Motions:
         else:
             within = going.base is not None  # what it is in stays, and is no target that is corrected
             origins = None if within else self.flow.origins(self.mask, span, LITERAL)
-            self.left.append(
-                Left(self.lines.of(span[0]), shown(f"{what}({piece}"), _COMPUTED, not within, origins)
-            )
+            self.left.append(self.lines.left(span[0], f"{what}({piece}", _COMPUTED, not within, origins))
 
     def _take_name(self, span: Span, going: Going, what: str) -> None:
         """What a motion goes to that names a variable: the literals that it may have there, or what they are worked out of."""
@@ -195,7 +189,7 @@ class Motions:
         self.worked_out += worked_out(going, going.name, bare, literal, self.lines)
 
     def _leave(self, going: Going, what: str, why: str) -> None:
-        self.left.append(Left(self.lines.of(going.place), shown(what), why))
+        self.left.append(self.lines.left(going.place, what, why))
 
     def _frame(self, span: Span, called: str = "") -> str | None:
         """The name of a feature or tool, its numbers known where the text has them; None where they may be several.
@@ -239,11 +233,9 @@ class Motions:
             reaching = self.flow.reaching(piece, span[0])
             poses = [self._pose((one.start, one.end), depth + 1) for one in reaching if one.is_whole]
             return poses[0] if len(reaching) == len(poses) == 1 else None
-        inside = self._factors(span)
-        factors = [self._pose(one, depth + 1) for one in inside or ()]
-        return (
-            factors[0] @ factors[1] if factors and factors[0] is not None and factors[1] is not None else None
-        )
+        factors = [self._pose(one, depth + 1) for one in self._factors(span) or ()]
+        known = [one for one in factors if one is not None]
+        return known[0] @ known[1] if len(known) == 2 else None
 
     def _factors(self, span: Span) -> list[Span] | None:
         """The two arguments where an expression is ``pose_trans``."""
@@ -284,6 +276,8 @@ class Motions:
 
 
 _COMMENT, _QUOTE = r"#[^\r\n]*", r"\"[^\"\r\n]*\"|'[^'\r\n]*'"
+# -- Universal Robots' URScript: poses ``p[x, y, z, rx, ry, rz]`` in m and rad, joints ``[q1, ..., q6]`` in rad
+
 _BEGIN = r"(?<![^\r\n:;])[ \t]*+(?:(?:global|local)[ \t]+)?"
 _VALUE = rf"{LITERAL.pattern}(?=[ \t]*(?:[\r\n;]|\Z))|[^\r\n]*"
 _ASSIGNED = re.compile(rf"{_BEGIN}(?P<name>[A-Za-z_]\w*)\s*=(?!=)[ \t]*(?P<value>{_VALUE})")
@@ -316,11 +310,10 @@ class UrScript:
         for m in LITERAL.finditer(mask):
             name = _name_of(mask, m)
             goings = motions.goings.get(m.start(), [])
-            if not goings and m.start() not in motions.features:
+            is_frame = m.start() in motions.features
+            if not goings and not is_frame:
                 left += _unused(mask, m, name, lines)
-            for way in ways_to(
-                goings, is_frame=m.start() in motions.features, in_frames=m["pose"] is not None
-            ):
+            for way in ways_to(goings, is_frame=is_frame, in_frames=m["pose"] is not None):
                 targets += targets_of(way, _bare(mask, m, name or "literal"), mask, m.span(), lines)
                 left += unsure(way, name or "literal", lines)
         left += _changed(mask, {t.name for t in targets}, lines)
@@ -357,7 +350,7 @@ def _unused(mask: str, m: re.Match[str], name: str | None, lines: Lines) -> list
     if m["pose"] is None or name is None:
         return []
     why = _NOWHERE if _words(mask)[name] == 1 else "motions go to what is worked out of it"
-    return [Left(lines.of(m.start()), shown(f"{name} = {m.group()}"), why)]
+    return [lines.left(m.start(), f"{name} = {m.group()}", why)]
 
 
 @functools.lru_cache(maxsize=2)
@@ -370,4 +363,4 @@ def _changed(mask: str, names: set[str], lines: Lines) -> Iterator[Left]:
     for m in _COMPONENT.finditer(mask):
         if m["name"] in names:
             why = "the program changes a target while it runs; what it writes is not corrected"
-            yield Left(lines.of(m.start("what")), shown(m["what"]), why, computed=True)
+            yield lines.left(m.start("what"), m["what"], why, computed=True)
