@@ -27,7 +27,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from truepose.identification.leaves.fleet.record import JOURNAL, Journal, Record, Store
+from truepose.identification.leaves.fleet.record import JOURNAL, RECORDS, Record, Records
 from truepose.identification.leaves.fleet.run import Folders, ended, run_fleet
 from truepose.identification.leaves.fleet.work import Options
 from truepose.pool import Cores, Pool, cluster
@@ -121,15 +121,14 @@ def _processor() -> float:
 
 def page(results: Path, count: int | None, room: Path) -> Iterator[str]:
     """The end of a run with the records that another left, or with more that are drawn from them; then with one changed."""
-    journal = Journal(results / JOURNAL)  # of a run that has not ended yet
-    kept = list(Store(results).lines()) or list(journal.lines(journal.keys()))
+    # of a run that has not ended yet there is a journal
+    kept = list(Records(results / RECORDS).read()) or list(Records(results / JOURNAL).read())
     folders = Folders(room / "fleet", room / "results")
     shutil.rmtree(folders.results, ignore_errors=True)
-    own = (line.record for line in kept)
-    drawn = (_another(kept[k % len(kept)].record, k) for k in range(count or 0))
-    keys = _noted(folders, own if count is None else drawn)
+    drawn = (_another(kept[k % len(kept)], k) for k in range(count or 0))
+    keys = _noted(folders, kept if count is None else drawn)
     yield _end(folders, keys, "all new")
-    changed = _another(kept[0].record, 1)
+    changed = _another(kept[0], 1)
     keys |= _noted(folders, [replace(changed, name=next(iter(keys)))])
     yield _end(folders, keys, "one changed")
 
@@ -139,7 +138,7 @@ def _noted(folders: Folders, records: Iterable[Record]) -> dict[str, str]:
     keys = dict[str, str]()
     with folders.journal.open() as stream:
         for record in records:
-            Journal.note(stream, record)
+            Records.note(stream, record)
             keys[record.name] = record.key
     return keys
 
@@ -151,8 +150,8 @@ def _end(folders: Folders, keys: Mapping[str, str], what: str) -> str:
     folders.journal.path.unlink()
     sizes = {file.name: file.stat().st_size for file in folders.results.iterdir()}
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    told = [f"{used:.1f} s", f"{sizes['fleet.parquet'] / len(keys):.0f} bytes"]
-    told += [f"{sizes[name] / 1e3:,.0f} kB" for name in ("fleet.csv", "fleet.html", "sums.json")]
+    told = [f"{used:.1f} s", f"{sizes[RECORDS] / len(keys):.0f} bytes"]
+    told += [f"{sizes[name] / 1e3:,.0f} kB" for name in ("fleet.csv", "fleet.html")]
     return f"| {' | '.join([f'{len(keys):,}', what, *told, f'{memory:.0f} MB'])} |"
 
 

@@ -42,6 +42,8 @@ from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.tolerance_classes import part_classes
 from truepose.identification.prior import FLEET_SIZES, SIZES
 
+# -- What one machine adds to the log likelihood of a fleet's unknowns, on grids: how frequent and how large an effect is, how
+
 LOG_ODDS: Array = np.linspace(-11.0, 5.0, 33)
 """(g,) grid of the log odds of a frequency; between its points a log likelihood is smooth."""
 RATIOS: Array = np.geomspace(0.05, 20.0, 61)
@@ -133,6 +135,8 @@ def of_spread(deviation: Array, std: Array) -> Array:
     variance = RATIOS**2 + std[:, None] ** 2
     return np.asarray(-0.5 * (np.log(variance) + deviation[:, None] ** 2 / variance))
 
+
+# -- What is kept of many machines, as columns of numbers: a row for each thing that one of them says something of
 
 Whole = NDArray[np.int64]
 KEPT = "truepose/kept/1"
@@ -295,6 +299,8 @@ def constant_moments(said: Said) -> Whole:
     x, e = said.numbers.T
     return whole(np.ones_like(x), x, x**2, e**2)
 
+
+# -- What is kept of one diagnosed machine for the statistics of its fleet: a few kB that JSON can hold
 
 DETERMINED = 3.0
 """1-sigma of what the readings alone say of a constant, in its tolerances, beyond which they say nothing of it."""

@@ -8,11 +8,8 @@
 * ``failed``: bad input, or a fit without a minimum;
 * ``broken``: its process died, ran out of time or met a fault of the program. It is tried again with the next run.
 
-Where a fleet's records are kept: one Parquet file of the last run that ended, and a journal of the one that has not.
-
-``fleet.parquet`` holds a row a machine, by name, in groups that are read one at a time; keys can be read without the records.
-``sums.json`` holds the sums of all records (``Summary``), to which those of a machine are added, or from which they are taken.
-The journal is a line a machine, added when the machine is done. A run that was killed left what it had done there.
+Records are kept a line each: those of the last run that ended in ``records.jsonl``, by name, and those of a run that has not
+in its journal, where a line is added when a machine is done. A run that was killed left what it had done there.
 
 What changed in a fleet since its last run: machines new and gone, verdicts, names, parameters that moved.
 
@@ -27,16 +24,13 @@ import json
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from itertools import groupby, islice
+from itertools import groupby
 from pathlib import Path
-from typing import IO, Any, Literal, TypeVar, get_args
+from typing import IO, Any, Literal, get_args
 
-import pyarrow as pa  # type: ignore[import-untyped]
-import pyarrow.parquet as pq  # type: ignore[import-untyped]
 from scipy.stats import norm
 
-from truepose.errors import InputError
-from truepose.identification.leaves.fleet.summary import Summary
+# -- What is kept of a machine: one JSON-able record of a few kB, from which the table, the page and the prior are made
 
 Json = dict[str, Any]
 Status = Literal["done", "refused", "wrong", "failed", "broken"]
@@ -163,148 +157,50 @@ def rounded(value: float | None) -> Any:
     return None if value is None else float(f"{value:.{DIGITS}g}")
 
 
-STORE, SUMS, JOURNAL = "fleet.parquet", "sums.json", "journal.jsonl"
-GROUP = 1000
-"""Records that are read at once: a few MB."""
-Batched = TypeVar("Batched")
-_COLUMNS = pa.schema(
-    [("name", pa.string()), ("key", pa.string()), ("final", pa.bool_()), ("record", pa.string())]
-)
+RECORDS, JOURNAL = "records.jsonl", "journal.jsonl"
 
 
 @dataclass(frozen=True)
-class Line:
-    """A record as a text, which is much smaller than what it says and quicker to copy; source: the file that it is from."""
+class Records:
+    """A file of records, a line each: those of the last run that ended, by name, or the journal of one that has not.
 
-    name: str
-    key: str
-    final: bool
-    text: str
-    source: Path
+    The last line of a machine holds. A line that was cut off is none, and so is one of another version.
+    """
 
-    @property
-    def record(self) -> Record:
-        """What it says. Raises InputError where that is of another version."""
-        record = Record.of_text(self.text)
-        if record is None:
-            raise InputError(
-                f"{self.source}: found a record of another version, expected one of this; delete the folder to begin anew"
-            )
-        return record
-
-
-@dataclass(frozen=True)
-class Store:
-    """What the last run that ended has kept in a folder, read when it is asked for; nothing where none has ended there."""
-
-    folder: Path
-
-    @property
-    def path(self) -> Path:
-        """The file of records."""
-        return self.folder / STORE
+    path: Path
 
     @property
     def exists(self) -> bool:
-        """Whether a run has ended here."""
+        """Whether there is such a file."""
         return self.path.is_file()
 
     def keys(self) -> dict[str, str]:
         """The key of every machine whose files would give the same again."""
-        if not self.exists:
-            return {}
-        table = self._file().read(["name", "key", "final"]).to_pydict()
-        rows = zip(table["name"], table["key"], table["final"], strict=True)
-        return {name: key for name, key, final in rows if final}
+        return {name: key for name, (key, final, _) in self._places().items() if final}
 
-    def lines(self) -> Iterator[Line]:
-        """Every record as a text, by name."""
-        if not self.exists:
-            return
-        for batch in self._file().iter_batches(GROUP):
-            columns = (batch.column(name).to_pylist() for name in _COLUMNS.names)
-            for name, key, final, text in zip(*columns, strict=True):
-                yield Line(name, key, final, text, self.path)
-
-    def records(self) -> Iterator[Record]:
-        """Every record, by name. Raises InputError for one of another version."""
-        return (line.record for line in self.lines())
-
-    def summary(self) -> Summary | None:
-        """The sums of all records; None where they are of another version."""
-        try:
-            return Summary.from_json(json.loads((self.folder / SUMS).read_text(encoding="utf-8")))
-        except (OSError, ValueError, InputError):
-            return None
-
-    def _file(self) -> Any:
-        try:
-            return pq.ParquetFile(self.path)
-        except (OSError, pa.ArrowInvalid) as exc:
-            raise InputError(
-                f"{self.path}: found no table of truepose fleet ({exc}); delete it to begin anew"
-            ) from None
-
-    def write(self, lines: Iterable[Line]) -> None:
-        """Records, by name; the same records, the same bytes."""
-        with pq.ParquetWriter(self.path, _COLUMNS, compression="zstd", use_dictionary=False) as writer:
-            for group in groups(lines, GROUP):
-                columns = zip(*((one.name, one.key, one.final, one.text) for one in group), strict=True)
-                writer.write_table(pa.table([list(column) for column in columns], schema=_COLUMNS))
-
-    def write_summary(self, summary: Summary) -> None:
-        """Their sums."""
-        text = json.dumps(summary.to_json(), sort_keys=True, separators=(",", ":"))
-        (self.folder / SUMS).write_text(text + "\n", encoding="utf-8")
-
-
-def groups(items: Iterable[Batched], size: int) -> Iterator[list[Batched]]:
-    """So many of them at a time."""
-    rest = iter(items)
-    while group := list(islice(rest, size)):
-        yield group
-
-
-@dataclass(frozen=True)
-class _Noted:
-    """Where a line of the journal begins, in bytes."""
-
-    key: str
-    final: bool
-    at: int
-
-
-@dataclass(frozen=True)
-class Journal:
-    """The lines of a run that has not ended; the last of a machine holds. A line that was cut off is none."""
-
-    path: Path
-
-    def keys(self) -> dict[str, str]:
-        """The key of every machine whose files would give the same again."""
-        return {name: noted.key for name, noted in self._noted().items() if noted.final}
-
-    def lines(self, keys: Mapping[str, str]) -> Iterator[Line]:
-        """Those whose key is the one given for their name, by name; only where they are is held in memory."""
-        noted = self._noted()
-        if not noted:
+    def read(self, keys: Mapping[str, str] | None = None) -> Iterator[Record]:
+        """Records by name, all or those whose key is the one given for their name; only where they are is held in memory."""
+        places = self._places()
+        if not places:
             return
         with self.path.open("rb") as stream:
-            for name in sorted(noted):
-                one = noted[name]
-                if keys.get(name) == one.key:
-                    stream.seek(one.at)
-                    yield Line(name, one.key, one.final, _text(stream.readline()), self.path)
+            for name, (key, _, at) in sorted(places.items()):
+                stream.seek(at)
+                if keys is None or keys.get(name) == key:
+                    record = _of_line(stream.readline())
+                    if record is not None:
+                        yield record
 
-    def _noted(self) -> dict[str, _Noted]:
-        if not self.path.is_file():
-            return {}
-        found, at = dict[str, _Noted](), 0
+    def _places(self) -> dict[str, tuple[str, bool, int]]:
+        """Key of each machine, whether its record is final, and where in the file that begins, in bytes."""
+        found, at = dict[str, tuple[str, bool, int]](), 0
+        if not self.exists:
+            return found
         with self.path.open("rb") as stream:
             for line in stream:
-                record = Record.of_text(_text(line))
+                record = _of_line(line)
                 if record is not None:
-                    found[record.name] = _Noted(record.key, record.final, at)
+                    found[record.name] = record.key, record.final, at
                 at += len(line)
         return found
 
@@ -321,18 +217,22 @@ class Journal:
         stream.write(record.text() + "\n")
         stream.flush()
 
+    def write(self, records: Iterable[Record]) -> None:
+        """Records, by name; the same records, the same bytes."""
+        with self.path.open("w", encoding="utf-8", newline="\n") as stream:
+            stream.writelines(record.text() + "\n" for record in records)
 
-def _text(line: bytes) -> str:
-    return line.decode("utf-8", errors="replace").rstrip("\n")
 
+def _of_line(line: bytes) -> Record | None:
+    return Record.of_text(line.decode("utf-8", errors="replace").rstrip("\n"))
+
+
+# -- What changed in a fleet since its last run: machines new and gone, verdicts, names, parameters that moved
 
 FALSE = 0.05
 """Probability that of all parameters compared one that stands still is said to have moved. The usual level."""
 LEAST = 3.0
 """Difference in 1-sigma below which nothing is said to have moved, however few were compared: the field's three sigma."""
-
-
-Item = TypeVar("Item", Record, Line)
 
 
 @dataclass(frozen=True)
@@ -425,8 +325,10 @@ def compared(before: Iterable[Record], after: Iterable[Record]) -> Changes:
     return comparison.result()
 
 
-def paired(before: Iterable[Item], after: Iterable[Item]) -> Iterator[tuple[Item | None, Item | None]]:
-    """Records of two runs, or lines of them, by machine; each run in the order of names."""
+def paired(
+    before: Iterable[Record], after: Iterable[Record]
+) -> Iterator[tuple[Record | None, Record | None]]:
+    """Records of two runs, by machine; each run in the order of names."""
     both = heapq.merge(
         ((r.name, 0, r) for r in before), ((r.name, 1, r) for r in after), key=lambda one: one[:2]
     )

@@ -4,16 +4,13 @@ Where things are, in the folder of results:
 
     machines/NAME/    what calibrate and diagnose write of a machine, and record.json; published whole
     journal.jsonl     records of a run that has not ended
-    fleet.parquet     records of the last run that has, and their sums
+    records.jsonl     records of the last run that has
     fleet.csv, fleet.json, fleet.html, prior.yaml
 
 A machine is done again when its key changes: the contents of its files, the options and the version of truepose.
 
-From a fleet's summary to the prior of the next machine.
-
-The end of a run over a fleet: records and their sums are put together, and table, page and prior are made of them.
-
-No machine's folder is opened. Records are read one group after the other, so that memory holds a group of them.
+At the end records are put together and added up, and table, page and prior are made of them. No machine's folder is opened;
+memory holds a group of records and the rows of the table.
 """
 
 from __future__ import annotations
@@ -22,9 +19,10 @@ import contextlib
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -46,14 +44,12 @@ from truepose.identification.leaves.fleet.files import DOCUMENT, PAGE, put_fleet
 from truepose.identification.leaves.fleet.folder import Member, members
 from truepose.identification.leaves.fleet.record import (
     JOURNAL,
+    RECORDS,
     SCHEMA,
     Changes,
     Comparison,
-    Journal,
-    Line,
     Record,
-    Store,
-    groups,
+    Records,
     paired,
 )
 from truepose.identification.leaves.fleet.statistics import Tree, statistics, trees
@@ -63,6 +59,8 @@ from truepose.identification.leaves.fleet.work import Options, Task, done
 from truepose.pool import Pool, each
 from truepose.publication import held
 from truepose.version import VERSION
+
+# -- From a fleet's summary to the prior of the next machine
 
 SMALLEST = 1e-4
 """Share of a size below which it is written as this."""
@@ -122,6 +120,8 @@ def short(value: float) -> float:
 
 
 TABLE, PRIOR = "fleet.csv", "prior.yaml"
+# -- The end of a run over a fleet: records and their sums are put together, and table, page and prior are made of them
+
 TOGETHER = 64
 """Machines that are worked out at once: more would fill the memory, fewer take longer."""
 FILES = (TABLE, DOCUMENT, PAGE, PRIOR)
@@ -143,14 +143,14 @@ class Folders:
         return found
 
     @property
-    def store(self) -> Store:
+    def records(self) -> Records:
         """What was kept when the last run ended."""
-        return Store(self.results)
+        return Records(self.results / RECORDS)
 
     @property
-    def journal(self) -> Journal:
+    def journal(self) -> Records:
         """What has been done since."""
-        return Journal(self.results / JOURNAL)
+        return Records(self.results / JOURNAL)
 
 
 def ended(keys: Mapping[str, str], folders: Folders, *, brief: bool) -> Fleet:
@@ -158,45 +158,28 @@ def ended(keys: Mapping[str, str], folders: Folders, *, brief: bool) -> Fleet:
 
     ``brief``: machines have no reports that the page could lead to.
     """
-    now, shown = _Now(keys, folders.store, folders.journal), _Shown()
-    with atomic_directory(folders.results) as partial:
-        after = Store(partial)
-        after.write(now.lines())
-        after.write_summary(now.summary)
-        changes = now.comparison.result() if folders.store.exists else None
-        write_rows(partial / TABLE, map(shown.take, _rows(after.lines(), now.summary)))
-        write_prior(partial / PRIOR, learned(now.summary))
-        fleet = shown.fleet(folders.machines.name, now.summary, changes, brief)
-        put_fleet(fleet, partial)
-    return fleet
+    comparison, sums = Comparison(), _Sum()
 
-
-class _Now:
-    """The records of a fleet as it is now, how they differ from those of the last run, and their sums."""
-
-    def __init__(self, keys: Mapping[str, str], before: Store, journal: Journal) -> None:
-        self._keys, self._before, self._journal = keys, before, journal
-        self.comparison = Comparison()
-        self.summary = Summary.empty()
-
-    def lines(self) -> Iterator[Line]:
-        """By name; sums and differences are whole when all were taken. What is as it was is passed on unread.
-
-        The sums of the last run are brought up to date; where there are none, its records are added up.
-        """
-        sums = self._before.summary() or _summed(self._before.records())
-        added, taken = _Sum(), _Sum()
-        for old, new in paired(self._before.lines(), self._journal.lines(self._keys)):
-            now = new or (old if old is not None and old.name in self._keys else None)
-            if now is not old:
-                before = None if old is None else old.record
-                after = None if now is None else now.record
-                self.comparison.take(before, after)
-                taken.take(before)
-                added.take(after)
+    def records() -> Iterator[Record]:
+        """By name; sums and differences are whole when all were taken."""
+        for old, new in paired(folders.records.read(), folders.journal.read(keys)):
+            now = new or (old if old is not None and old.name in keys else None)
+            comparison.take(old, now)
+            sums.take(now)
             if now is not None:
                 yield now
-        self.summary = sums + added.total() - taken.total()
+
+    with atomic_directory(folders.results) as partial:
+        after = Records(partial / RECORDS)
+        after.write(records())
+        summary = sums.total()
+        changes = comparison.result() if folders.records.exists else None
+        rows = list(_rows(after.read(), summary))
+        write_rows(partial / TABLE, rows)
+        write_prior(partial / PRIOR, learned(summary))
+        fleet = _fleet(folders.machines.name, rows, summary, changes, brief)
+        put_fleet(fleet, partial)
+    return fleet
 
 
 class _Sum:
@@ -219,67 +202,45 @@ class _Sum:
         return self._sum
 
 
-def _summed(records: Iterable[Record]) -> Summary:
-    out = _Sum()
-    for record in records:
-        out.take(record)
-    return out.total()
-
-
 def _counts(record: Record) -> bool:
     """Whether the fleet's statistics have a machine: one that is no calibration would say of parts what is not so."""
     return record.status == "done"
 
 
-def _rows(lines: Iterable[Line], summary: Summary) -> Iterator[list[Row]]:
-    """Rows of the table, a group at a time. Of a machine that no statistics are made of it is not said how odd it is."""
-    for group in groups(lines, TOGETHER):
+def _rows(records: Iterator[Record], summary: Summary) -> Iterator[Row]:
+    """Rows of the table. Of a machine that no statistics are made of it is not said how odd it is."""
+    while group := list(islice(records, TOGETHER)):
         rows, counted, gathered = list[Row](), list[int](), Gathered()
-        for k, record in enumerate(line.record for line in group):
+        for k, record in enumerate(group):
             rows.append(row(record))
             if _counts(record):
                 counted.append(k)
                 gathered.take(record.evidence)
         for k, odd in zip(counted, oddness(gathered.columns, summary), strict=True):
             rows[k] = rows[k].with_oddness(odd)
-        yield rows
+        yield from rows
 
 
-class _Shown:
-    """What a page shows of the rows that passed: counts, and no more than ``SHOWN`` of each kind."""
+def _fleet(name: str, rows: Sequence[Row], summary: Summary, changes: Changes | None, brief: bool) -> Fleet:
+    """The whole outcome: counts, and no more than ``SHOWN`` rows of each kind."""
+    odd = sorted((r for r in rows if r.odd), key=lambda r: (-(r.oddness or 0.0), r.name))
+    undone = [r for r in rows if r.status not in ("done", "refused")]
+    return Fleet(
+        name,
+        len(rows),
+        dict(Counter(r.status for r in rows)),
+        dict(Counter(r.verdict for r in rows if r.verdict)),
+        statistics(summary),
+        len(odd),
+        odd[:SHOWN],
+        undone[:SHOWN],
+        rows[:SHOWN],
+        changes,
+        brief,
+    )
 
-    def __init__(self) -> None:
-        self._statuses, self._verdicts, self._odd = Counter[str](), Counter[str](), 0
-        self._first, self._undone, self._unusual = list[Row](), list[Row](), list[Row]()
 
-    def take(self, rows: list[Row]) -> list[Row]:
-        """The same rows again."""
-        odd = [r for r in rows if r.odd]
-        self._odd += len(odd)
-        self._statuses.update(r.status for r in rows)
-        self._verdicts.update(r.verdict for r in rows if r.verdict)
-        self._first += rows[: SHOWN - len(self._first)]
-        self._undone += [r for r in rows if r.status not in ("done", "refused")][: SHOWN - len(self._undone)]
-        unusual = sorted([*self._unusual, *odd], key=lambda r: (-(r.oddness or 0.0), r.name))
-        self._unusual = unusual[:SHOWN]
-        return rows
-
-    def fleet(self, name: str, summary: Summary, changes: Changes | None, brief: bool) -> Fleet:
-        """The whole outcome."""
-        return Fleet(
-            name,
-            self._statuses.total(),
-            dict(self._statuses),
-            dict(self._verdicts),
-            statistics(summary),
-            self._odd,
-            self._unusual,
-            self._undone,
-            self._first,
-            changes,
-            brief,
-        )
-
+# -- A whole fleet: what is left to do is done side by side, then the table, the page and the prior are made
 
 MACHINES = "machines"
 DEAD = "its process died twice, the second time with no other machine beside it"
@@ -309,7 +270,7 @@ def run_fleet(
 
 
 @contextlib.contextmanager
-def _alone(folders: Folders) -> Iterator[Journal]:
+def _alone(folders: Folders) -> Iterator[Records]:
     """The journal of the folder of results, in which no other run may be at work meanwhile."""
     folders.results.mkdir(parents=True, exist_ok=True)
     journal = folders.journal
@@ -335,7 +296,7 @@ def _work(
 ) -> Mapping[str, str]:
     """Bring every machine up to date; their keys, by name."""
     settings, journal = settings_of(options), folders.journal
-    there = folders.store.keys() | journal.keys()
+    there = folders.records.keys() | journal.keys()
     keys, todo = dict[str, str](), list[Task]()
     for count, member in enumerate(found):
         progress(count, len(found), f"looking for changes, {member.name}")

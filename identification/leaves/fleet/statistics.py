@@ -29,6 +29,8 @@ from truepose.identification.leaves.fleet.columns import KERNEL, LOG_ODDS, RATIO
 from truepose.identification.leaves.fleet.summary import Summary
 from truepose.identification.prior import FLEET_ODDS, FLEET_PLACES, TOLERANCE_DOUBT
 
+# -- Frequencies of an effect at its places, which are alike but not the same: a tree of three levels, summed out on grids
+
 FINE: Array = np.linspace(LOG_ODDS[0], LOG_ODDS[-1], 641)
 """(f,) grid that posteriors are summed on, of log odds."""
 GRID_STEPS: Array = np.linspace(-9.0, 9.0, 181)
@@ -163,6 +165,8 @@ def joined(parts: Sequence[tuple[float, Array]]) -> Hierarchy:
     """From log prior odds and log likelihoods (j, g), a place each."""
     return Hierarchy(np.array([usual for usual, _ in parts]), np.array([likely for _, likely in parts]))
 
+
+# -- What a summary says of a fleet: frequencies and sizes of effects, and which tolerances are met, with their intervals
 
 LEVEL = 0.9
 """Of all intervals."""

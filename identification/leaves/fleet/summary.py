@@ -1,7 +1,7 @@
 """Sums over machines that add: a fleet's statistics need nothing else, however large it is.
 
-Every entry is a whole number (log likelihoods and moments in units of 2^-20), so that sums are exact: any order of machines,
-any grouping into shards, and taking a machine out again give the very same summary. ``sums`` has, by its keys,
+Every entry is a whole number (log likelihoods and moments in units of 2^-20), so that sums are exact: any order of machines
+and any grouping into shards give the very same summary. ``sums`` has, by its keys,
 
     mechanism|TYPE                    machines
     verdict|VERDICT                   machines
@@ -21,7 +21,6 @@ from typing import Any
 import numpy as np
 
 from truepose.arrays import Array
-from truepose.errors import InputError
 from truepose.identification.leaves.fleet.columns import (
     LOG_ODDS,
     RATIOS,
@@ -40,10 +39,8 @@ from truepose.identification.leaves.fleet.columns import (
     whole,
 )
 
-SCHEMA = "truepose/fleet-summary/1"
 
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Summary:
     """machines: how many; sums: whole numbers (k,) by what they are sums of."""
 
@@ -67,24 +64,7 @@ class Summary:
 
     def __add__(self, other: Summary) -> Summary:
         """Of the machines of both."""
-        return self._with(other, 1)
-
-    def __sub__(self, other: Summary) -> Summary:
-        """Without machines that are part of this one."""
-        return self._with(other, -1)
-
-    def _with(self, other: Summary, sign: int) -> Summary:
-        out = dict(self.sums)
-        for key, value in other.sums.items():
-            out[key] = out[key] + sign * value if key in out else sign * value
-        kept = {key: out[key] for key in sorted(out) if out[key].any()}
-        return Summary(self.machines + sign * other.machines, kept)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Summary) and self.to_json() == other.to_json()
-
-    def __hash__(self) -> int:
-        return hash((self.machines, tuple(self.sums)))
+        return total((self, other))
 
     def among(self, kind: str) -> dict[tuple[str, ...], Array]:
         """Sums of one kind by what follows it in their keys, counts and numbers in their own units."""
@@ -99,26 +79,6 @@ class Summary:
     def mechanisms(self) -> dict[str, int]:
         """Machines of each type of mechanism."""
         return {key[0]: round(value[0]) for key, value in self.among("mechanism").items()}
-
-    def to_json(self) -> dict[str, Any]:
-        """For a file: texts and whole numbers."""
-        sums = {key: value.tolist() for key, value in self.sums.items()}
-        return {"schema": SCHEMA, "machines": self.machines, "sums": sums}
-
-    @classmethod
-    def from_json(cls, document: Mapping[str, Any]) -> Summary:
-        """What ``to_json`` gave. Raises InputError for anything else."""
-        if document.get("schema") != SCHEMA:
-            raise InputError(
-                f"schema of a fleet's summary: found {document.get('schema')!r}, expected {SCHEMA!r}"
-            )
-        try:
-            sums = {str(key): np.array(value, dtype=np.int64) for key, value in document["sums"].items()}
-            return cls(int(document["machines"]), dict(sorted(sums.items())))
-        except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
-            raise InputError(
-                "a fleet's summary: expected `machines` and lists of whole numbers in `sums`"
-            ) from None
 
 
 def total(summaries: Iterable[Summary]) -> Summary:

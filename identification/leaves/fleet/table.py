@@ -5,8 +5,6 @@ Which machines are unlike their fleet, and why: each is judged by the others.
 Three things are looked at: effects that are there where others have none, or missing where others have them; sizes of effects;
 deviations of constants. Each has a tail probability in another machine of the fleet (a prediction, so that few machines make
 nothing odd); a machine is odd when the smallest is so small that no more than one machine in twenty has such a one anywhere.
-
-What a run over a fleet says, as data: everything that fleet.json and the page are written from.
 """
 
 from __future__ import annotations
@@ -21,7 +19,7 @@ import pandas as pd
 from scipy.special import expit, stdtr
 
 from truepose.arrays import Array, Index
-from truepose.files import atomic_file
+from truepose.files import atomic_write_text
 from truepose.identification.leaves.fleet.columns import (
     UNIT,
     Columns,
@@ -35,6 +33,8 @@ from truepose.identification.leaves.fleet.record import Changes, Record, finding
 from truepose.identification.leaves.fleet.statistics import FleetStatistics
 from truepose.identification.leaves.fleet.summary import Summary
 from truepose.identification.prior import URN
+
+# -- Which machines are unlike their fleet, and why: each is judged by the others
 
 ODD = 0.05
 """Probability that nothing odd is called odd, and below which something is a reason at all. Chosen."""
@@ -170,6 +170,8 @@ def _tail(away: Array, variance: Array, n: Array) -> tuple[Array, Array]:
     return np.asarray(2.0 * stdtr(n - 1.0, -far / np.sqrt(1.0 + 1.0 / n))), far
 
 
+# -- What a run over a fleet says, as data: everything that fleet.json and the page are written from
+
 SHOWN = 500
 """Rows that a page shows; the table has all. A browser sorts so many without delay."""
 
@@ -199,6 +201,9 @@ class Fleet:
     def diagnosed(self) -> int:
         """Machines with a diagnosis."""
         return self.statuses.get("done", 0) + self.statuses.get("refused", 0)
+
+
+# -- The table of a fleet, ``fleet.csv``: a row a machine
 
 
 @dataclass(frozen=True)
@@ -273,9 +278,6 @@ def table(rows: Iterable[Row]) -> pd.DataFrame:
     return pd.DataFrame([vars(one) for one in rows], columns=[field.name for field in fields(Row)])
 
 
-def write_rows(path: Path, groups: Iterable[Sequence[Row]]) -> None:
-    """The table as CSV, whole or not at all; only a group of rows is held in memory."""
-    with atomic_file(path) as unfinished, unfinished.open("w", encoding="utf-8", newline="") as stream:
-        table(()).to_csv(stream, index=False, lineterminator="\n")
-        for rows in groups:
-            table(rows).to_csv(stream, index=False, lineterminator="\n", header=False)
+def write_rows(path: Path, rows: Iterable[Row]) -> None:
+    """The table as CSV, whole or not at all."""
+    atomic_write_text(path, table(rows).to_csv(index=False, lineterminator="\n"))

@@ -2,8 +2,6 @@
 
 ``done`` runs in whatever process the fleet has for it. Nothing that it writes depends on which one, or on where the fleet's
 folder lies: files are told as seen from there.
-
-A limit of time for a piece of work, in whatever thread it runs.
 """
 
 from __future__ import annotations
@@ -33,6 +31,8 @@ if TYPE_CHECKING:
     from truepose.identification.recording.recording import Recording
     from truepose.models.machine.machine import Machine
 
+
+# -- A limit of time for a piece of work, in whatever thread it runs
 
 AGAIN = 0.2
 """Seconds until what was lost is raised again: longer than a block takes to end."""
@@ -71,6 +71,8 @@ def within(minutes: float | None) -> Iterator[None]:
         with lock:  # what was raised before arrives in here at the latest
             over.set()
 
+
+# -- One machine of a fleet: checked, calibrated, diagnosed, and written down with its record, or with the reason why not
 
 RESULTS = ("calibrated.yaml", "fit.json", "diagnosis.json", "improved.yaml", "report.html")
 """What is written for a machine beside its record."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from functools import reduce
 from operator import add
 
@@ -26,36 +25,28 @@ def machines(seed: int, number: int, places: int = 3, ratio: float = 1.0) -> lis
     return [Summary.of(fleet.machine(rng, ratio)) for _ in range(number)]
 
 
+def plain(summary: Summary) -> tuple[int, dict[str, list[int]]]:
+    return summary.machines, {key: value.tolist() for key, value in summary.sums.items()}
+
+
 @given(seed=st.integers(0, 2**20), order=st.permutations(range(6)), cut=st.integers(0, 6))
 def test_sums_know_no_order_and_no_grouping(seed: int, order: list[int], cut: int) -> None:
     every = machines(seed, 6)
     whole = total(every)
     shuffled = [every[k] for k in order]
     parts = total(shuffled[:cut]), total(shuffled[cut:])
-    assert reduce(add, shuffled) == whole == parts[0] + parts[1] == parts[1] + parts[0]
-    assert whole - parts[0] == parts[1] and whole + Summary.empty() == whole
-    assert Summary.from_json(json.loads(json.dumps(whole.to_json()))) == whole
+    for one in (reduce(add, shuffled), parts[0] + parts[1], parts[1] + parts[0], whole + Summary.empty()):
+        assert plain(one) == plain(whole)
     assert whole.machines == 6 and whole.mechanisms == {"serial": 6}
-    assert every[0] != Summary.empty() and whole != parts[0] - parts[0] and whole != "whole"
 
 
 @given(seed=st.integers(0, 2**20), number=st.integers(0, 12))
 def test_machines_that_are_added_up_at_once_are_the_sum_of_each(seed: int, number: int) -> None:
     every = mixed_machines(np.random.default_rng(seed), number)
-    assert Summary.of_columns(Columns.of(every)) == total(Summary.of(one) for one in every)
+    assert plain(Summary.of_columns(Columns.of(every))) == plain(total(Summary.of(one) for one in every))
 
 
-@pytest.mark.parametrize(
-    "document",
-    [
-        {},
-        {"schema": "truepose/fleet-summary/1"},
-        {"schema": "truepose/fleet-summary/1", "machines": 1, "sums": {"a": "b"}},
-    ],
-)
-def test_what_is_no_summary_is_refused(document: dict[str, object]) -> None:
-    with pytest.raises(InputError, match="summary"):
-        Summary.from_json(document)
+def test_what_was_kept_by_another_version_is_refused() -> None:
     with pytest.raises(InputError, match="truepose/kept/1"):
         Summary.of({})
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +10,12 @@ import pandas as pd
 import pytest
 
 from support.fleets import mixed_machines
-from truepose.errors import InputError
 from truepose.identification.leaves.fleet import run
-from truepose.identification.leaves.fleet.record import STORE, SUMS, Record, Status
+from truepose.identification.leaves.fleet.record import RECORDS, Record, Status
 from truepose.identification.leaves.fleet.run import TABLE, Folders, ended
 from truepose.identification.leaves.fleet.table import SHOWN, Fleet
 
-MADE = (TABLE, "prior.yaml", STORE, SUMS)
+MADE = (TABLE, "prior.yaml", RECORDS)
 MACHINES = 2 * run.TOGETHER + 5
 
 
@@ -61,7 +58,6 @@ def test_files_do_not_tell_in_which_runs_machines_were_done(tmp_path: Path) -> N
     assert end(parts, now, now[-3:]) == whole and half != whole
     assert end(parts, now[3:], []) == end(tmp_path / "without", now[3:])
     assert end(parts, now, now[:3]) == whole
-    (parts / SUMS).unlink()
     assert end(parts, now, []) == whole
 
 
@@ -95,17 +91,15 @@ def test_the_page_counts_all_and_shows_some(tmp_path: Path) -> None:
     assert len(fleet.undone) == SHOWN and fleet.odd == 0
 
 
-def test_a_record_of_another_version_is_told_with_its_file(tmp_path: Path) -> None:
+def test_records_of_another_version_are_as_those_of_no_run(tmp_path: Path) -> None:
     now = records(5, 4)
-    end(tmp_path / "results", now)
-    table = pd.read_parquet(tmp_path / "results" / STORE)
-    table["record"] = table["record"].str.replace("fleet-record/1", "fleet-record/0")
-    table.to_parquet(tmp_path / "results" / STORE)
-    changed = [replace(record, key="other") for record in now]
-    with pytest.raises(InputError, match=r"results/fleet\.parquet: found a record of another version"):
-        end(tmp_path / "results", changed)
-    shutil.rmtree(tmp_path / "results")
-    assert end(tmp_path / "results", changed)
+    whole = end(tmp_path / "results", now)
+    kept = tmp_path / "results" / RECORDS
+    kept.write_text(
+        kept.read_text(encoding="utf-8").replace("fleet-record/1", "fleet-record/0"), encoding="utf-8"
+    )
+    assert Folders(tmp_path / "line", tmp_path / "results").records.keys() == {}
+    assert end(tmp_path / "results", now) == whole
 
 
 def test_the_page_shows_the_oddest_and_counts_what_machines_are_found_to_be(tmp_path: Path) -> None:

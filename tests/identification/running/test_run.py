@@ -217,7 +217,7 @@ def test_only_what_changed_is_worked_with_again(machines: Path, tmp_path: Path) 
     assert run(line, results, Cores(2)) == []
     fresh = tmp_path / "fresh"
     run(line, fresh, Cores(2))
-    for name in ("fleet.csv", "fleet.parquet", "sums.json", "prior.yaml"):
+    for name in ("fleet.csv", "records.jsonl", "prior.yaml"):
         assert (results / name).read_bytes() == (fresh / name).read_bytes()
 
 
