@@ -1,15 +1,9 @@
 """What is seen without a fit: missing blocks, too few or repeated rows, joints that stand still or leave their range.
 
-A stated sigma against what replicates say of it, or, without any, against all that a fit leaves.
-
 Whether joints give way along the gravity that the file states, or against it: a robot that hangs, said to stand.
 
 A machine fits as it is drawn whichever way is down. But its joints give way along gravity, never against it: if compliances
 that are all negative fit far better than any that are positive, gravity pulls the other way.
-
-What a check says of rows that stand out of the rest, and of what is left of all rows.
-
-Encoders on the load side against the joints that they read: another unit, the other way, another joint, another zero.
 """
 
 from __future__ import annotations
@@ -55,6 +49,8 @@ from truepose.models.units import convert
 from truepose.wording import joined, shortened
 
 Array = NDArray[np.float64]
+# -- What is seen without a fit: missing blocks, too few or repeated rows, joints that stand still or leave their range
+
 _FEWEST = 6
 STEEL, SMALLEST_PART = 7850.0, 300.0
 """Density of steel, kg/m^3, and the longest part (mm) that a small machine is taken to have at least."""
@@ -280,6 +276,8 @@ def no_tolerances(rig: Rig, stand: Stand) -> Iterator[Found]:
     )
 
 
+# -- A stated sigma against what replicates say of it, or, without any, against all that a fit leaves
+
 SIGMA_FAR = 10.0
 """How many times a stated sigma may differ from what readings say before it is worth a word."""
 ROUNDING = 1e-9
@@ -361,6 +359,9 @@ def _within(residual: Array, labels: NDArray[np.int64], good: NDArray[np.bool_])
             square = np.sum((own - own.mean(axis=0)) ** 2)
             sizes.append(float(np.sqrt(square / ((len(own) - 1) * own.shape[1]))))
     return float(np.median(sizes)) if spare >= _FEWEST else None
+
+
+# -- Whether joints give way along the gravity that the file states, or against it: a robot that hangs, said to stand
 
 
 def reversed_gravity(rig: Rig, weighed: Weighed, misfit: float) -> Iterator[Found]:
@@ -479,6 +480,9 @@ class _Sagging:
         return float(noise * left / np.sqrt(max(self.residual.size, 1)))
 
 
+# -- What a check says of rows that stand out of the rest, and of what is left of all rows
+
+
 def left_of(rig: Rig, weighed: Weighed) -> Left:
     """Return what a hypothesis leaves of every row."""
     scene = weighed.hypothesis.scene
@@ -507,6 +511,8 @@ def standing_out(rig: Rig, left: Left) -> Iterator[Found]:
         fix = "compare these rows with their source; mend them, or take them out"
         yield Found("rows-stand-out", ("rows",), says, fix, "suspect")
 
+
+# -- Encoders on the load side against the joints that they read: another unit, the other way, another joint, another zero
 
 _KEPT = 0.8
 _FAR = 5.0

@@ -1,9 +1,4 @@
-"""A machine file and its recordings as documents that can be mended and written again.
-
-What a hypothesis says of the rows and of the machine, and where base and tool then stand.
-
-A slip that may have been made between a machine and its files: what would be right, how likely it is, and how to mend it.
-"""
+"""A machine file and its recordings as documents that can be mended and written again."""
 
 from __future__ import annotations
 
@@ -30,6 +25,8 @@ from truepose.models.machine.machine import Machine
 from truepose.models.machine.urdf_lengths import rescaled
 
 Array = NDArray[np.float64]
+# -- A machine file and its recordings as documents that can be mended and written again
+
 Field = tuple[str | int, ...]
 _DESCRIPTION: Field = ("mechanism", "file")
 """Where a machine file names its URDF."""
@@ -199,6 +196,8 @@ def _readings(machine: Path) -> tuple[str, ...]:
 
 
 Mask = NDArray[np.bool_]
+# -- What a hypothesis says of the rows and of the machine, and where base and tool then stand
+
 MOST_ROWS = 45
 """Rows that a hypothesis is judged by: enough to tell slips apart, few enough for a hundred hypotheses in a second."""
 
@@ -313,6 +312,8 @@ def differs(machine: Machine) -> bool:
     """Whether a sensor reads changes since another row."""
     return any(sensor.differs_from_row for sensor in machine.sensors)
 
+
+# -- A slip that may have been made between a machine and its files: what would be right, how likely it is, and how to mend it
 
 Change = Callable[[Scene], Scene]
 Mend = Callable[[Pair], Pair]

@@ -2,8 +2,6 @@
 
 Flange poses are worked out once for a hypothesis; only the two frames (and the constants of the instrument) then move, by
 damped Gauss-Newton steps over a few dozen rows.
-
-The least-squares fit of base and tool under one hypothesis: damped steps over a few dozen rows.
 """
 
 from __future__ import annotations
@@ -28,6 +26,8 @@ from truepose.models.machine.mechanism import AXES
 from truepose.models.sensors.direction import Direction
 from truepose.models.sensors.pose import Pose
 from truepose.models.sensors.targets import Targets
+
+# -- The least-squares fit of base and tool under one hypothesis: damped steps over a few dozen rows
 
 KEPT = 0.8
 """Share of the rows, those that fit best, that a misfit is taken over: gross readings must not hide a slip."""
@@ -197,6 +197,8 @@ def _weights(residual: Array) -> Array:
     middle = float(np.median(each)) or 1.0
     return 1.0 / np.sqrt(1.0 + (each / (3.0 * middle)) ** 2)
 
+
+# -- A drawn machine set against readings by moving base and tool alone: the cheap fit that every hypothesis is judged by
 
 ABSURD = 0.02
 """Share of what the tool moves that no drawing is wrong by."""

@@ -1,11 +1,4 @@
-"""The check itself: files in, findings out; and the gate that every fit goes through first.
-
-What a search says: a mend where one is certain, questions where several lead, or that nothing tried explains the misfit.
-
-A machine file without a sensor: the one that the columns of its recording speak of.
-
-A serial table that cannot be read because its fields are those of a data sheet: which convention fits the readings?
-"""
+"""The check itself: files in, findings out; and the gate that every fit goes through first."""
 
 from __future__ import annotations
 
@@ -59,6 +52,8 @@ from truepose.models.load import build_machine, load_machine
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.view import TOOL_IN_WORLD
 from truepose.wording import joined
+
+# -- What a search says: a mend where one is certain, questions where several lead, or that nothing tried explains the misfit
 
 PUSHED = 8.0
 """Tolerances that physics which was left out pushes constants away by."""
@@ -204,6 +199,9 @@ def shown(before: Stand, after: Stand) -> tuple[float | None, float | None, str]
 _XYZ, _ROT = ("x", "y", "z"), ("rx", "ry", "rz")
 
 
+# -- A machine file without a sensor: the one that the columns of its recording speak of
+
+
 def without_sensor(pair: Pair) -> Check:
     """What to say of a file without ``sensor``: the block to add."""
     names = [str(n) for n in pair.sheets[0].cells.columns] if pair.sheets else []
@@ -242,6 +240,8 @@ def _sigma(pair: Pair, names: tuple[str, ...]) -> float:
     spread = max(float(np.nanmax(s.numbers(n)) - np.nanmin(s.numbers(n))) for s in pair.sheets for n in names)
     return float(f"{max(spread, 1e-6) * 2e-5:.1g}")
 
+
+# -- A serial table that cannot be read because its fields are those of a data sheet: which convention fits the readings?
 
 _MEANT = {"standard": "a data sheet's standard table", "modified": "a modified table (Craig)"}
 
@@ -285,6 +285,8 @@ def _left(pair: Pair, recordings: Sequence[Path], convention: str) -> tuple[floa
     length, _, unit = shown(stand, stand)
     return stand.misfit, length, unit, len(rows)
 
+
+# -- The check itself: files in, findings out; and the gate that every fit goes through first
 
 _ORDER = {"wrong": 0, "suspect": 1, "ok": 2}
 

@@ -2,10 +2,6 @@
 
 A pair that fits as it stands, within its tolerances, is right: nothing is looked for. Otherwise every slip is ranked by a
 quick fit of base and tool, the best are weighed in full (``weighing``), and where none is enough, others are tried on top.
-
-Which hypotheses say the same of a machine, how probable each such class is, and which frames would undo one.
-
-Rows of two set-ups in one recording: base or tool stood elsewhere from some row on.
 """
 
 from __future__ import annotations
@@ -56,6 +52,8 @@ from truepose.models.machine.mechanism import AXES
 from truepose.models.units import convert
 
 Array = NDArray[np.float64]
+# -- Which hypotheses say the same of a machine, how probable each such class is, and which frames would undo one
+
 _SAME = 1e-9
 """mm, rad, or a share: readings that differ by less are the same."""
 _TURNS = (7, 11, 13, 17, 19, 23, 29, 31)
@@ -136,6 +134,8 @@ def undone(rig: Rig, weighed: Weighed) -> list[Frames]:
     rows = weighed.stand.rows
     return list(rig.frames_for(rows, _poses(rig, weighed, weighed.hypothesis.scene.rows.subset(rows))))
 
+
+# -- Rows of two set-ups in one recording: base or tool stood elsewhere from some row on
 
 _PARTS = 8
 _TELL = "give each set-up its own number in a column 'session', or calibrate them one by one"
@@ -292,6 +292,8 @@ def _with_session(sheet: Sheet, cut: int) -> Sheet:
 
 _DEEPEST, _WEIGHED, _MOST = 2, 6, 300
 """Most slips at once, hypotheses weighed in full at each depth, and quick fits at each depth beyond the first."""
+# -- The search for slips: hypotheses of the whole pair, one or several at once, weighed against the pair as it stands
+
 Makers = tuple[Callable[[Rig, Scene], Iterable[Slip]], ...]
 QUICK: Makers = (
     units, signs, exchanged, quarter_turns, coupled, mirrored, turned, targets, poses, shifted, frames_swapped,

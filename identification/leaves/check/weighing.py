@@ -31,6 +31,8 @@ from truepose.models.sensors.pose import Position
 
 Array = NDArray[np.float64]
 _STEPS, _PARTS, _ENOUGH = 6, (1.0, 0.3, 0.1), 0.01
+# -- What the drawing's tolerances explain of a misfit, and at which price: a few linear steps of all constants
+
 _LOOSE = 1e3
 """Steps allowed to what is unknown (frames, infinite tolerances), in natural sizes: none is in the way."""
 
@@ -182,6 +184,8 @@ def without(columns: Array, values: Array) -> Array:
     basis = u[:, s > 1e-9 * s[0]]
     return np.asarray(values - basis @ (basis.T @ values))
 
+
+# -- How much a hypothesis is worth: one number, the evidence of a cheap fit under what the file knows
 
 WORTH = 8.0
 """Readings that count as independent: a slip that every workshop has seen needs to fit three times better to be certain."""

@@ -8,8 +8,6 @@ where the columns of C (K, K - 1) are orthonormal contrasts between sessions: a 
 no movement, and no session is the reference. Each free parameter is a term of K - 1 columns. What the machine file says is
 set up anew for each session has its z_i in every model, of the size of its tolerance, and is no term. Noise and tolerances may
 be other than stated, as in every posterior.
-
-Which parameters move between sessions: the posterior over sets of movements, and what would do in the place of each.
 """
 
 from __future__ import annotations
@@ -44,6 +42,8 @@ from truepose.identification.prior import RICHNESS
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import FRAME_OF, Machine
 from truepose.models.machine.parameters import like_parts, vector_of
+
+# -- Recordings as sessions in the order of their clock, each with the readings' linearisation at any parameters
 
 UNBOUNDED = 10.0
 """What an infinite tolerance counts as where a fit needs an end: so many steps (1 m, 10 rad)."""
@@ -142,6 +142,9 @@ def linearised(session: Session, prior: Prior, p: Array) -> Linear:
 def bounded(prior: Prior) -> Prior:
     """The prior with infinite tolerances made very wide: a session of few rows may say nothing of them."""
     return replace(prior, sigma=np.where(np.isinf(prior.sigma), UNBOUNDED * prior.scale, prior.sigma))
+
+
+# -- Movements between sessions as terms of the posterior that ``diagnose`` draws from: spike and slab, geometry marginalised
 
 
 @dataclass(frozen=True)
@@ -286,6 +289,9 @@ def _terms(stack: Stack, kinds: Kinds) -> Terms:
 ENOUGH, NEARLY = 3.0, 12.0
 """Log Bayes factor from which on an alternative to a movement is believed (0.95), and log odds against it up to which it is
 named."""
+
+
+# -- Which parameters move between sessions: the posterior over sets of movements, and what would do in the place of each
 
 
 @dataclass(frozen=True)

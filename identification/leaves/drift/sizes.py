@@ -35,6 +35,8 @@ from truepose.identification.leaves.drift.sessions import (
 )
 from truepose.identification.posterior.marginal import Marginal
 
+# -- How long an older calibration lasts: what it predicts of later recordings, with its own uncertainty
+
 LEVEL = 0.01
 """Chance that any check of a sequence fails although nothing moved; each has its share of it."""
 NOTICEABLE = 1.1
@@ -206,6 +208,8 @@ def _own(fit: Estimate) -> Check:
     rms = rms_by_kind(fit.residual[fit.used], fit.nominal.channels, fit.lost_among(fit.used))
     return Check(rms, rms, fit.nominal.residual_units, 1.0, True)
 
+
+# -- How far and how fast each parameter moved, with the joint covariance of all sessions
 
 SURE = 0.95
 MASKED = 10.0

@@ -3,8 +3,6 @@
 The phase is walked from end to end of the fringes: every excursion of the signal moves the mirror past one end
 of a fringe, or turns it back. Only the two ends of the series need a phase inside a fringe, and there the
 mirror rests, so that many samples are averaged. Nothing loops over samples.
-
-Which excursions passed the end of their fringe: most at a glance, all at once; the others one by one.
 """
 
 from __future__ import annotations
@@ -37,6 +35,8 @@ from truepose.identification.leaves.fringes.levels import (
 )
 from truepose.identification.leaves.fringes.turns import DECISIVE, Held, Verdict, Visit, judge
 from truepose.models.machine.fabry_perot import Reflectivities, coupling, folded_phase, fringe, phase_noise
+
+# -- Which excursions passed the end of their fringe: most at a glance, all at once; the others one by one
 
 MOST_JUDGED = 1000
 """Excursions that are worth judging one by one: a motion with more is too uneven to follow."""
@@ -207,6 +207,8 @@ def _half(found: Excursions, crossing: int, k: int, sign: float, own: float) -> 
     length = float(found.durations[k])
     return float(found.times[crossing]) + sign * 0.5 * (own if np.isnan(length) else length)
 
+
+# -- From the samples of one move to how far the mirror went: fringes counted, phases at rest at both ends
 
 _WEAK = 0.06  # noise of a sample, in fringes, beyond which nothing is read
 _ROUGH = (0.05, 0.02)  # of a fringe: 1-sigma of levels from the range of the signal, and corrected once

@@ -3,8 +3,6 @@
 The half level divides a fringe into a part around its low end (resonance) and one around its high end. What
 lies between two crossings of that level is an excursion: it goes to one end of the fringe, and the mirror
 either passes there or turns around (`truepose.identification.leaves.fringes.turns`). Everything here is O(n).
-
-What makes a count of fringes untrustworthy, and single samples that are no light.
 """
 
 from __future__ import annotations
@@ -16,6 +14,8 @@ import numpy as np
 
 from truepose.arrays import Array, Index, Mask
 from truepose.models.machine.fabry_perot import folded_phase
+
+# -- A signal as excursions above and below half of its fringe, and how fast the mirror went through each
 
 HALF = 0.5
 _HYSTERESIS = 0.08
@@ -135,6 +135,8 @@ def extremes(v: Array, found: Excursions) -> Array:
     starts = np.minimum(found.first[:-1], len(v) - 1)
     return np.where(found.high, np.maximum.reduceat(v, starts), np.minimum.reduceat(v, starts))
 
+
+# -- What makes a count of fringes untrustworthy, and single samples that are no light
 
 _FEWEST = 4  # samples a fringe: the sampling theorem asks for two, noise and changes of speed for more
 _LARGE_STEP = 0.12  # of a fringe: smaller steps between samples are no jumps

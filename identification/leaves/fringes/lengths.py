@@ -1,9 +1,6 @@
 """Photocurrents of a recording's moves as its column ``dL``: counted, signed, checked, or left out with a note.
 
-Returns to a pose: the changes of length along the way must add up to nothing, or a fringe was miscounted.
-
 The long table of a photocurrent, ``pose t I``, as one series for every move.
-
 """
 
 from __future__ import annotations
@@ -30,6 +27,8 @@ from truepose.models.machine.machine import Machine
 from truepose.models.sensors.irradiance import Irradiance
 from truepose.models.units import UnitSystem, convert
 from truepose.wording import close_matches, shortened
+
+# -- Returns to a pose: the changes of length along the way must add up to nothing, or a fringe was miscounted
 
 _REPEATS = 0.05  # of a count: how well a pose repeats where nothing was miscounted
 _SIGMAS = 4.0
@@ -99,6 +98,8 @@ def _between(origin: NDArray[np.int64], first: int, last: int) -> list[int]:
     one, other = chain(first), chain(last)
     return sorted(set(one) ^ set(other))
 
+
+# -- The long table of a photocurrent, ``pose t I``, as one series for every move
 
 _NEEDED: Final = ("pose", "t", "I")
 _FEWEST: Final = 32
@@ -193,6 +194,8 @@ def _one(table: Table, first: int, last: int, values: Mapping[str, Array]) -> Se
     wavelength = values["wavelength"][rows] if "wavelength" in values else None
     return Series(first + 1, values["t"][rows], values["I"][rows], wavelength, sign)
 
+
+# -- Photocurrents of a recording's moves as its column ``dL``: counted, signed, checked, or left out with a note
 
 _ODDS = 4.6  # log of the odds (99 to 1) from which on the model's sign is taken
 _COARSE = 3.0  # times the sensor's sigma: changes known less well are left out

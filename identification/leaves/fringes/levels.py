@@ -4,8 +4,6 @@ The signal at resonance (``low``) and between resonances (``high``) normalises a
 may drift during a series. They are found where the mirror passes several fringes evenly: there the times of the
 crossings give the phase without any level, and the levels follow by linear least squares.
 
-The level at which a series rests before it moves, or after it moved (given reversed).
-
 A scan of the wavelength while the mirror rests: the cavity's length, roughly, and the phase with its side.
 
 The phase of the round trip is delta0 + L x with x = 4 pi (1/lambda - 1/lambda0). How fast fringes pass while x
@@ -23,6 +21,8 @@ from truepose.arrays import Array, Index, Mask
 from truepose.identification.fit.leastsquares import minimise
 from truepose.identification.leaves.fringes.excursions import Excursions, extremes
 from truepose.models.machine.fabry_perot import fringe, fringe_slope
+
+# -- Gain, offset and contrast of a photocurrent from the signal itself: the two levels of its fringe
 
 EVEN = 10
 """Excursions passed evenly that are enough to find levels."""
@@ -306,6 +306,8 @@ def robust_fit(columns: Array, values: Array) -> tuple[Array, Array, float]:
     return solution, np.asarray(inverse, dtype=np.float64), rms
 
 
+# -- The level at which a series rests before it moves, or after it moved (given reversed)
+
 _DRIFT = 0.001  # of a fringe: slower changes at rest are averaged
 _SIGMAS = 5.0
 _FINE = 0.02  # of a fringe: no step is so short that noise hides more than this
@@ -382,6 +384,8 @@ def _until_moved(v: Array, samples: int, level: float) -> int:
         start, length = start + length, 2 * length
     return 0
 
+
+# -- A scan of the wavelength while the mirror rests: the cavity's length, roughly, and the phase with its side
 
 _FEWEST = 16
 _BINS = 600

@@ -23,6 +23,8 @@ from truepose.identification.fit.leastsquares import minimise
 from truepose.identification.leaves.fringes.levels import Noise
 from truepose.models.machine.fabry_perot import folded_phase, fringe, fringe_slope
 
+# -- Motions of the mirror near the end of a fringe, fitted to the light: x(t) smooth, or with one sudden change
+
 _FAR = 0.6  # rad
 _STILL = 0.1  # rad a half of the samples: speed of a mirror that rests
 _STEPS, _DAMPING = 30, 1e-3
@@ -187,6 +189,8 @@ class Problem:
         passes = self.side > 0.0 if len(self.at) else bool(ends[0] * ends[1] < 0.0)
         return Motion(self, a, 2.0 * found.cost, passes)
 
+
+# -- Whether the mirror passed the end of a fringe or turned around there
 
 DECISIVE = 25.0
 """Difference in chi2 from which on a verdict stands."""

@@ -1,8 +1,6 @@
 """A table of points measured on a body in several placements, as the columns of a ``pose`` sensor.
 
 Use ``pose_table`` where a machine file has ``sensor: {type: pose}`` and the metrology gave points.
-
-Files of measured points (CSV or Parquet): the placements, and the body that carries the points. mm.
 """
 
 from __future__ import annotations
@@ -25,6 +23,9 @@ from truepose.models.units import UnitSystem, convert
 from truepose.wording import close_matches
 
 POINT, AXES = "point", ("x", "y", "z")
+
+
+# -- Files of measured points (CSV or Parquet): the placements, and the body that carries the points. mm
 
 
 def read_points(path: Path) -> pd.DataFrame:
@@ -62,6 +63,8 @@ def _lengths(table: Table, name: str, *, gaps: bool = True) -> Array:
     numbers = table.readings(name) if gaps else table.numbers(name)
     return np.asarray(convert(numbers, table.unit(name, "mm", "length"), "mm"))
 
+
+# -- A table of points measured on a body in several placements, as the columns of a ``pose`` sensor
 
 COLUMNS = ("x", "y", "z", "rx", "ry", "rz")
 PAIRS = tuple(itertools.combinations(COLUMNS, 2))

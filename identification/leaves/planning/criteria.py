@@ -28,6 +28,8 @@ from scipy.optimize import minimize
 from truepose.arrays import Array, Index, Mask
 from truepose.identification.leaves.planning.information import PoseInformation, Poses
 
+# -- When is a set of poses better than another? Criteria of the information that its readings hold
+
 OPEN = 1e-28
 """A direction is open when its share of the information is below this: rounding of singular values, squared."""
 
@@ -147,6 +149,8 @@ class Objective:
         return np.asarray(s[::-1] ** 2), np.asarray(vt[::-1].T)
 
 
+# -- Choosing poses among candidates: add the pose that gains most, eliminate the one that is missed least
+
 DEPTH = 3
 """Poses added (or eliminated) in a row before as many are eliminated (added)."""
 LEAST_GAIN = 1e-6
@@ -260,6 +264,8 @@ def _scores(objective: Objective, rows: Array, updates: Array, signs: Array) -> 
     )
     return out
 
+
+# -- Moving all poses at once inside the joints' ranges, with the criterion's exact gradient (paper, Fig. 13)
 
 LIMIT = 300
 """Iterations of L-BFGS-B."""

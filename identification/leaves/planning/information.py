@@ -4,10 +4,6 @@
 tolerances) at any joint values, and pulls a cotangent of it back to the joints: with it the gradient of any
 criterion of the information costs about as much as the criterion. Loops are closed by the Predictor; what they
 do to both derivatives follows from the implicit function theorem.
-
-Where planned poses come from: candidates inside the joints' ranges, and random sets of poses.
-
-Planned joint values in the units of the machine file, rounded inside their ranges.
 """
 
 from __future__ import annotations
@@ -36,6 +32,8 @@ from truepose.models.machine.view import View
 from truepose.models.sensors.base import Sensor
 from truepose.models.sensors.pose import Pose
 from truepose.models.units import convert
+
+# -- What a pose would tell about a machine's constants, and how that changes with the joints, exactly
 
 UNKNOWN = 1e3
 """A constant of unknown tolerance counts as known to so many of its natural sizes."""
@@ -298,6 +296,9 @@ def unmeasured(
     )
 
 
+# -- Planned joint values in the units of the machine file, rounded inside their ranges
+
+
 def rounded(q: Array, machine: Machine, step: float) -> Array:
     """Joint values (n, nq) rounded to about ``step`` of their range in the file's units, never out of it."""
     out = q.copy()
@@ -318,6 +319,8 @@ def decimals(values: Array, step: float) -> int:
         return 0
     return int(np.ceil(-np.log10(step * float(np.max(np.abs(values))))))
 
+
+# -- Where planned poses come from: candidates inside the joints' ranges, and random sets of poses
 
 CANDIDATES = 600
 STRONG = 3.0

@@ -1,7 +1,4 @@
-"""Base and tool: forgotten, exchanged, or said to be known while they are far off.
-
-A table of Denavit and Hartenberg's constants typed in under another convention, in other columns, or with rows exchanged.
-"""
+"""Base and tool: forgotten, exchanged, or said to be known while they are far off."""
 
 from __future__ import annotations
 
@@ -22,6 +19,9 @@ from truepose.models.machine.machine import FRAMES
 from truepose.models.units import convert
 
 Array = NDArray[np.float64]
+
+
+# -- Base and tool: forgotten, exchanged, or said to be known while they are far off
 
 
 def frames_swapped(rig: Rig, scene: Scene) -> Iterator[Slip]:
@@ -60,7 +60,18 @@ def frame_unknown(rig: Rig, frame: str, found: Array) -> Slip:
     frames = rig.machine.file.frames if rig.machine.file else Frames()
     present = (frames.base if frame == "base" else frames.tool).present
     moved = found[rig.at[frame]] - rig.scene.p[rig.at[frame]]
-    away = f"{np.linalg.norm(moved[:3]):.4g} mm and {np.degrees(_angle(rig, frame, found)):.3g} deg"
+    here, there = (rig.frames_of(p)[FRAMES.index(frame)][:3, :3] for p in (rig.scene.p, found))
+    angle = float(np.arccos(np.clip((np.trace(here.T @ there) - 1) / 2, -1, 1)))
+    away = f"{np.linalg.norm(moved[:3]):.4g} mm and {np.degrees(angle):.3g} deg"
+
+    def mend(pair: Pair) -> Pair:
+        units, at, own = rig.machine.units, found[rig.at[frame]], ("frames", frame)
+        parent = pair.get((*own, "in")) or ("world" if frame == "base" else "flange")
+        xyz = [float(f"{convert(v, 'mm', units.length):.6g}") for v in at[:3]]
+        rpy = [float(f"{convert(v, 'rad', units.angle):.6g}") for v in at[3:]]
+        unknown = {"xyz": float("inf"), "rpy": float("inf")}
+        return pair.with_field(own, {"in": parent, "xyz": xyz, "rpy": rpy, "tolerance": unknown})
+
     return Slip(
         f"{frame}-missing",
         (f"frames.{frame}",),
@@ -69,23 +80,11 @@ def frame_unknown(rig: Rig, frame: str, found: Array) -> Slip:
         else f"frames.{frame} is left out, which says that it is exactly the identity, and stands {away} away",
         f"{'state' if present else 'add'} frames.{frame} with 'tolerance: {{xyz: .inf, rpy: .inf}}' if nobody measured it",
         lambda scene: scene,
-        partial(_mend_unknown, rig, frame, found),
+        mend,
     )
 
 
-def _angle(rig: Rig, frame: str, found: Array) -> float:
-    here, there = (rig.frames_of(p)[FRAMES.index(frame)][:3, :3] for p in (rig.scene.p, found))
-    return float(np.arccos(np.clip((np.trace(here.T @ there) - 1) / 2, -1, 1)))
-
-
-def _mend_unknown(rig: Rig, frame: str, found: Array, pair: Pair) -> Pair:
-    units, at, own = rig.machine.units, found[rig.at[frame]], ("frames", frame)
-    parent = pair.get((*own, "in")) or ("world" if frame == "base" else "flange")
-    xyz = [float(f"{convert(v, 'mm', units.length):.6g}") for v in at[:3]]
-    rpy = [float(f"{convert(v, 'rad', units.angle):.6g}") for v in at[3:]]
-    unknown = {"xyz": float("inf"), "rpy": float("inf")}
-    return pair.with_field(own, {"in": parent, "xyz": xyz, "rpy": rpy, "tolerance": unknown})
-
+# -- A table of Denavit and Hartenberg's constants typed in under another convention, in other columns, or with rows exchanged
 
 _FIELDS = ("alpha", "d", "theta", "r")
 _OWN, _SHEETS = {"a": "d", "d": "r"}, {"a": "a", "d": "d"}

@@ -1,9 +1,4 @@
-"""Joints that turn the other way, that were exchanged, or whose zero is elsewhere.
-
-The size of a slip that fits best: a grid, then halved steps.
-
-Readings of joints that are not the joints' own angles: one counted from another joint, and encoders' counts.
-"""
+"""Joints that turn the other way, that were exchanged, or whose zero is elsewhere."""
 
 from __future__ import annotations
 
@@ -22,6 +17,8 @@ from truepose.identification.leaves.check.weighing import bound
 from truepose.models.machine.mechanism import Actuator
 from truepose.models.units import convert
 from truepose.wording import joined
+
+# -- The size of a slip that fits best: a grid, then halved steps
 
 _HALVED = 8
 
@@ -42,6 +39,8 @@ def narrowed(misfit: Callable[[float], float], grid: NDArray[np.float64]) -> flo
 
 
 Array = NDArray[np.float64]
+# -- Joints that turn the other way, that were exchanged, or whose zero is elsewhere
+
 T = TypeVar("T")
 QUARTERS = (90.0, -90.0, 180.0)
 """Degrees that data sheets and controllers differ by."""
@@ -240,6 +239,8 @@ def _searched(rig: Rig, scene: Scene, k: int, against: Callable[[Scene], float])
     if abs(found) > (LEAST if turns else 0.02 * span):
         yield offset(rig, k, found, searched=True)
 
+
+# -- Readings of joints that are not the joints' own angles: one counted from another joint, and encoders' counts
 
 _SPANS = {"rad": np.radians([15.0, 720.0]), "mm": np.array([5.0, 5000.0])}
 """Between what a joint's motion in a recording lies."""

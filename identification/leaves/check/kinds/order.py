@@ -1,7 +1,4 @@
-"""Readings beside the wrong rows: shifted by some rows, or sorted by themselves.
-
-Joints that were read at another time than the sensor, or not at all for a while.
-"""
+"""Readings beside the wrong rows: shifted by some rows, or sorted by themselves."""
 
 from __future__ import annotations
 
@@ -24,6 +21,8 @@ from truepose.models.units import convert
 from truepose.wording import shortened
 
 Array = NDArray[np.float64]
+# -- Joints that were read at another time than the sensor, or not at all for a while
+
 _CLOCKS = 16.0
 """Steps of time that clocks may differ by."""
 _FEWEST = 8
@@ -123,6 +122,8 @@ def _without(run: NDArray[np.bool_], scene: Scene) -> Scene:
 def _mend_run(kept: NDArray[np.intp], pair: Pair) -> Pair:
     return pair.each(lambda sheet: sheet.rows(kept))
 
+
+# -- Readings beside the wrong rows: shifted by some rows, or sorted by themselves
 
 _FURTHEST = 3
 _MOST_SORTED = 400

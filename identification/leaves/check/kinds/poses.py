@@ -1,7 +1,4 @@
-"""Poses given the other way round, or with angles of another convention in the columns of the rotation vector.
-
-Measured axes with another sign or in another order, and targets that were exchanged.
-"""
+"""Poses given the other way round, or with angles of another convention in the columns of the rotation vector."""
 
 from __future__ import annotations
 
@@ -22,6 +19,8 @@ from truepose.wording import joined
 
 Array = NDArray[np.float64]
 _XYZ, _TURN = ("x", "y", "z"), ("rx", "ry", "rz")
+# -- Measured axes with another sign or in another order, and targets that were exchanged
+
 _MOST_TARGETS = 4
 
 
@@ -149,6 +148,8 @@ def _orders(n: int) -> list[tuple[int, ...]]:
     others = (order for order in permutations(still) if order != still)
     return sorted(others, key=lambda order: sum(a != b for a, b in zip(order, still, strict=True)))
 
+
+# -- Poses given the other way round, or with angles of another convention in the columns of the rotation vector
 
 _SIX = ("x", "y", "z", "rx", "ry", "rz")
 _PROPER = ("xyx", "xzx", "yxy", "yzy", "zxz", "zyz")

@@ -32,36 +32,34 @@ def units(rig: Rig, scene: Scene) -> Iterator[Slip]:
     yield from _file_angles(rig)
 
 
+def _said(rig: Rig) -> dict[str, str]:
+    """Return the unit that each column of joints and sensors is said to be in."""
+    joints = {a.reading: rig.machine.column_unit(a.reading) for a in rig.machine.mechanism.actuators}
+    seen = {n: rig.machine.units.written(u) for s in rig.machine.sensors for n, u in s.columns.items()}
+    return {**joints, **seen, **rig.recording.said}
+
+
 def _recordings(rig: Rig) -> Iterator[Slip]:
     """Yield other units for all lengths and all angles of a recording at once: everything in m and rad, say."""
-    written = rig.machine.units
-    columns: dict[str, list[str]] = {inside: [] for inside, _, _ in _DIMENSIONS}
     joints = {a.reading: a.reading_unit for a in rig.machine.mechanism.actuators}
     seen = {n: unit for s in rig.machine.sensors for n, unit in s.columns.items()}
-    for name, unit in (*joints.items(), *seen.items()):
-        if unit in columns:
-            columns[unit].append(name)
-    said = {
-        n: rig.machine.column_unit(n) if n in joints else written.written(u)
-        for n, u in (*joints.items(), *seen.items())
-    }
-    others = [
-        [(None, {}), *_otherwise(rig, columns[inside], said, known)] for inside, _, known in _DIMENSIONS
-    ]
+    units = [*joints.items(), *seen.items()]
+    alike = {inside: [n for n, unit in units if unit == inside] for inside, _, _ in _DIMENSIONS}
+    others = [[(None, {}), *_otherwise(rig, alike[inside], known)] for inside, _, known in _DIMENSIONS]
     for (length, longer), (angle, wider) in product(*others):
         factors = {**longer, **wider}
         if not (factors.keys() & joints.keys() and factors.keys() & seen.keys()):
             continue
-        units = {**dict.fromkeys(longer, length or ""), **dict.fromkeys(wider, angle or "")}
+        named_units = {**dict.fromkeys(longer, length or ""), **dict.fromkeys(wider, angle or "")}
         named = [u for u, f in ((length, longer), (angle, wider)) if f and u]
         size, width = (max((f[n] for n in f if n in seen), default=1.0) for f in (longer, wider))
         yield Slip(
             "unit-length" if longer else "unit-angle",
             tuple(factors),
             f"the recording in {joined(named)}",
-            f"write the units in the header: {shortened([f'{n} [{u}]' for n, u in units.items()], 12)}",
+            f"write the units in the header: {shortened([f'{n} [{u}]' for n, u in named_units.items()], 12)}",
             partial(_scaled_both, factors, size, width),
-            partial(_said_in, units),
+            partial(_said_in, named_units),
             min((LENGTHS[length] if length else 1.0), (ANGLES[angle] if angle else 1.0)),
         )
 
@@ -84,10 +82,9 @@ def _others(known: Iterable[str], unit: str) -> list[tuple[str, float]]:
 
 
 def _readings(rig: Rig) -> Iterator[Slip]:
-    written = rig.machine.units
     for inside, kind, known in _DIMENSIONS:
         names = tuple(n for s in rig.machine.sensors for n, unit in s.columns.items() if unit == inside)
-        for unit, factors in _otherwise(rig, names, dict.fromkeys(names, written.written(inside)), known):
+        for unit, factors in _otherwise(rig, names, known):
             most = max(factors.values())
             sizes = (most, 1.0) if inside == "mm" else (1.0, most)
             change = partial(_scaled_columns, factors, *sizes)
@@ -100,22 +97,19 @@ def _joints(rig: Rig) -> Iterator[Slip]:
         sets = [tuple(like), *((name,) for name in like)] if len(like) > 1 else [tuple(like)]
         for chosen in sets:
             odds = _ALONE if len(chosen) < len(like) else 1.0
-            for unit, factors in _otherwise(
-                rig, chosen, {n: rig.machine.column_unit(n) for n in chosen}, known
-            ):
+            for unit, factors in _otherwise(rig, chosen, known):
                 says = f"{joined(tuple(factors)) if len(factors) < 4 else 'joints'} in {unit}"
-                yield _in_unit(
-                    kind, factors, unit, says, partial(_scaled_joints, factors), odds * known[unit]
-                )
+                change = partial(_scaled_joints, factors)
+                yield _in_unit(kind, factors, unit, says, change, odds * known[unit])
 
 
 def _otherwise(
-    rig: Rig, names: Sequence[str], unheaded: Mapping[str, str], known: Iterable[str]
+    rig: Rig, names: Sequence[str], known: Iterable[str]
 ) -> Iterator[tuple[str, dict[str, float]]]:
     """Every unit that columns may be in, and by how much those that are said to be in another one then grow."""
-    said = {name: rig.recording.said.get(name, unheaded[name]) for name in names}
+    said = _said(rig)
     for unit in known:
-        factors = {name: convert(1.0, unit, other) for name, other in said.items()}
+        factors = {name: convert(1.0, unit, said[name]) for name in names}
         factors = {name: factor for name, factor in factors.items() if abs(factor - 1.0) > 1e-9}
         if factors:
             yield unit, factors

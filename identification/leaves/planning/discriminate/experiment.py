@@ -3,8 +3,6 @@
 ``discriminate`` chooses rows (pose, payload, temperature, side, time) that maximise the expected log Bayes factor of
 whatever is true against its worst rival, geometry marginalised under its tolerances (``criterion``),
 and says what each factor brings.
-
-What an experiment that tells explanations apart is expected to say, as data.
 """
 
 from __future__ import annotations
@@ -54,6 +52,8 @@ from truepose.wording import joined
 if TYPE_CHECKING:
     import pandas as pd
 
+
+# -- What an experiment that tells explanations apart is expected to say, as data
 
 SPLIT = 3.0
 """Expected log Bayes factor from which two explanations are told apart: the diagnosis' own threshold."""
@@ -137,6 +137,8 @@ class Experiment(Shown):
         """The rows that ``truepose plan --discriminate`` writes: joints and what else varies, in the machine file's units."""
         return frame(self)
 
+
+# -- The experiment that splits explanations which a diagnosis cannot tell apart
 
 DRAWS = 20
 """Random sets of rows that the plan is compared with."""

@@ -3,8 +3,6 @@
 A factor is a driver of the recording with the levels it may be set to. What explanations read and nobody offered
 stays at its nominal value; a usual span of it says what offering it would bring.
 
-Further targets on the tool body: machines that have them, to see what measuring them would bring.
-
 Explanations that an experiment is to tell apart: an effect at a place, the forms it may take, its size.
 
 They are named on a command line as ``simulate --effect`` names them, or taken from the class of a finding in
@@ -51,6 +49,8 @@ from truepose.models.sensors.pose import Pose
 from truepose.models.sensors.targets import Targets
 from truepose.models.units import convert
 from truepose.wording import close_matches
+
+# -- Explanations that an experiment is to tell apart: an effect at a place, the forms it may take, its size
 
 EXPECTED = 0.01
 """Share of a coefficient's largest expected size that is taken where no amplitude is named: the middle, in the log, of the
@@ -223,6 +223,8 @@ def _twins(explanation: Explanation) -> set[str]:
     return {slug for part in explanation.forms[0] for slug in part.effect.twins(part.settings_map)}
 
 
+# -- What an experiment may vary beside the joints: payload, temperatures, sides of approach, time, sessions, speeds
+
 SIDES = (1.0, -1.0)
 HOURS = (0.0, 0.5, 1.0, 1.5, 2.0)
 SESSIONS = (1.0, 2.0)
@@ -372,6 +374,8 @@ def _numbers(text: str, where: str) -> tuple[float, ...]:
         raise InputError(f"{where}: found {min(values):g} kg, expected masses that are not negative")
     return tuple(sorted(set(values)))
 
+
+# -- Further targets on the tool body: machines that have them, to see what measuring them would bring
 
 _AXES = "xyz"
 

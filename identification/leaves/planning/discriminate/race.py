@@ -14,8 +14,6 @@ Rows that an experiment may take, and what each would tell of the constants and 
 
 A row is a pose with a setting of the factors; its readings' derivatives come from the diagnosis' own signatures, on
 a recording that was never made.
-
-The rows that an experiment may choose from, and which of them hold a kind of factor still or vary it.
 """
 
 from __future__ import annotations
@@ -53,6 +51,8 @@ from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.file.driver import APPROACH, OF_THE_WAY, SESSION, TIME, Driver
 from truepose.models.machine.machine import Machine
+
+# -- Rows that an experiment may take, and what each would tell of the constants and of every explanation
 
 WIDE = 100.0
 """Prior 1-sigma of an effect of any size, in units of its scale: as in the diagnosis."""
@@ -224,6 +224,8 @@ def _stacked(parts: Sequence[Array]) -> Array:
 
 ROWS, LEAST_POSES, MORE_POSES = 2400, 120, 120
 """Rows to choose from; poses among them at least; poses at which a factor that was not offered is tried."""
+# -- The rows that an experiment may choose from, and which of them hold a kind of factor still or vary it
+
 STEP = 1e-6
 """Joint values are rounded to about this share of their range."""
 
@@ -287,6 +289,8 @@ def _levels(varied: Sequence[Factor], free: set[str], rng: np.random.Generator) 
     held = [f if f.driver in free else replace(f, levels=(f.nominal,)) for f in varied]
     return settings(held, rng)
 
+
+# -- How well rows tell explanations apart, and which rows do it best
 
 Single = NDArray[np.float32]
 WORST = 4.0
@@ -444,6 +448,8 @@ def _weighed(white: Single, error: Array, sign: float) -> Array:
     inner = np.eye(white.shape[1]) + sign * (white @ white.transpose(0, 2, 1)).astype(float)
     return np.asarray(np.sum(error * np.linalg.solve(inner, error), axis=1))
 
+
+# -- From explanations to contests: which version of each is true, how large it is, and which versions rival it
 
 RIVAL_FORMS = 3
 """Versions of a rival that are followed: those that come closest to what may be true."""
