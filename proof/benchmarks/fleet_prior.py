@@ -32,10 +32,9 @@ from challenge.simulator.base import Imperfection, Kind, Plan
 from challenge.simulator.writing import recording_text
 from truepose.files import atomic_write_text
 from truepose.identification.learned_prior import read_prior, write_prior
-from truepose.identification.leaves.fleet.columns import kept
 from truepose.identification.leaves.fleet.run import learned
 from truepose.identification.leaves.fleet.statistics import EffectInFleet, statistics
-from truepose.identification.leaves.fleet.summary import Summary, total
+from truepose.identification.leaves.fleet.summary import Summary, kept, total
 
 Array = NDArray[np.float64]
 LEARN, JUDGE = 100, 100

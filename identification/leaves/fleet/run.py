@@ -39,7 +39,6 @@ from truepose.identification.learned_prior import (
     read_prior,
     write_prior,
 )
-from truepose.identification.leaves.fleet.columns import KEPT, Gathered
 from truepose.identification.leaves.fleet.files import DOCUMENT, PAGE, put_fleet
 from truepose.identification.leaves.fleet.folder import Member, members
 from truepose.identification.leaves.fleet.record import (
@@ -53,7 +52,7 @@ from truepose.identification.leaves.fleet.record import (
     paired,
 )
 from truepose.identification.leaves.fleet.statistics import Tree, statistics, trees
-from truepose.identification.leaves.fleet.summary import Summary
+from truepose.identification.leaves.fleet.summary import KEPT, Gathered, Summary
 from truepose.identification.leaves.fleet.table import SHOWN, Fleet, Row, oddness, row, write_rows
 from truepose.identification.leaves.fleet.work import Options, Task, done
 from truepose.pool import Pool, each

@@ -25,8 +25,7 @@ from scipy.special import expit, logit, logsumexp
 from scipy.stats import t as student
 
 from truepose.arrays import Array
-from truepose.identification.leaves.fleet.columns import KERNEL, LOG_ODDS, RATIOS, SLAB
-from truepose.identification.leaves.fleet.summary import Summary
+from truepose.identification.leaves.fleet.summary import KERNEL, LOG_ODDS, RATIOS, SLAB, Summary
 from truepose.identification.prior import FLEET_ODDS, FLEET_PLACES, TOLERANCE_DOUBT
 
 # -- Frequencies of an effect at its places, which are alike but not the same: a tree of three levels, summed out on grids

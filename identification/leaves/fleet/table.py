@@ -20,18 +20,18 @@ from scipy.special import expit, stdtr
 
 from truepose.arrays import Array, Index
 from truepose.files import atomic_write_text
-from truepose.identification.leaves.fleet.columns import (
+from truepose.identification.leaves.fleet.record import Changes, Record, findings_text
+from truepose.identification.leaves.fleet.statistics import FleetStatistics
+from truepose.identification.leaves.fleet.summary import (
     UNIT,
     Columns,
     Said,
+    Summary,
     Whole,
     constant_moments,
     effect_moments,
     size_moments,
 )
-from truepose.identification.leaves.fleet.record import Changes, Record, findings_text
-from truepose.identification.leaves.fleet.statistics import FleetStatistics
-from truepose.identification.leaves.fleet.summary import Summary
 from truepose.identification.prior import URN
 
 # -- Which machines are unlike their fleet, and why: each is judged by the others

@@ -208,7 +208,7 @@ def _told(task: Task, value: object) -> object:
 
 
 def _record(task: Task, result: _Result) -> Record:
-    from truepose.identification.leaves.fleet.columns import kept
+    from truepose.identification.leaves.fleet.summary import kept
     from truepose.identification.report.json_text import finite
     from truepose.identification.report.judgement_words import diagnosis_judgement
     from truepose.identification.report.results import diagnosis_json

@@ -22,7 +22,6 @@ import numpy as np
 from truepose.arrays import Array
 from truepose.errors import InputError, ReadBackError
 from truepose.identification.compensation.inverse import Reach
-from truepose.identification.leaves.programs.frames import Cell, Frames, Told, shown_name
 from truepose.identification.leaves.programs.meaning import (
     Meant,
     Robot,
@@ -34,12 +33,16 @@ from truepose.identification.leaves.programs.meaning import (
 from truepose.identification.leaves.programs.points import decimals_of
 from truepose.identification.leaves.programs.program import (
     LARGEST,
+    Cell,
+    Frames,
     Left,
     Program,
     Target,
+    Told,
     in_order,
     replaced,
     shown,
+    shown_name,
     written,
 )
 from truepose.models import lie

@@ -25,8 +25,7 @@ from truepose.errors import InputError
 from truepose.identification.compensation.compiled import base_frame
 from truepose.identification.compensation.inverse import PoseSolver
 from truepose.identification.compensation.rows import ideal_constants, twists_between
-from truepose.identification.leaves.programs.frames import Told
-from truepose.identification.leaves.programs.program import Configuration, Left, Program, Target
+from truepose.identification.leaves.programs.program import Configuration, Left, Program, Target, Told
 from truepose.models.file.driver import APPROACH, Driver
 from truepose.models.leaves.export.numbers import MM_PER_M, xyz_rpy
 from truepose.models.leaves.export.tree import Tree, TreeJoint, tree_of, turn

@@ -28,7 +28,6 @@ from truepose.identification.leaves.programs.flow import (
     ways_to,
     worked_out,
 )
-from truepose.identification.leaves.programs.frames import shown_name
 from truepose.identification.leaves.programs.program import (
     BASE_ITSELF,
     LARGEST,
@@ -49,6 +48,7 @@ from truepose.identification.leaves.programs.program import (
     parts,
     replaced,
     shown,
+    shown_name,
 )
 from truepose.models.lie import pose_of
 from truepose.models.machine.machine import Machine

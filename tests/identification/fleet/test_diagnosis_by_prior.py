@@ -15,8 +15,7 @@ from truepose.cli import app
 from truepose.identification.diagnosis.place_evidence import PlaceEvidence
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.learned_prior import EffectPrior, LearnedPrior, PlacePrior, write_prior
-from truepose.identification.leaves.fleet.columns import kept
-from truepose.identification.leaves.fleet.summary import Summary
+from truepose.identification.leaves.fleet.summary import Summary, kept
 from truepose.identification.prior import SIZES
 
 CASE = TESTS / "golden_diagnoses/arm-two"

@@ -13,8 +13,7 @@ from scipy.special import expit, logit
 from scipy.stats import t as student
 
 from support.fleets import DrawnFleet, mixed_machines
-from truepose.identification.leaves.fleet.columns import Columns
-from truepose.identification.leaves.fleet.summary import Summary, total
+from truepose.identification.leaves.fleet.summary import Columns, Summary, total
 from truepose.identification.leaves.fleet.table import ODD, OTHERS, SURE, Oddness, oddness
 from truepose.identification.prior import URN
 

@@ -10,15 +10,6 @@ from scipy.special import expit
 from scipy.stats import t as student
 
 from support.fleets import DrawnFleet
-from truepose.identification.leaves.fleet.columns import (
-    LOG_ODDS,
-    RATIOS,
-    SLAB,
-    Told,
-    of_frequency,
-    of_presence,
-    of_spread,
-)
 from truepose.identification.leaves.fleet.record import figures_of, parameters_of, rounded
 from truepose.identification.leaves.fleet.statistics import (
     FINE,
@@ -30,7 +21,17 @@ from truepose.identification.leaves.fleet.statistics import (
     single,
     statistics,
 )
-from truepose.identification.leaves.fleet.summary import Summary, total
+from truepose.identification.leaves.fleet.summary import (
+    LOG_ODDS,
+    RATIOS,
+    SLAB,
+    Summary,
+    Told,
+    of_frequency,
+    of_presence,
+    of_spread,
+    total,
+)
 
 
 def kept(**changes: Any) -> dict[str, Any]:

@@ -14,9 +14,16 @@ from scipy.special import expit
 
 from support.fleets import DrawnFleet, mixed_machines
 from truepose.errors import InputError
-from truepose.identification.leaves.fleet.columns import KERNEL, LOG_ODDS, SLAB, Columns, by_size
 from truepose.identification.leaves.fleet.statistics import FINE, statistics, trees
-from truepose.identification.leaves.fleet.summary import Summary, total
+from truepose.identification.leaves.fleet.summary import (
+    KERNEL,
+    LOG_ODDS,
+    SLAB,
+    Columns,
+    Summary,
+    by_size,
+    total,
+)
 
 
 def machines(seed: int, number: int, places: int = 3, ratio: float = 1.0) -> list[Summary]:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from support.graph_machines import machine_of
 from support.plans import landscape, poses
 from truepose.errors import InputError
-from truepose.identification.leaves.planning.criteria import CRITERIA, Landscape, climb
 from truepose.identification.leaves.planning.information import (
     CANDIDATES,
     STRONG,
@@ -22,7 +21,7 @@ from truepose.identification.leaves.planning.information import (
     Supply,
     rounded,
 )
-from truepose.identification.leaves.planning.plan import DRAWS, Plan, plan
+from truepose.identification.leaves.planning.plan import CRITERIA, DRAWS, Landscape, Plan, climb, plan
 from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]

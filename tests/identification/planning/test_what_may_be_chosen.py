@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from support.experiments import BENT, COMPLIANT, UNEVEN, YIELDING, arm, telescope
 from truepose.errors import InputError
-from truepose.identification.leaves.planning.criteria import CRITERIA, OPEN, Objective, Pool, exchange
 from truepose.identification.leaves.planning.discriminate.experiment import IDENTICAL, SPLIT, Experiment, Pair
 from truepose.identification.leaves.planning.discriminate.factors import (
     MOST,
@@ -32,6 +31,7 @@ from truepose.identification.leaves.planning.discriminate.race import (
     recording_of,
 )
 from truepose.identification.leaves.planning.information import decimals, rounded
+from truepose.identification.leaves.planning.plan import CRITERIA, OPEN, Objective, Pool, exchange
 from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]

@@ -11,17 +11,20 @@ import pytest
 from support.program_robots import arms, joints, machine_file, shape, status_turn
 from truepose.errors import InputError
 from truepose.identification.compensation.inverse import PoseSolver
-from truepose.identification.leaves.programs.frames import Cell, Frames, Told, shown_name
 from truepose.identification.leaves.programs.kuka import Stand, fdats, frames, motions
 from truepose.identification.leaves.programs.meaning import ArmShape, Branches, flipped
 from truepose.identification.leaves.programs.program import (
     BASE_ITSELF,
+    Cell,
     Euler,
+    Frames,
     Number,
     Program,
     Quaternion,
     StatusTurn,
     Target,
+    Told,
+    shown_name,
 )
 from truepose.identification.leaves.programs.rapid import Move, cell_of, moves
 from truepose.models.load import load_machine

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from support.program_robots import arms, joints, machine_file
 from truepose.identification.compensation.inverse import PoseSolver
-from truepose.identification.leaves.programs.frames import Told
 from truepose.identification.leaves.programs.meaning import (
     Branches,
     Robot,
@@ -19,7 +18,7 @@ from truepose.identification.leaves.programs.meaning import (
     joint_units,
     joint_values,
 )
-from truepose.identification.leaves.programs.program import Euler, Program, RotationVector, StatusTurn
+from truepose.identification.leaves.programs.program import Euler, Program, RotationVector, StatusTurn, Told
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 

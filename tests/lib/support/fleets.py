@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, logsumexp
 
-from truepose.identification.leaves.fleet.columns import KERNEL, SLAB
 from truepose.identification.leaves.fleet.statistics import GRID_STEPS, effect_steps
+from truepose.identification.leaves.fleet.summary import KERNEL, SLAB
 from truepose.identification.prior import FLEET_PLACES, SIZES
 
 Array = NDArray[np.float64]

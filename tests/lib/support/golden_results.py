@@ -19,9 +19,8 @@ from truepose.identification.diagnosis.null_fits import null_fits
 from truepose.identification.diagnosis.search import Expansion, Start, prepared
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.tool_spread import tool_spread
-from truepose.identification.leaves.fleet.columns import Columns
 from truepose.identification.leaves.fleet.statistics import statistics
-from truepose.identification.leaves.fleet.summary import Summary
+from truepose.identification.leaves.fleet.summary import Columns, Summary
 from truepose.identification.leaves.fringes.move import Move
 from truepose.identification.posterior.mode import climbed
 from truepose.identification.recording.recording import Recording
