@@ -33,10 +33,8 @@ from challenge.simulator.writing import recording_text
 from truepose.errors import TrueposeError
 from truepose.identification.diagnosis import diagnose as engine
 from truepose.identification.diagnosis.result import Diagnosis, Finding
-from truepose.identification.leaves.planning.discriminate.experiment import discriminate
-from truepose.identification.leaves.planning.discriminate.explanations import Explanation, class_of
-from truepose.identification.leaves.planning.discriminate.factors import Offer
-from truepose.identification.leaves.planning.discriminate.result import Experiment
+from truepose.identification.leaves.planning.discriminate.experiment import Experiment, discriminate
+from truepose.identification.leaves.planning.discriminate.factors import Explanation, Offer, class_of
 from truepose.identification.leaves.planning.pose_tables import experiment_table
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.json_text import json_text

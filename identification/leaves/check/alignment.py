@@ -41,7 +41,7 @@ def starts(
     for sensor, read, whole in _read(machine, rows):
         seen = flange[whole]
         if isinstance(sensor, Pose):
-            poses = _transforms(lie.exp_so3(read[:, 3:]), read[:, :3])
+            poses = lie.pose_of(lie.exp_so3(read[:, 3:]), read[:, :3])
             yield from frames_from_poses(seen, poses, stated[1])
             yield _base_at(seen @ stated[1], poses), stated[1]
         elif isinstance(sensor, Position):
@@ -65,12 +65,12 @@ def tools(machine: Machine, rows: Recording, carried: Array, points: Array | Non
     Where points alone are read it is not turned.
     """
     for sensor, read, whole in _read(machine, rows):
-        flange, eye = carried[whole], np.tile(np.eye(3), (len(read), 1, 1))
+        flange = carried[whole]
         turned = not isinstance(sensor, Position)
         if isinstance(sensor, Pose):
-            poses = _transforms(lie.exp_so3(read[:, 3:]), read[:, :3])
+            poses = lie.pose_of(lie.exp_so3(read[:, 3:]), read[:, :3])
         elif not turned:
-            poses = _transforms(eye, read)
+            poses = lie.pose_of(np.eye(3), read)
         elif isinstance(sensor, Targets) and points is not None and _spread_out(points):
             poses = _poses_of(read.reshape(len(read), -1, 3), points)
         else:
@@ -78,7 +78,7 @@ def tools(machine: Machine, rows: Recording, carried: Array, points: Array | Non
         back = np.swapaxes(flange[:, :3, :3], 1, 2)
         shift = np.einsum("nij,nj->i", back, poses[:, :3, 3] - flange[:, :3, 3]) / len(read)
         turn = lie.nearest_rotation(np.sum(back @ poses[:, :3, :3], axis=0)) if turned else np.eye(3)
-        yield _transforms(turn[None], shift[None])[0]
+        yield lie.pose_of(turn, shift)
 
 
 def _read(machine: Machine, rows: Recording) -> Iterator[tuple[Sensor, Array, NDArray[np.bool_]]]:
@@ -105,7 +105,7 @@ def _by_lengths(sensor: BallBar, flange: Array, length: Array, stated: Frames) -
                 seen = np.einsum("nji,nj->ni", flange[:, :3, :3], found - flange[:, :3, 3])
                 tool[:3, 3] = next(_centres(seen, length)) - tool[:3, :3] @ ball
             for found in _centres((flange @ tool)[:, :3] @ [*ball, 1.0], length):
-                yield _transforms(turn[None], (centre - turn @ found)[None])[0], tool.copy()
+                yield lie.pose_of(turn, centre - turn @ found), tool.copy()
 
 
 def _centres(balls: Array, distance: Array) -> Iterator[Array]:
@@ -128,14 +128,14 @@ def _base_at(drawn: Array, measured: Array) -> Array:
     """The base (4, 4) that brings drawn poses (n, 4, 4) next to measured ones."""
     turn = lie.nearest_rotation(np.einsum("nij,nkj->ik", measured[:, :3, :3], drawn[:, :3, :3]))
     shift = np.mean(measured[:, :3, 3] - drawn[:, :3, 3] @ turn.T, axis=0)
-    return np.asarray(_transforms(turn[None], shift[None])[0])
+    return lie.pose_of(turn, shift)
 
 
 def _far_tools(drawn: Array, read: Array) -> Iterator[Array]:
     """Yield tools (4, 4) on every side where points (n, 3) spread further than poses (n, 4, 4) of the stated tool."""
     apart = float(np.linalg.norm(np.std(read, axis=0)))
     if np.linalg.norm(np.std(drawn[:, :3, 3], axis=0)) < 0.5 * apart:
-        yield from _transforms(np.tile(np.eye(3), (6, 1, 1)), apart * np.vstack([np.eye(3), -np.eye(3)]))
+        yield from lie.pose_of(np.eye(3), apart * np.vstack([np.eye(3), -np.eye(3)]))
 
 
 def _by_directions(sensor: Direction, tool: Array, read: Array, stated: Frames) -> Iterator[Frames]:
@@ -153,17 +153,11 @@ def _spread_out(points: Array) -> bool:
     return bool(sizes[1] > _FLAT * max(sizes[0], 1e-12))
 
 
-def _transforms(rotation: Array, position: Array) -> Array:
-    out = np.zeros((len(rotation), 4, 4))
-    out[:, :3, :3], out[:, :3, 3], out[:, 3, 3] = rotation, position, 1.0
-    return out
-
-
 def _poses_of(clouds: Array, points: Array) -> Array:
     """(n, 4, 4) poses of a body from its points (m, 3) as they were measured (n, m, 3)."""
     middle, centre = clouds.mean(axis=1), points.mean(axis=0)
     rotation = lie.nearest_rotation(np.einsum("nmi,mj->nij", clouds - middle[:, None], points - centre))
-    return _transforms(rotation, middle - rotation @ centre)
+    return lie.pose_of(rotation, middle - rotation @ centre)
 
 
 def _by_points(flange: Array, clouds: Array, points: Array, tool: Array) -> Frames:
@@ -191,7 +185,7 @@ def _by_points(flange: Array, clouds: Array, points: Array, tool: Array) -> Fram
             break
         tool[:3, 3] += step
     middle = held.mean(axis=(0, 1)) + turned.mean(axis=0) @ tool[:3, 3]
-    return _transforms(rotation[None], (clouds.mean(axis=(0, 1)) - rotation @ middle)[None])[0], tool
+    return lie.pose_of(rotation, clouds.mean(axis=(0, 1)) - rotation @ middle), tool
 
 
 def frames_from_poses(flange: Array, measured: Array, tool: Array) -> Iterator[Frames]:
@@ -256,8 +250,4 @@ def _with_shifts(flange: Array, measured: Array, base: Array, tool: Array, near:
     right = measured[:, :3, 3] - np.einsum("ij,nj->ni", base, flange[:, :3, 3]) - turn @ near
     system = np.concatenate([turn, np.broadcast_to(np.eye(3), turn.shape)], axis=2).reshape(-1, 6)
     found = np.linalg.lstsq(system, right.reshape(-1), rcond=1e-6)[0]
-    ends = _transforms(np.array([base, tool]), np.array([found[3:], near + found[:3]]))
-    return ends[0], ends[1]
-
-
-__all__ = ["Frames", "frames_from_poses", "starts", "tools"]
+    return lie.pose_of(base, found[3:]), lie.pose_of(tool, near + found[:3])

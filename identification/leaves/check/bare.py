@@ -1,26 +1,56 @@
-"""What is seen without a fit: missing blocks, too few or repeated rows, joints that stand still or leave their range."""
+"""What is seen without a fit: missing blocks, too few or repeated rows, joints that stand still or leave their range.
+
+Whether joints give way along the gravity that the file states, or against it: a robot that hangs, said to stand.
+
+A machine fits as it is drawn whichever way is down. But its joints give way along gravity, never against it: if compliances
+that are all negative fit far better than any that are positive, gravity pulls the other way.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import nnls
 
-from truepose.identification.fit.standing_out import FAR
+from truepose.identification.fit.standing_out import FAR, Left, row_words
+from truepose.identification.leaves.check.kinds.joints import LEAST
+from truepose.identification.leaves.check.kinds.units import ANGLES, LENGTHS
+from truepose.identification.leaves.check.pair import USUAL, Mend, Pair, Stand, usable
 from truepose.identification.leaves.check.result import Found
-from truepose.identification.leaves.check.rig import Rig, Stand
-from truepose.identification.leaves.check.weighing import USUAL_REACH, reach
+from truepose.identification.leaves.check.rig import Rig
+from truepose.identification.leaves.check.weighing import (
+    CERTAIN,
+    PHYSICS,
+    USUAL_REACH,
+    Problem,
+    Weighed,
+    allowed,
+    evidence,
+    linearised,
+    reach,
+    without,
+)
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.angle_range import beyond
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.untestable import GRAVITY, GRAVITY_LINE
+from truepose.models.effects.base import PlacedEffect
+from truepose.models.effects.encoder_eccentricity import EncoderEccentricity
+from truepose.models.effects.joint_compliance import JointCompliance
+from truepose.models.file.driver import APPROACH, PAYLOAD, Driver
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.mechanism import Parameter
+from truepose.models.sensors.base import Channel, Sensor
 from truepose.models.units import convert
 from truepose.wording import joined, shortened
 
 Array = NDArray[np.float64]
+# -- What is seen without a fit: missing blocks, too few or repeated rows, joints that stand still or leave their range
+
 _FEWEST = 6
 STEEL, SMALLEST_PART = 7850.0, 300.0
 """Density of steel, kg/m^3, and the longest part (mm) that a small machine is taken to have at least."""
@@ -87,18 +117,14 @@ def _shared_columns(machine: Machine) -> Iterator[Found]:
 
 def repeats(recording: Recording) -> NDArray[np.intp]:
     """Places of rows that repeat an earlier one in all that was logged; changes since a row itself do not count."""
-    parts = [
-        recording.q,
-        *(v[:, None] for v in (*recording.observations.values(), *recording.drivers.values())),
-    ]
-    if not recording.observations:
+    read, time = list(recording.observations.values()), recording.time
+    if not read:
         return np.zeros(0, dtype=np.intp)
-    if recording.time is not None:
-        parts.append(recording.time[:, None])
-    seen = np.hstack(parts)
-    told = np.abs(np.column_stack(list(recording.observations.values()))).max(axis=1) > 0
-    first = set(_firsts(seen).tolist())
-    return np.array([k for k in range(len(seen)) if k not in first and told[k]], dtype=np.intp)
+    seen = np.column_stack(
+        [recording.q, *read, *recording.drivers.values(), *([] if time is None else [time])]
+    )
+    told = np.abs(np.column_stack(read)).max(axis=1) > 0
+    return np.setdiff1d(np.flatnonzero(told), _firsts(seen))
 
 
 def _firsts(cells: NDArray[np.generic]) -> NDArray[np.intp]:
@@ -129,12 +155,9 @@ def out_of_range(machine: Machine, recording: Recording) -> Iterator[Found]:
         if not len(bad):
             continue
         unit = machine.column_unit(a.reading)
-        found, ends = (
-            convert(float(q[bad[0]]), a.reading_unit, unit),
-            [convert(v, a.reading_unit, unit) for v in a.reading_range],
-        )
-        limits = f"[{ends[0]:.6g}, {ends[1]:.6g}]"
-        says = f"{recording.where(int(bad[0]))}: {a.reading} is {found:.6g} {unit}, out of its range {limits}"
+        found, low, high = (convert(v, a.reading_unit, unit) for v in (float(q[bad[0]]), *a.reading_range))
+        where = recording.where(int(bad[0]))
+        says = f"{where}: {a.reading} is {found:.6g} {unit}, out of its range [{low:.6g}, {high:.6g}]"
         yield Found(
             "offset", (a.reading,), says, f"compare the zero, the unit and the range of {a.reading}", "wrong"
         )
@@ -161,18 +184,15 @@ def _too_heavy(machine: Machine) -> Iterator[Found]:
     travels = [np.ptp(a.range) for a in machine.mechanism.actuators if a.range and a.reading_unit == "mm"]
     longest = max([SMALLEST_PART, *lengths, *travels, *(abs(x) for m in machine.masses for x in m.com)])
     cube = STEEL * (longest / 1000.0) ** 3
-    where: tuple[str, ...]
+    where: tuple[str, ...] = ("masses",)
     heavy = sorted((mass for mass in machine.masses if mass.kg > 0.0), key=lambda mass: -mass.kg)
     total = sum(mass.kg for mass in heavy)
     if len(heavy) > 2 and heavy[0].kg > max(NEARER * heavy[1].kg, FILLED * cube):
         where, kg = ("masses", heavy[0].name), heavy[0].kg
         says = f"{heavy[0].name} weighs {kg:.6g} kg, {kg / heavy[1].kg:.3g} times as much as any other mass"
     elif total > cube:
-        where, kg = ("masses",), total
-        says = (
-            f"the masses add up to {kg:.6g} kg; a solid steel cube as long as the longest part ({longest:.4g} mm) weighs "
-            f"{cube:.3g} kg"
-        )
+        kg, part = total, f"the longest part ({longest:.4g} mm)"
+        says = f"the masses add up to {kg:.6g} kg; a solid steel cube as long as {part} weighs {cube:.3g} kg"
     else:
         return
     fix = f"state `kg` in kilograms: {'this mass' if len(where) > 1 else 'masses'} in grams would be {kg / 1000.0:.6g} kg"
@@ -193,11 +213,8 @@ def coarse_joints(rig: Rig, stand: Stand) -> Iterator[Found]:
     steps = [_step(convert(q, a.reading_unit, unit)) for a, unit, q in columns]
     for a, unit, step in zip(actuators, units, steps, strict=True):
         alike = [other for b, other in zip(actuators, steps, strict=True) if b.unit == a.unit]
-        if (
-            step
-            and min(alike) == 0.0
-            and _is_rounded(rig, stand, a.reading, convert(step, unit, a.reading_unit))
-        ):
+        size = convert(step, unit, a.reading_unit)
+        if step and min(alike) == 0.0 and _is_rounded(rig, stand, a.reading, size):
             yield Found(
                 "resolution",
                 (a.reading,),
@@ -213,9 +230,8 @@ def _is_rounded(rig: Rig, stand: Stand, joint: str, step: float) -> bool:
     predictor, q = Predictor(rig.machine, rows, rig.machine.effects), rows.q.copy()
     q[:, rows.joints.index(joint)] += SMALL
     both = predictor, predictor.over(replace(rows, q=q))
-    at, moved = (
-        np.concatenate([b.residual for b in one.blocks(stand.p, one.assemble(stand.p)[0])]) for one in both
-    )
+    assembled = ((one, one.assemble(stand.p)[0]) for one in both)
+    at, moved = (np.concatenate([b.residual for b in one.blocks(stand.p, x)]) for one, x in assembled)
     along = np.nan_to_num(moved - at) / SMALL
     rounding = step / np.sqrt(12.0) * float(np.sqrt(np.mean(along**2)))
     explained = np.sum(along * stand.residual, axis=1) ** 2 / np.maximum(np.sum(along**2, axis=1), 1e-300)
@@ -260,4 +276,381 @@ def no_tolerances(rig: Rig, stand: Stand) -> Iterator[Found]:
     )
 
 
-__all__ = ["bare", "coarse_joints", "no_tolerances", "out_of_range", "repeats"]
+# -- A stated sigma against what replicates say of it, or, without any, against all that a fit leaves
+
+SIGMA_FAR = 10.0
+"""How many times a stated sigma may differ from what readings say before it is worth a word."""
+ROUNDING = 1e-9
+"""Share of a stated sigma that arithmetic leaves where a fit meets every reading: it says nothing of a sensor."""
+_MOST_GROUPS = 100
+
+
+def sigmas(rig: Rig, stand: Stand, price: float) -> Iterator[Found]:
+    """Kinds of reading whose sigma is far from the scatter of replicates, or from all that is left."""
+    for kind, (ratio, words) in _scatters(rig, stand, price).items():
+        if ratio is None or ratio <= ROUNDING or 1.0 / SIGMA_FAR < ratio < SIGMA_FAR:
+            continue
+        channel = next(c for c in rig.machine.channels if c.kind == kind)
+        size = float(f"{channel.sigma * ratio:.2g}")
+        fields = {"position": "xyz", "rotation": "rot", "direction": "angle"}.get(kind, kind)
+        unit = rig.machine.units.written(channel.unit)
+        yield Found(
+            "sigma",
+            (f"sensor.sigma.{fields}",),
+            f"{words} by {size:.3g} {channel.unit}, sigma is stated as {channel.sigma:.3g} {channel.unit}",
+            f"state sigma: {{{fields}: {convert(size, channel.unit, unit):.2g}}}",
+            "suspect",
+            channel.sigma,
+            size,
+            channel.unit,
+            partial(_mend_sigma, fields, convert(size, channel.unit, unit)),
+        )
+
+
+def _mend_sigma(key: str, value: float, pair: Pair) -> Pair:
+    sensor = pair.get(("sensor",))
+    heads = [("sensor", k) for k in range(len(sensor))] if isinstance(sensor, list) else [("sensor",)]
+    for head in heads:
+        if pair.get((*head, "sigma", key)) is not None:
+            pair = pair.with_field((*head, "sigma", key), float(f"{value:.3g}"))
+    return pair
+
+
+def _scatters(rig: Rig, stand: Stand, price: float) -> dict[str, tuple[float | None, str]]:
+    """By kind of reading: scatter over sigma of replicates; without any, what is left of the fit if that is too little."""
+    kinds = list(dict.fromkeys(c.kind for c in rig.machine.channels))
+    rows = _replicates(rig.recording)
+    out: dict[str, tuple[float | None, str]] = {}
+    if len(rows) >= 2 and not any(s.differs_from_row or s.compares for s in rig.machine.sensors):
+        labels = np.repeat(np.arange(len(rows)), [len(r) for r in rows])
+        here = rig.predictor.over(rig.recording.subset(np.concatenate(rows)))
+        residual, good = rig.residual(here, stand.p, stand.scene)
+        for kind in kinds:
+            at = [k for k, c in enumerate(rig.machine.channels) if c.kind == kind]
+            out[kind] = (_within(residual[:, at], labels, good), "replicates scatter")
+    left = stand.residual
+    for kind in kinds:
+        if kind not in out and price < 1.0 / SIGMA_FAR and len(left):
+            out[kind] = (price, "everything that is left varies")
+    return out
+
+
+def _replicates(recording: Recording) -> list[NDArray[np.intp]]:
+    """Places of rows that were measured alike, groups of two and more; a row copied from another one is none.
+
+    Alike: at one reading of all joints, in one session, reached from the same sides, under the same load.
+    """
+    use = np.setdiff1d(np.flatnonzero(~recording.validation), repeats(recording))
+    like = [v for name, v in recording.drivers.items() if Driver.of(name).kind in (APPROACH, PAYLOAD)]
+    told = np.column_stack([recording.q, recording.session, *like])[use] + 0.0
+    _, label, count = np.unique(told, axis=0, return_inverse=True, return_counts=True)
+    label = label.reshape(-1)
+    return [use[label == k] for k in np.flatnonzero(count >= 2)[:_MOST_GROUPS]]
+
+
+def _within(residual: Array, labels: NDArray[np.int64], good: NDArray[np.bool_]) -> float | None:
+    """The middle of the groups' scatter; None where too few readings repeat."""
+    sizes, spare = [], 0
+    for k in np.unique(labels):
+        own = residual[(labels == k) & good]
+        own = own[np.isfinite(own).all(axis=1)]
+        if len(own) >= 2:
+            spare += (len(own) - 1) * own.shape[1]
+            square = np.sum((own - own.mean(axis=0)) ** 2)
+            sizes.append(float(np.sqrt(square / ((len(own) - 1) * own.shape[1]))))
+    return float(np.median(sizes)) if spare >= _FEWEST else None
+
+
+# -- Whether joints give way along the gravity that the file states, or against it: a robot that hangs, said to stand
+
+
+def reversed_gravity(rig: Rig, weighed: Weighed, misfit: float) -> Iterator[Found]:
+    """Yield a finding where joints give way against the stated gravity; ``misfit``: rms that is left without compliances.
+
+    Certain alone is worth a word, and only where the other sign leaves nothing that needs a further cause.
+    """
+    machine = rig.machine
+    joints = _compliances(machine, rig.recording)
+    if weighed.stand.bad or not joints or not _is_pulled_by_gravity_alone(machine):
+        return
+    if not _is_certain(rig, weighed, misfit, 1.0):  # no compliance could make it so
+        return
+    sagging = _Sagging.of(rig, weighed, joints)
+    stated, other = sagging.left(1.0), sagging.left(-1.0)
+    if other > FAR or not _is_certain(rig, weighed, stated, other):
+        return
+    gravity = list(machine.gravity or ())
+    mended = [0.0 - v for v in gravity]
+    yield Found(
+        "gravity-reversed",
+        ("gravity",),
+        f"joints give way against the stated gravity {_words(gravity)}: compliances leave {stated:.3g} sigma with it, and "
+        f"{other:.3g} sigma with its other sign",
+        f"look how the machine is mounted: 'gravity: {_words(mended)}' (in the base frame) if it hangs",
+        "suspect",
+        mend=lambda pair: pair.with_field(("gravity",), mended),
+    )
+
+
+def _words(vector: Sequence[float]) -> str:
+    return f"[{', '.join(f'{v + 0.0:.6g}' for v in vector)}]"
+
+
+def _is_pulled_by_gravity_alone(machine: Machine) -> bool:
+    """Whether all loads turn with gravity, and no effect of the file has taken them into account."""
+    others = machine.springs or machine.forces or any(e.needs_load for e in machine.effects)
+    return not others
+
+
+def _compliances(machine: Machine, recording: Recording) -> list[PlacedEffect]:
+    """Return compliances of each joint: one where masses are stated, else one for each body that may be heavy."""
+    effect = JointCompliance()
+    every = [
+        PlacedEffect.at(effect, machine, at, settings)
+        for at in effect.places(machine)
+        if effect.screened(machine, at)
+        for settings in effect.settings(machine, at, recording)
+    ]
+    return [one for one in every if one.needs_load and not one.bent]
+
+
+def _eccentric(machine: Machine) -> list[PlacedEffect]:
+    """Return encoders that may be eccentric, where the file has no such effect yet."""
+    effect, known = EncoderEccentricity(), {e.at_place for e in machine.effects}
+    every = [PlacedEffect.at(effect, machine, at) for at in effect.places(machine)]
+    return [one for one in every if one.at_place not in known]
+
+
+def _is_certain(rig: Rig, weighed: Weighed, stated: float, other: float) -> bool:
+    """Whether the other sign is certain, by what both leave beyond the noise of the instrument, in sigmas.
+
+    What noise alone makes of the rms of so many readings is nothing left.
+    """
+    least = np.sqrt(2.0 / max(weighed.stand.residual.size, 1))
+    beyond = [float(np.sqrt(max(size**2 - 1.0, least))) for size in (stated, other)]
+    scene = weighed.hypothesis.scene
+    gained = evidence(rig, scene, beyond[1], USUAL) - evidence(rig, scene, beyond[0], 1.0)
+    return bool(gained > np.log(CERTAIN / (1.0 - CERTAIN)))
+
+
+@dataclass(frozen=True)
+class _Sagging:
+    """Readings by constants and by compliances, linear about where a hypothesis settled.
+
+    residual (n, m) and jacobian (n, m, np) whitened; columns of the jacobian: constants, then ``eccentric`` ones of encoders,
+    which bend for what looks like a compliance of either sign, then those of compliances.
+    """
+
+    rig: Rig
+    weighed: Weighed
+    residual: Array
+    jacobian: Array
+    eccentric: int
+
+    @classmethod
+    def of(cls, rig: Rig, weighed: Weighed, joints: Sequence[PlacedEffect]) -> _Sagging:
+        """Return the derivatives of the rows that a hypothesis was judged by."""
+        machine, stand = rig.machine, weighed.stand
+        eccentric = _eccentric(machine)
+        rows = stand.scene.rows.subset(stand.rows)
+        here = Predictor(machine, rows, (*machine.effects, *eccentric, *joints))
+        p = np.concatenate([weighed.settled.p, np.zeros(len(here.model.names) - len(rig.names))])
+        jacobian, residual = linearised(rig, here, p, stand)
+        return cls(rig, weighed, residual, jacobian, sum(len(e.coefficients) for e in eccentric))
+
+    def left(self, sign: float) -> float:
+        """Return the rms of readings and of departures where all compliances have one sign, in sigmas."""
+        first = self._left(sign, 1.0)
+        return self._left(sign, max(first, 1.0))
+
+    def _left(self, sign: float, noise: float) -> float:
+        problem = Problem(self.rig, self.weighed.stand, noise, self.weighed.free)
+        known, places = len(self.rig.names), problem.moving
+        unit = np.ones(self.jacobian.shape[2])
+        unit[places] = problem.scale
+        held = np.zeros((len(places), len(unit)))
+        held[np.arange(len(places)), places] = problem.held
+        moved = np.vstack([self.jacobian.reshape(-1, len(unit)) * unit / noise, held])
+        off = np.where(problem.known, problem.off(self.weighed.settled.p), 0.0)
+        right = -np.concatenate([self.residual.reshape(-1) / noise, off])
+        first = known + self.eccentric
+        both = without(moved[:, [*places, *range(known, first)]], np.column_stack([moved[:, first:], right]))
+        size = np.maximum(np.linalg.norm(both[:, :-1], axis=0), 1e-300)
+        _, left = nnls(sign * both[:, :-1] / size, both[:, -1])
+        return float(noise * left / np.sqrt(max(self.residual.size, 1)))
+
+
+# -- What a check says of rows that stand out of the rest, and of what is left of all rows
+
+
+def left_of(rig: Rig, weighed: Weighed) -> Left:
+    """Return what a hypothesis leaves of every row."""
+    scene = weighed.hypothesis.scene
+    places = usable(rig.machine, scene)
+    here = rig.predictor.over(scene.rows.subset(places))
+    residual, good = rig.residual(here, weighed.settled.p, scene)
+    residual = residual * rig.scale(scene)
+    fine = good & np.isfinite(residual).all(axis=1)
+    return Left.of(residual[fine], places[fine], allowed(rig, weighed.stand))
+
+
+def length_of(rig: Rig, left: Left) -> float | None:
+    """Return the rms of the 3-D error over all rows, mm; None where no length is read."""
+    if not rig.long.any() or not len(left.residual):
+        return None
+    sigma = np.array([c.sigma for c in rig.machine.channels])
+    points = {c.point for c in rig.machine.channels if c.unit == "mm"}
+    mm = (left.residual * sigma)[:, rig.long]
+    return float(np.sqrt(np.mean(np.sum(mm**2, axis=1)) / max(len(points), 1)))
+
+
+def standing_out(rig: Rig, left: Left) -> Iterator[Found]:
+    """Yield the rows that stand out of the rest."""
+    says = row_words(rig.machine, rig.recording, left)
+    if says:
+        fix = "compare these rows with their source; mend them, or take them out"
+        yield Found("rows-stand-out", ("rows",), says, fix, "suspect")
+
+
+# -- Encoders on the load side against the joints that they read: another unit, the other way, another joint, another zero
+
+_KEPT = 0.8
+_FAR = 5.0
+"""How many tolerances a zero may be off before it is worth a word."""
+SURE = 3.0
+"""How many times better a meaning of a column must fit to be certain."""
+_CLEAR = 3.0
+"""How many times the scatter of a joint's own errors a zero must be off to be told from them."""
+
+
+@dataclass(frozen=True)
+class _Meant:
+    """What a column may be: its readings (n,) if so, in words, and how to mend the files."""
+
+    kind: str
+    readings: Array
+    says: str
+    fix: str
+    mend: Mend
+
+
+def encoders(machine: Machine, recording: Recording) -> Iterator[Found]:
+    """Slips of columns that read a joint itself; what gear, play and load do to a joint is none."""
+    ways = _ways(machine, recording)
+    for place, sensor in enumerate(machine.sensors):
+        for channel, zero in zip(sensor.channels, sensor.parameters, strict=True) if sensor.joints else ():
+            way = ways[sensor.joints[channel.name]]
+            read = recording.observations[channel.name]
+            known = np.isfinite(read)
+            if not known.any() or np.ptp(way[known]) == 0.0:
+                continue
+            before, middle = _left(read[known] - way[known], channel.unit)
+            if before > PHYSICS * float(np.std(way[known])):
+                yield _slip(machine, recording, sensor, channel, known, before)
+            else:
+                yield from _encoder_zero(machine, place, sensor, channel, zero, middle, before)
+
+
+def _ways(machine: Machine, recording: Recording) -> dict[str, Array]:
+    """(n,) way of every joint by its reading alone, mm or rad."""
+    actuators = machine.mechanism.actuators
+    gains = [machine.geometry[a.gain].nominal if a.gain else 1.0 for a in actuators]
+    return {a.reading: gains[k] * recording.q[:, k] for k, a in enumerate(actuators)}
+
+
+def _left(off: Array, unit: str) -> tuple[float, float]:
+    """Rms about the middle of what differs (k,), over the rows that differ least, and the middle; no whole turns of angles."""
+    if unit == "rad":
+        about = float(np.angle(np.mean(np.exp(1j * off))))
+        off = about + (off - about + np.pi) % (2.0 * np.pi) - np.pi
+    middle = float(np.median(off))
+    each = np.sort(np.abs(off - middle))[: max(int(_KEPT * len(off)), 1)]
+    return float(np.sqrt(np.mean(each**2))), middle
+
+
+def _slip(
+    machine: Machine,
+    recording: Recording,
+    sensor: Sensor,
+    channel: Channel,
+    known: NDArray[np.bool_],
+    before: float,
+) -> Found:
+    """What a column that does not follow its joint is likely to be."""
+    joint, name, unit = sensor.joints[channel.name], channel.name, channel.unit
+    way = _ways(machine, recording)[joint][known]
+    every = list(_meanings(machine, recording, sensor, channel))
+    left = [_left(m.readings[known] - way, unit)[0] for m in every]
+    best = int(np.argmin(left)) if left else -1
+    shown = machine.units.written(unit)
+    size = convert(before, unit, shown)
+    if best < 0 or SURE * left[best] > before:
+        return Found(
+            "unexplained",
+            (name,),
+            f"{name} does not follow {joint}: they differ by {size:.3g} {shown} rms, and no slip that was tried explains it",
+            f"compare the columns {name} and {joint}, their units and their rows with their source",
+            "wrong",
+            size,
+            unit=shown,
+        )
+    m, after = every[best], convert(left[best], unit, shown)
+    return Found(m.kind, (name,), m.says, m.fix, "wrong", size, after, shown, m.mend)
+
+
+def _meanings(machine: Machine, recording: Recording, sensor: Sensor, channel: Channel) -> Iterator[_Meant]:
+    joint, name, unit = sensor.joints[channel.name], channel.name, channel.unit
+    read = recording.observations[name]
+    said = recording.said.get(name, machine.units.written(unit))
+    for other in ANGLES if unit == "rad" else LENGTHS:
+        factor = convert(1.0, other, said)
+        if abs(factor - 1.0) > 1e-9:
+            fix = f"write the unit in the header: {name} [{other}]"
+            kind = "unit-angle" if unit == "rad" else "unit-length"
+            mend = partial(Pair.in_unit, names=[name], unit=other)
+            yield _Meant(kind, factor * read, f"{name} in {other}", fix, mend)
+    fix = f"change the sign of column {name}"
+    says = f"{name} counts the other way than {joint}"
+    yield _Meant("sign", -read, says, fix, partial(Pair.negated, names=[name]))
+    for beside in sensor.joints:
+        if beside != name and sensor.columns[beside] == unit:
+            fix = f"exchange the headers of columns {name} and {beside}"
+            says = f"{name} and {beside} exchanged"
+            # once: the finding of the other column says the same
+            names = {name: beside, beside: name} if name < beside else {}
+            mend = partial(Pair.renamed, names=names)
+            yield _Meant("permutation", recording.observations[beside], says, fix, mend)
+
+
+def _encoder_zero(
+    machine: Machine,
+    place: int,
+    sensor: Sensor,
+    channel: Channel,
+    zero: Parameter,
+    middle: float,
+    scatter: float,
+) -> Iterator[Found]:
+    """A zero that is elsewhere than its tolerance says."""
+    off = middle - zero.nominal
+    if channel.unit == "rad":
+        off = (off + np.pi) % (2.0 * np.pi) - np.pi
+    if not abs(off) > max(_FAR * zero.tolerance, _CLEAR * scatter, _FAR * channel.sigma):
+        return
+    joint, unit = sensor.joints[channel.name], machine.units.written(channel.unit)
+    at, stated = (convert(v, channel.unit, unit) for v in (zero.nominal + off, zero.nominal))
+    key = "angle" if channel.unit == "rad" else "length"
+    certain = channel.unit == "rad" and zero.tolerance == 0.0 and abs(off) > LEAST
+    several = machine.file is not None and isinstance(machine.file.raw.get("sensor"), list)
+    head: tuple[str | int, ...] = ("sensor", place) if several else ("sensor",)
+    exact = "exactly " if zero.tolerance == 0.0 else ""
+    yield Found(
+        "offset",
+        (channel.name,),
+        f"{channel.name} reads {at:.4g} {unit} where {joint} reads 0; the machine file has {exact}{stated:.4g} {unit} there",
+        f"state 'zero: {{{joint}: {at:.4g}}}' and 'tolerance: {{{key}: .inf}}' of this sensor if nobody measured it",
+        "wrong" if certain else "suspect",
+        mend=lambda pair: pair.with_field((*head, "zero", joint), float(f"{at:.6g}")).with_field(
+            (*head, "tolerance", key), float("inf")
+        ),
+    )

@@ -16,13 +16,17 @@ from numpy.typing import NDArray
 from truepose.errors import InputError
 from truepose.files import atomic_directory
 from truepose.identification.recording.load import tables
+from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.table import Table
 from truepose.models.file.yaml_document import parse_document, read_text
 from truepose.models.file.yaml_edit import edited_text
 from truepose.models.load import load_machine
+from truepose.models.machine.machine import Machine
 from truepose.models.machine.urdf_lengths import rescaled
 
 Array = NDArray[np.float64]
+# -- A machine file and its recordings as documents that can be mended and written again
+
 Field = tuple[str | int, ...]
 _DESCRIPTION: Field = ("mechanism", "file")
 """Where a machine file names its URDF."""
@@ -64,6 +68,13 @@ class Sheet:
         cells = self.cells.rename(columns=dict(names))
         return replace(self, cells=cells, units={names.get(n, n): unit for n, unit in self.units.items()})
 
+    def with_cells_of(self, names: Iterable[str], rows: NDArray[np.intp]) -> Sheet:
+        """Some columns with the cells that they have in other rows (n,)."""
+        cells = self.cells.copy()
+        for name in set(names) & set(cells):
+            cells[name] = self.cells[name].to_numpy()[rows]
+        return replace(self, cells=cells)
+
     def rows(self, places: Sequence[int] | NDArray[np.intp]) -> Sheet:
         """Some rows, in this order."""
         return replace(self, cells=self.cells.iloc[list(places)].reset_index(drop=True))
@@ -97,6 +108,18 @@ class Pair:
     def each(self, change: Callable[[Sheet], Sheet]) -> Pair:
         """Every sheet changed alike."""
         return replace(self, sheets=tuple(change(sheet) for sheet in self.sheets))
+
+    def in_unit(self, names: Iterable[str], unit: str) -> Pair:
+        """Columns of every sheet said to be in another unit."""
+        return self.each(lambda sheet: sheet.in_unit(names, unit))
+
+    def renamed(self, names: Mapping[str, str]) -> Pair:
+        """Headers of every sheet exchanged."""
+        return self.each(lambda sheet: sheet.renamed(names))
+
+    def negated(self, names: Sequence[str]) -> Pair:
+        """Columns of every sheet with the other sign."""
+        return self.each(lambda s: s.with_numbers({n: -s.numbers(n) for n in names if n in s.units}))
 
     def with_field(self, field: Field, value: object) -> Pair:
         """A field of the machine file set, made where it is not there yet."""
@@ -171,4 +194,149 @@ def _readings(machine: Path) -> tuple[str, ...]:
         return ()
 
 
-__all__ = ["Field", "Pair", "Sheet"]
+Mask = NDArray[np.bool_]
+# -- What a hypothesis says of the rows and of the machine, and where base and tool then stand
+
+MOST_ROWS = 45
+"""Rows that a hypothesis is judged by: enough to tell slips apart, few enough for a hundred hypotheses in a second."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What a hypothesis says: all rows (their readings may be changed), constants p (np,), the factors by which it changed
+    measured lengths (size) and angles (width), and the rows (n,) that it leaves without a reading.
+
+    drawn, stated: the factors by which it changed the lengths of the mechanism and those of tolerances. exchanged: whether base
+    and tool have each other's tolerances. coarse, turned: the factors by which the sigmas
+    of lengths grow, and the sigmas and tolerances of angles.
+    """
+
+    rows: Recording
+    p: Array
+    size: float = 1.0
+    width: float = 1.0
+    lost: Mask | None = None
+    drawn: float = 1.0
+    stated: float = 1.0
+    exchanged: bool = False
+    coarse: float = 1.0
+    turned: float = 1.0
+
+    def with_joints(self, q: Array) -> Scene:
+        """The same with other readings of the joints (n, nq)."""
+        return replace(self, rows=replace(self.rows, q=q))
+
+    def with_joint_columns(self, columns: Mapping[int, Array]) -> Scene:
+        """The same with other readings (n,) of some joints."""
+        q = self.rows.q.copy()
+        for k, column in columns.items():
+            q[:, k] = column
+        return self.with_joints(q)
+
+    def with_readings_of(self, rows: NDArray[np.intp]) -> Scene:
+        """The same with the sensors' readings of other rows (n,)."""
+        return self.with_columns({n: v[rows] for n, v in self.rows.observations.items()})
+
+    def without(self, lost: Mask) -> Scene:
+        """The same with more rows (n,) left without a reading."""
+        return replace(self, lost=lost if self.lost is None else lost | self.lost)
+
+    def with_columns(self, columns: Mapping[str, Array], size: float = 1.0, width: float = 1.0) -> Scene:
+        """The same with other columns (n,) of the sensors, multiplied by ``size`` (lengths) and ``width`` (angles)."""
+        seen = {**self.rows.observations, **columns}
+        rows = replace(self.rows, observations=seen)
+        return replace(self, rows=rows, size=self.size * size, width=self.width * width)
+
+
+@dataclass(frozen=True)
+class Stand:
+    """Where base and tool stand best: constants p (np,), and what is left.
+
+    misfit: whitened rms over the rows that fit best; length: rms of the 3-D error, mm, None where no length is read; residual
+    (n, m) whitened; rows: places (n,) of the rows judged.
+    """
+
+    p: Array
+    misfit: float
+    length: float | None
+    residual: Array
+    rows: NDArray[np.intp]
+    scene: Scene
+
+    @property
+    def bad(self) -> bool:
+        """Whether nothing could be fitted."""
+        return not np.isfinite(self.misfit)
+
+
+def usable(machine: Machine, scene: Scene) -> NDArray[np.intp]:
+    """Return the places of all rows to judge by; where rows count from others, of motions and the rows that they start at."""
+    use = ~scene.rows.validation
+    if scene.lost is not None:
+        use &= ~scene.lost
+    rows = np.flatnonzero(use)
+    if len(rows) and differs(machine) and scene.rows.from_row is not None:
+        return _with_origins(scene.rows.q, rows, scene.rows.from_row)
+    return rows
+
+
+def chosen(machine: Machine, scene: Scene) -> NDArray[np.intp]:
+    """Return the places of the rows to judge by, spread over the recording; with those that ``from`` names."""
+    rows = usable(machine, scene)
+    if differs(machine) and scene.rows.from_row is not None:
+        return rows
+    return _spread(rows)
+
+
+def _spread(rows: NDArray[np.intp]) -> NDArray[np.intp]:
+    step = np.linspace(0, len(rows) - 1, min(MOST_ROWS, len(rows))).round().astype(int)
+    return np.asarray(rows[np.unique(step)])
+
+
+def _with_origins(q: Array, rows: NDArray[np.intp], origin: NDArray[np.int64]) -> NDArray[np.intp]:
+    """The first row of each motion that was read, so that repeats do not crowd out poses, and the rows that they start at."""
+    told = np.column_stack([q[rows], q[origin[rows]]])
+    moved = rows[np.any(q[rows] != q[origin[rows]], axis=1)]
+    first = np.sort(np.unique(told, axis=0, return_index=True)[1])
+    wanted = np.intersect1d(rows[first], moved)
+    wanted = _spread(wanted) if len(wanted) else rows[:1]
+    while True:
+        closed = np.unique(np.concatenate([wanted, origin[wanted]]))
+        if len(closed) == len(wanted):
+            return closed
+        wanted = closed
+
+
+def differs(machine: Machine) -> bool:
+    """Whether a sensor reads changes since another row."""
+    return any(sensor.differs_from_row for sensor in machine.sensors)
+
+
+# -- A slip that may have been made between a machine and its files: what would be right, how likely it is, and how to mend it
+
+Change = Callable[[Scene], Scene]
+Mend = Callable[[Pair], Pair]
+USUAL, SELDOM, RARE = 1e-2, 1e-3, 1e-5
+"""Odds of one slip against none, before readings are looked at: what every workshop has seen, what happens, what hardly does.
+
+A slip whose size is searched for is rare: a size that happens to fit is one of many hundred.
+"""
+
+
+@dataclass(frozen=True)
+class Slip:
+    """One hypothesis: its kind, the columns or fields it is about, what it says, and what it does to scene and files.
+
+    says: what would be true ("readings are in m"); fix: what to change, in words; change: the scene as it would then be;
+    mend: the files as they then should be; odds: how likely it is before readings are looked at; between: whether it is about
+    which rows belong together, so that it says nothing of a row by itself.
+    """
+
+    kind: str
+    where: tuple[str, ...]
+    says: str
+    fix: str
+    change: Change
+    mend: Mend
+    odds: float = USUAL
+    between: bool = False

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
-from truepose.identification.leaves.check.pair import Pair
-from truepose.identification.leaves.check.slip import Mend
+from truepose.identification.leaves.check.pair import Mend, Pair
 from truepose.identification.signatures.untestable import Missing
 from truepose.shown.result import Shown, frame
 
@@ -98,6 +97,3 @@ class Check(Shown):
             else {"value": self.left, "unit": self.unit, "rows": self.left_rows},
             "untestable": [{"effects": list(m.effects), "why": m.why, "add": m.add} for m in self.missing],
         }
-
-
-__all__ = ["SCHEMA", "Check", "Found", "Verdict"]

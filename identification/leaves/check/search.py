@@ -7,14 +7,16 @@ quick fit of base and tool, the best are weighed in full (``weighing``), and whe
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from truepose.identification.leaves.check.classes import shares, undone
-from truepose.identification.leaves.check.kinds.axes import mirrored, targets, turned
-from truepose.identification.leaves.check.kinds.frames import frames_swapped
+from truepose.identification.leaves.check.alignment import Frames
+from truepose.identification.leaves.check.kinds.frames import conventions, exchanged_rows, frames_swapped
 from truepose.identification.leaves.check.kinds.joints import (
+    counts,
+    coupled,
     end_zeros,
     exchanged,
     mirrored_zeros,
@@ -22,16 +24,12 @@ from truepose.identification.leaves.check.kinds.joints import (
     signs,
     zeros,
 )
-from truepose.identification.leaves.check.kinds.order import matched, shifted
-from truepose.identification.leaves.check.kinds.poses import poses
-from truepose.identification.leaves.check.kinds.readings import counts, coupled
-from truepose.identification.leaves.check.kinds.runs import clocks, stands_still
-from truepose.identification.leaves.check.kinds.table import conventions, exchanged_rows
+from truepose.identification.leaves.check.kinds.order import clocks, matched, shifted, stands_still
+from truepose.identification.leaves.check.kinds.poses import mirrored, poses, targets, turned
 from truepose.identification.leaves.check.kinds.units import units
-from truepose.identification.leaves.check.result import Found
-from truepose.identification.leaves.check.rig import Rig, Scene
-from truepose.identification.leaves.check.sessions import moved
-from truepose.identification.leaves.check.slip import Slip
+from truepose.identification.leaves.check.pair import SELDOM, Pair, Scene, Sheet, Slip, Stand
+from truepose.identification.leaves.check.result import Found, Verdict
+from truepose.identification.leaves.check.rig import ABSURD, Rig, motion
 from truepose.identification.leaves.check.weighing import (
     CERTAIN,
     NOWHERE_ELSE,
@@ -39,39 +37,270 @@ from truepose.identification.leaves.check.weighing import (
     Weighed,
     best_of,
     bound,
+    evidence,
+    fits_better,
     is_right,
+    settle,
     ways,
     weigh,
 )
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.recording import Recording
+from truepose.models import lie
 from truepose.models.machine.machine import FRAMES
+from truepose.models.machine.mechanism import AXES
+from truepose.models.units import convert
+
+Array = NDArray[np.float64]
+# -- Which hypotheses say the same of a machine, how probable each such class is, and which frames would undo one
+
+_SAME = 1e-9
+"""mm, rad, or a share: readings that differ by less are the same."""
+_TURNS = (7, 11, 13, 17, 19, 23, 29, 31)
+
+
+def shares(rig: Rig, every: Sequence[Weighed]) -> list[tuple[list[Weighed], float]]:
+    """Return classes of hypotheses that predict alike, each with its probability, the likeliest first.
+
+    Of a class, those come first that leave no more than drawing and sigma, and frames where the file has them.
+    """
+    if not every:
+        return []
+    top = max(w.score for w in every)
+    weight = {id(w): float(np.exp(w.score - top)) for w in every}
+    classes: list[list[Weighed]] = []
+    needed = [w for w in every if not any(_enough_without(rig, w, other) for other in every)]
+    for one in sorted(needed, key=lambda w: -w.score):
+        mine = next((c for c in classes if weight[id(one)] > 1e-4 and _alike(rig, c[0], one)), None)
+        if mine is None:
+            classes.append([one])
+        else:
+            mine.append(one)
+    total = sum(weight[id(w)] for w in needed)
+    order = {id(w): (not w.near, len(w.free), -w.score) for w in every}
+    told = [
+        (sorted(members, key=lambda w: order[id(w)]), sum(weight[id(w)] for w in members) / total)
+        for members in classes
+    ]
+    return sorted(told, key=lambda each: -each[1])
+
+
+def _told(weighed: Weighed) -> set[str]:
+    """Return what a hypothesis says is not as the files have it: its slips, and frames elsewhere."""
+    return {slip.fix for slip in weighed.hypothesis.slips} | set(weighed.free)
+
+
+def _enough_without(rig: Rig, more: Weighed, fewer: Weighed) -> bool:
+    """Whether a hypothesis says more than another that is enough or meets the readings as well: the rest is not needed."""
+    return _told(fewer) < _told(more) and (is_right(rig, fewer) or not fits_better(rig, more, fewer))
+
+
+def _alike(rig: Rig, one: Weighed, other: Weighed) -> bool:
+    """Whether two hypotheses say the same of poses that were not recorded: joints as read, each column turned by itself."""
+    a, b = one.stand.scene.rows.observations, other.stand.scene.rows.observations
+    if not all(np.allclose(a[name], b[name], rtol=_SAME, atol=_SAME, equal_nan=True) for name in a):
+        return False
+    slips = (*one.hypothesis.slips, *other.hypothesis.slips)
+    if one.stand.bad or other.stand.bad or any(slip.between for slip in slips):
+        return False
+    q = rig.recording.q[one.stand.rows]
+    turned = np.column_stack([np.roll(q[:, k], _TURNS[k % len(_TURNS)] * (k + 1)) for k in range(q.shape[1])])
+    seen = [_predicted(rig, w, turned) for w in (one, other)]
+    apart = np.linalg.norm(seen[0][:, :3, 3] - seen[1][:, :3, 3], axis=1)
+    limits = [w.stand.length for w in (one, other)]
+    near = max(*(v or 0.0 for v in limits), 1e-6 * max(1.0, float(np.ptp(seen[0][:, :3, 3]))))
+    return bool(np.median(apart) <= 2.0 * near)
+
+
+def _predicted(rig: Rig, weighed: Weighed, q: Array) -> Array:
+    """(n, 4, 4) poses of the tool at joints (n, nq) as they would have been recorded."""
+    rows = rig.recording.subset(weighed.stand.rows)
+    scene = replace(rig.scene, rows=replace(rows, q=q))
+    for slip in weighed.hypothesis.slips:
+        scene = slip.change(scene)
+    return _poses(rig, weighed, scene.rows)
+
+
+def _poses(rig: Rig, weighed: Weighed, rows: Recording) -> Array:
+    here, p = rig.predictor.over(rows), weighed.settled.p
+    x, _ = rig.assembled(here, p, weighed.stand.scene)
+    return here.poses(p, x)[0]
+
+
+def undone(rig: Rig, weighed: Weighed) -> list[Frames]:
+    """Return frames that would undo a hypothesis, if frames can: those that bring the machine as it stands to its poses."""
+    if weighed.stand.bad:
+        return []
+    rows = weighed.stand.rows
+    return list(rig.frames_for(rows, _poses(rig, weighed, weighed.hypothesis.scene.rows.subset(rows))))
+
+
+# -- Rows of two set-ups in one recording: base or tool stood elsewhere from some row on
+
+_PARTS = 8
+_TELL = "give each set-up its own number in a column 'session', or calibrate them one by one"
+_STATE = "if base or tool were set up anew, say so in the machine file: 'per: session' in frames.base, or in frames.tool"
+_FEWEST, _ROUNDS = 8, 4
+_NEAR = 2
+"""Rows by which the best cut may miss the row at which a session begins."""
+_APART = 0.5
+"""How much better one frame alone must explain the second set-up than the other one to be named."""
+
+
+@dataclass(frozen=True)
+class _Cut:
+    """The rows before and after a cut, each fitted by itself."""
+
+    row: int
+    before: Stand
+    after: Stand
+
+    @property
+    def misfit(self) -> float:
+        """That of the worse part, in sigmas."""
+        return max(self.before.misfit, self.after.misfit)
+
+
+def moved(rig: Rig, weighed: Weighed) -> Iterator[Found]:
+    """Yield a change of set-up, where two parts of the rows fit several times better each by itself."""
+    scene, stand = rig.scene, weighed.stand
+    if stand.bad or scene.rows.from_row is not None or weighed.near:
+        return
+    cut = _best_cut(rig, scene)
+    if cut is None:
+        return
+    sides = [settle(rig, part, FRAMES) for part in (cut.before, cut.after)]
+    whole = evidence(rig, scene, settle(rig, rig.stand(scene), FRAMES).price, 1.0)
+    apart = evidence(rig, scene, max(side.price for side in sides), SELDOM)
+    if not apart - whole > np.log(CERTAIN / (1.0 - CERTAIN)):
+        return
+    known = any(abs(cut.row - edge) <= _NEAR for edge in _edges(scene))
+    small = stand.misfit < ABSURD * motion(rig, stand)
+    if known and small:
+        return  # a mount that moved a little between sessions is physics, with a name of its own
+    found = _two_setups(rig, scene, cut, "suspect" if known or small else "wrong", stand.length)
+    yield replace(found, fix=_STATE if known else _TELL)
+
+
+def _best_cut(rig: Rig, scene: Scene) -> _Cut | None:
+    """Return where two parts fit best: coarsely, then at the very row."""
+    cuts = _cuts(scene)
+    if not cuts:
+        return None
+    tried = {row: _apart(rig, scene, row) for row in cuts}
+    cut = min(tried.values(), key=lambda cut: cut.misfit)
+    for _ in range(_ROUNDS):
+        row = _between(rig, scene, cut)
+        if row == cut.row:
+            break
+        cut = _apart(rig, scene, row)
+    return cut
+
+
+def _between(rig: Rig, scene: Scene, cut: _Cut) -> int:
+    """Return the row at which the rows before fit the one part, and the rows from there on the other, best of all."""
+    here = rig.predictor.over(scene.rows)
+    before, after = (_sizes(rig, here, part.p, scene) for part in (cut.before, cut.after))
+    gained = np.concatenate([[0.0], np.cumsum(np.where(scene.rows.validation, 0.0, before - after))])
+    allowed = slice(_FEWEST, len(scene.rows) - _FEWEST + 1)
+    return _FEWEST + int(np.argmin(gained[allowed]))
+
+
+def _sizes(rig: Rig, here: Predictor, p: Array, scene: Scene) -> Array:
+    """(n,) squared misfits of rows with constants p (np,); 0 where nothing is read."""
+    residual, good = rig.residual(here, p, scene)
+    return np.asarray(np.nan_to_num(np.sum(residual**2, axis=1)) * good)
+
+
+def _two_setups(rig: Rig, scene: Scene, cut: _Cut, verdict: Verdict, before: float | None) -> Found:
+    """What is said of a recording whose rows from a cut on are another set-up; misfits before and after, mm."""
+    row = scene.rows.where(min(cut.row, len(scene.rows) - 1))
+    lengths = [part.length for part in (cut.before, cut.after) if part.length is not None]
+
+    def mended(pair: Pair) -> Pair:
+        if len(pair.sheets) != 1:
+            return pair
+        return replace(pair, sheets=tuple(_with_session(s, cut.row) for s in pair.sheets))
+
+    return Found(
+        "sessions-mixed",
+        ("session",),
+        f"two set-ups in one recording, the second from {row} on: {_what_moved(rig, scene, cut)}",
+        _TELL,
+        verdict,
+        before,
+        max(lengths) if lengths else None,
+        "mm",
+        mended,
+    )
+
+
+def _what_moved(rig: Rig, scene: Scene, cut: _Cut) -> str:
+    """Which frame explains the rows behind the cut, the other one held where it stood before, and by how much it moved."""
+    there = replace(cut.after.scene, p=settle(rig, cut.before, FRAMES).p)
+    alone = {
+        frame: rig.stand(there, (frame,), held=tuple(f for f in FRAMES if f != frame)) for frame in FRAMES
+    }
+    order = sorted(FRAMES, key=lambda frame: alone[frame].misfit)
+    if not alone[order[0]].misfit < _APART * alone[order[1]].misfit:
+        return "base or tool stands elsewhere"
+    frame = order[0]
+    return f"the {frame} stands elsewhere, by {_shift(rig, frame, there.p, alone[frame].p)}"
+
+
+def _shift(rig: Rig, frame: str, old: Array, new: Array) -> str:
+    """How a frame moved, along the axes that the file states it in: ``z +12 mm``, and by which angle it turned."""
+    k, units = FRAMES.index(frame), rig.machine.units
+    here, there = rig.frames_of(old)[k], rig.frames_of(new)[k]
+    away = there[:3, 3] - here[:3, 3]
+    largest = float(np.max(np.abs(away)))
+    told = [
+        f"{frame} {axis} {convert(float(v), 'mm', units.length):+.3g} {units.length}"
+        for axis, v in zip(AXES, away, strict=False)
+        if abs(v) > 0.2 * largest
+    ]
+    angle = float(np.degrees(np.linalg.norm(lie.log_so3(here[:3, :3].T @ there[:3, :3]))))
+    return ", ".join([*told, *([f"turned by {angle:.2g} deg"] if angle > 0.05 else [])])
+
+
+def _cuts(scene: Scene) -> list[int]:
+    n = len(scene.rows)
+    even = np.linspace(0, n, _PARTS + 1).round().astype(int)[1:-1]
+    return sorted({int(c) for c in (*_edges(scene), *even) if _FEWEST <= c <= n - _FEWEST})
+
+
+def _edges(scene: Scene) -> list[int]:
+    """Rows at which another file or another recorded session begins."""
+    return (np.flatnonzero(np.diff(scene.rows.source_file) | np.diff(scene.rows.session)) + 1).tolist()
+
+
+def _apart(rig: Rig, scene: Scene, row: int) -> _Cut:
+    """Return the rows before and after a cut, each fitted by itself."""
+    parts = []
+    for mine in (slice(0, row), slice(row, None)):
+        lost = np.ones(len(scene.rows), dtype=bool)
+        lost[mine] = False
+        parts.append(rig.stand(replace(scene, lost=lost)))
+    return _Cut(row, *parts)
+
+
+def _with_session(sheet: Sheet, cut: int) -> Sheet:
+    cells = sheet.cells.copy()
+    cells["session"] = ["1"] * cut + ["2"] * (len(cells) - cut)
+    return replace(sheet, cells=cells, units={**sheet.units, "session": None})
+
 
 _DEEPEST, _WEIGHED, _MOST = 2, 6, 300
 """Most slips at once, hypotheses weighed in full at each depth, and quick fits at each depth beyond the first."""
+# -- The search for slips: hypotheses of the whole pair, one or several at once, weighed against the pair as it stands
+
 Makers = tuple[Callable[[Rig, Scene], Iterable[Slip]], ...]
 QUICK: Makers = (
-    units,
-    signs,
-    exchanged,
-    quarter_turns,
-    coupled,
-    mirrored,
-    turned,
-    targets,
-    poses,
-    shifted,
-    frames_swapped,
-)
+    units, signs, exchanged, quarter_turns, coupled, mirrored, turned, targets, poses, shifted, frames_swapped,
+)  # fmt: skip
 SLOW: Makers = (
-    conventions,
-    matched,
-    clocks,
-    stands_still,
-    mirrored_zeros,
-    counts,
-    zeros,
-    end_zeros,
-    exchanged_rows,
-)
+    conventions, matched, clocks, stands_still, mirrored_zeros, counts, zeros, end_zeros, exchanged_rows,
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -178,6 +407,3 @@ def _enough(rig: Rig, every: Sequence[Weighed]) -> bool:
         return False
     members, share = shares(rig, every)[0]
     return share >= CERTAIN and members[0].near
-
-
-__all__ = ["Search", "search", "still_columns"]

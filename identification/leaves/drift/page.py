@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from truepose.identification.leaves.drift.analysis import Drift
-from truepose.identification.leaves.drift.durability import Check
-from truepose.identification.leaves.drift.sizes import Movement
+from truepose.identification.leaves.drift.sizes import Check, Movement
 from truepose.identification.leaves.drift.words import (
     DAY,
     HOUR,

@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from truepose.identification.leaves.drift.analysis import ROUNDS, Drift
-from truepose.identification.leaves.drift.durability import Check
-from truepose.identification.leaves.drift.sizes import Movement
+from truepose.identification.leaves.drift.sizes import Check, Movement
 from truepose.identification.report.json_text import Json, finite
 from truepose.identification.report.notes import worded
 from truepose.identification.report.numbers import measure, percent, significant, uncertain

@@ -12,20 +12,203 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from truepose.arrays import Array, Mask
-from truepose.identification.leaves.fringes.excursions import Excursions, find_excursions
-from truepose.identification.leaves.fringes.faults import Fault, has_gap, has_jump, too_fast, without_spikes
+from truepose.identification.leaves.fringes.excursions import (
+    Excursions,
+    Fault,
+    centre_means,
+    extremes,
+    find_excursions,
+    has_gap,
+    has_jump,
+    too_fast,
+    without_spikes,
+)
 from truepose.identification.leaves.fringes.levels import (
     Levels,
     Noise,
+    Rest,
+    find_rest,
     fitted_levels,
     noise_of,
     rough_levels,
     tracked_levels,
 )
-from truepose.identification.leaves.fringes.passages import normalised, passages
-from truepose.identification.leaves.fringes.rest import Rest
-from truepose.identification.leaves.fringes.turns import DECISIVE, Verdict
-from truepose.models.sensors.irradiance import Reflectivities, coupling, folded_phase, phase_noise
+from truepose.identification.leaves.fringes.turns import DECISIVE, Held, Verdict, Visit, judge
+from truepose.models.sensors.irradiance import Reflectivities, coupling, folded_phase, fringe, phase_noise
+
+# -- Which excursions passed the end of their fringe: most at a glance, all at once; the others one by one
+
+MOST_JUDGED = 1000
+"""Excursions that are worth judging one by one: a motion with more is too uneven to follow."""
+_SLOWER = 1.4
+_LEVEL = 0.01  # of a fringe
+_LATE = 0.015  # of an excursion's duration
+_CROSSING = 0.05  # of an excursion's samples tell when it began
+_REST = 0.03  # rad: a polynomial follows the beginning of a motion so well
+_AROUND = 2  # excursions on either side of one that is judged
+_SLACK = 0.001  # of a fringe: levels may differ so much from place to place
+
+
+@dataclass(frozen=True)
+class Series:
+    """A normalised signal as excursions: t and v (n,), its noise, the 1-sigma of the levels, the rests."""
+
+    t: Array
+    v: Array
+    noise: Noise
+    slack: float
+    g: float
+    found: Excursions
+    rests: tuple[Rest, Rest]
+
+
+def normalised(t: Array, signal: Array, levels: Levels, noise: Noise, g: float, slack: float = 0.0) -> Series:
+    """A signal (n,) at times (n,) as its excursions and rests; ``noise`` is in the signal's unit.
+
+    ``slack``: 1-sigma of the levels (in parts of a fringe), where it is more than their own.
+    """
+    v, relative = levels.normalise(t, signal), noise.over(levels.size)
+    found = find_excursions(t, v, relative.sigma, g)
+    rests = find_rest(v, relative), find_rest(v[::-1], relative)
+    return Series(t, v, relative, max(levels.sigma, slack, _SLACK), g, found, rests)
+
+
+def passages(series: Series, *, everyone: bool = False) -> tuple[Array, list[tuple[int, Verdict]]] | None:
+    """(K + 1,) how sure each excursion passed (positive) or turned (negative), and the verdicts so far made.
+
+    The measure is chi2 of turning less chi2 of passing, infinite where the passage is plain. None when too many
+    excursions would need judging; ``everyone`` is judged on request.
+    """
+    out = np.full(len(series.found), np.inf)
+    if len(series.found) == 1 and sum(rest.samples for rest in series.rests) >= len(series.t):
+        return np.array([-np.inf]), []  # the mirror rests all the time
+    even = evenly(series)
+    doubtful = np.flatnonzero(~(even & in_time(series, even)) | everyone)
+    if len(doubtful) > MOST_JUDGED:
+        return None
+    verdicts = [(int(k), judge(visit_of(series, int(k), even))) for k in doubtful]
+    for k, verdict in verdicts:
+        out[k] = verdict.odds
+    return out, verdicts
+
+
+def visit_of(series: Series, k: int, even: Mask) -> Visit:
+    found, last = series.found, len(series.found) - 1
+    rows, high = window_of(series, k, even), bool(found.high[k])
+    edges = (
+        held_rest(series, series.rests[0], high) if k == 0 else None,
+        held_rest(series, series.rests[1], high) if k == last else None,
+    )
+    t = series.t[rows]
+    which = np.searchsorted(found.times, t, side="right")
+    bounds = np.concatenate([[-np.inf], found.times, [np.inf]])
+    with np.errstate(invalid="ignore"):
+        middle = 0.5 * (bounds[which] + bounds[which + 1])
+    beyond = np.where(which == k, True, (t > middle) == (which > k))
+    kind = found.high[which]
+    return Visit(
+        t, series.v[rows], series.noise, high, series.g, series.slack, np.abs(which - k), beyond, kind, edges
+    )
+
+
+def held_rest(series: Series, rest: Rest, high: bool) -> Held:
+    """A rest by its distance from the end of its fringe."""
+    phase = float(folded_phase(rest.level, series.g))
+    sigma = float(phase_noise(rest.level, np.hypot(rest.sigma, series.slack), series.g))
+    return Held(np.pi - phase if high else phase, max(sigma, _REST), rest.still)
+
+
+def evenly(series: Series) -> Mask:
+    """(K + 1,) excursions that passed for certain: not slower than their neighbours, and up to the end.
+
+    A mirror that turns at the end of a fringe with steady acceleration needs at least 2.5 times as long as its
+    neighbours; one that turns earlier misses the end.
+    """
+    t, v, noise, found, g = series.t, series.v, series.noise.sigma, series.found, series.g
+    even = np.zeros(len(found), dtype=bool)
+    if len(found) < 4:
+        return even
+    speed = found.speeds
+    slower = np.fmin(speed[:-2], speed[2:])
+    even[1:-1] = np.nan_to_num(speed[1:-1] * _SLOWER / slower, nan=0.0) >= 1.0
+    off, count = centre_means(t, v, found)
+    for kind in (True, False):  # most pass evenly; levels that are a little off move all centres alike
+        same = (found.high == kind) & np.isfinite(off)
+        if same.any():
+            off[same] -= np.median(off[same])
+    long = count >= 3
+    with np.errstate(invalid="ignore", divide="ignore"):
+        even &= ~long | (np.abs(off) <= _LEVEL + 5.0 * noise / np.sqrt(count))
+    return even & reaches_end(v, noise, found, g)
+
+
+def in_time(series: Series, even: Mask) -> Mask:
+    """(K + 1,) whether each takes as long as its neighbours let expect, where these passed evenly.
+
+    A mirror that turns suddenly before an end of a fringe, or beyond it, is back too early, or too late. Of
+    neighbours out of time only the worst is: it makes the others look so.
+    """
+    found = series.found
+    out = np.ones(len(found), dtype=bool)
+    if len(found) < 5:
+        return out
+    rate = np.log(found.speeds[1:-1])
+    off = np.zeros(len(found))
+    off[2:-2] = np.abs(rate[1:-1] - 0.5 * (rate[:-2] + rate[2:]))
+    off[1:-1][~(even[:-2] & even[2:])] = 0.0
+    # the samples near a crossing give its phase
+    dense = np.maximum(1.0, _CROSSING * found.sizes)
+    limit = _LATE + 4.0 * 2.0 * series.noise.sigma / np.sqrt(dense) / found.half_width
+    worst = np.ones(len(found), dtype=bool)
+    worst[1:] &= off[1:] >= off[:-1]
+    worst[:-1] &= off[:-1] >= off[1:]
+    out[(off > limit) & worst] = False
+    return out
+
+
+def reaches_end(v: Array, noise: float, found: Excursions, g: float) -> Mask:
+    """(K + 1,) whether the largest sample is as near to the end of the fringe as sampling lets it be."""
+    step = np.nan_to_num(found.speeds * found.durations / np.maximum(found.sizes, 1), nan=0.0)
+    off = np.minimum(0.6 * step, found.half_width)
+    nearest = fringe(np.where(found.high, -np.cos(off), np.cos(off)), g)
+    sign = np.where(found.high, 1.0, -1.0)
+    margin = 0.04 + 4.0 * noise
+    return np.asarray(sign * (extremes(v, found) - nearest) >= -margin)
+
+
+def window_of(series: Series, k: int, even: Mask) -> slice:
+    """Samples around excursion k: the next ones on both sides that passed for certain, else half of the next.
+
+    At the ends of the series without the rests, and no further than the end of the next fringe.
+    """
+    t, found, rests = series.t, series.found, series.rests
+    last = len(found) - 1
+    own = float(np.nan_to_num(found.durations[k], nan=np.inf))
+    most = _AROUND if 0 < k < last else 0
+    low, high = rests[0].samples - 1, len(t) - rests[1].samples + 1
+    if k > 0:
+        plain = _plain(even[:k][::-1], most)
+        start = found.times[k - 1 - plain] if plain else _half(found, k - 1, k - 1, -1.0, own)
+        low = max(low, int(np.searchsorted(t, start)))
+    if k < last:
+        plain = _plain(even[k + 1 :], most)
+        stop = found.times[k + plain] if plain else _half(found, k, k + 1, 1.0, own)
+        high = min(high, int(np.searchsorted(t, stop)))
+    return slice(low, max(high, low + 1))
+
+
+def _plain(even: Mask, most: int) -> int:
+    """How many excursions in a row, at most so many, passed for certain."""
+    return int(np.cumprod(even[:most]).sum())
+
+
+def _half(found: Excursions, crossing: int, k: int, sign: float, own: float) -> float:
+    """Time in the middle of excursion k, a neighbour of one that takes ``own``; half of that where k is cut."""
+    length = float(found.durations[k])
+    return float(found.times[crossing]) + sign * 0.5 * (own if np.isnan(length) else length)
+
+
+# -- From the samples of one move to how far the mirror went: fringes counted, phases at rest at both ends
 
 _WEAK = 0.06  # noise of a sample, in fringes, beyond which nothing is read
 _ROUGH = (0.05, 0.02)  # of a fringe: 1-sigma of levels from the range of the signal, and corrected once

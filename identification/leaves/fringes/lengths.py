@@ -1,25 +1,201 @@
-"""Photocurrents of a recording's moves as its column ``dL``: counted, signed, checked, or left out with a note."""
+"""Photocurrents of a recording's moves as its column ``dL``: counted, signed, checked, or left out with a note.
+
+The long table of a photocurrent, ``pose t I``, as one series for every move.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import itertools
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from truepose.arrays import Array, Mask
+from truepose.arrays import Array, Index, Mask
 from truepose.errors import InputError
-from truepose.identification.leaves.fringes.closure import miscounted
-from truepose.identification.leaves.fringes.faults import Fault
+from truepose.identification.leaves.fringes.excursions import Fault
 from truepose.identification.leaves.fringes.levels import Levels
 from truepose.identification.leaves.fringes.move import Move, read_move
-from truepose.identification.leaves.fringes.photocurrent import SampleTable, Series, read_samples
 from truepose.identification.prediction.predict import predicted, predictor_for
 from truepose.identification.recording.recording import Recording
+from truepose.identification.recording.table import Table, read_table
 from truepose.models.machine.machine import Machine
 from truepose.models.sensors.irradiance import Irradiance
+from truepose.models.units import UnitSystem, convert
+from truepose.wording import close_matches, shortened
+
+# -- Returns to a pose: the changes of length along the way must add up to nothing, or a fringe was miscounted
+
+_REPEATS = 0.05  # of a count: how well a pose repeats where nothing was miscounted
+_SIGMAS = 4.0
+_NOTABLE = 0.25  # of a count: returns that miss by more are worth a note
+
+
+def miscounted(
+    rows: Recording, change: Array, sigma: Array, read: Mask, count: float
+) -> tuple[Mask, list[str]]:
+    """(n,) rows between two visits to one pose whose changes sum to whole counts (mm each) instead of 0, and notes.
+
+    ``change`` (n,) and its ``sigma`` hold where ``read``. Rows are returns to a pose when they are replicates
+    (see `Recording.replicates`) that changes link. A return that misses by anything else is only noted: the
+    mirror, or what holds the fibre, moved.
+    """
+    assert rows.from_row is not None
+    length, variance, root = _lengths(rows, change, sigma, read)
+    label, bad, notes = rows.replicates(), np.zeros(len(rows), dtype=bool), []
+    order = rows.order
+    first: dict[tuple[int, int], int] = {}
+    for row in order.tolist():
+        place = int(label[row]), int(root[row])
+        before = first.setdefault(place, row)
+        if before == row:
+            continue
+        gap = float(length[row] - length[before])
+        fringes = round(gap / count)
+        margin = max(_SIGMAS * float(np.sqrt(variance[row] + variance[before])), _REPEATS * count)
+        what = (
+            f"{rows.where(row)}: back at the pose of row {rows.source_row[before]}, dL since then adds up to "
+        )
+        if fringes != 0 and abs(gap - fringes * count) < margin:
+            way = _between(rows.from_row, before, row)
+            bad[way] |= read[way]
+            named = ", ".join(str(rows.source_row[k]) for k in way if read[k])
+            notes.append(
+                f"{what}{1e6 * gap:.0f} nm, {fringes:+d} counts: a miscount in one of rows {named}, left out"
+            )
+        elif abs(gap) > _NOTABLE * count:
+            notes.append(f"{what}{1e6 * gap:.0f} nm, no whole counts: the mirror did not come back")
+    return bad, notes
+
+
+def _lengths(rows: Recording, change: Array, sigma: Array, read: Mask) -> tuple[Array, Array, Index]:
+    """Length and its variance at every row since the root of its chain of moves, and that root."""
+    assert rows.from_row is not None
+    length, variance = np.zeros(len(rows)), np.zeros(len(rows))
+    root = np.arange(len(rows))
+    for row in rows.order.tolist():
+        origin = int(rows.from_row[row])
+        if read[row] and origin != row:
+            length[row] = length[origin] + change[row]
+            variance[row] = variance[origin] + sigma[row] ** 2
+            root[row] = root[origin]
+    return length, variance, root
+
+
+def _between(origin: NDArray[np.int64], first: int, last: int) -> list[int]:
+    """Rows whose moves lead from one row to another, by the chain of both to where they meet."""
+
+    def chain(row: int) -> list[int]:
+        out = [row]
+        while int(origin[out[-1]]) != out[-1]:
+            out.append(int(origin[out[-1]]))
+        return out
+
+    one, other = chain(first), chain(last)
+    return sorted(set(one) ^ set(other))
+
+
+# -- The long table of a photocurrent, ``pose t I``, as one series for every move
+
+_NEEDED: Final = ("pose", "t", "I")
+_FEWEST: Final = 32
+
+
+@dataclass(frozen=True)
+class Series:
+    """The samples of one move in order of time: t in s, the signal as recorded, wavelengths in mm.
+
+    ``row``: where its first sample stands in the file, from 1; ``sign``: +1 or -1 where the table says it.
+    """
+
+    row: int
+    t: Array
+    signal: Array
+    wavelength: Array | None
+    sign: int | None
+
+
+@dataclass(frozen=True)
+class SampleTable:
+    """A table of samples, and the series of each pose in the order of the file."""
+
+    file: str
+    series: Mapping[int, Sequence[Series]]
+    notes: tuple[str, ...]
+
+
+def read_samples(path: Path | str, units: UnitSystem) -> SampleTable:
+    """Read CSV or Parquet with columns ``pose``, ``t`` (s), ``I`` (any unit), perhaps ``wavelength``, ``sign``.
+
+    ``wavelength`` without a unit of its own is in the file's unit of length. Raises InputError naming file, row
+    and column: for a missing column, what is no number, and times that do not increase within a pose's series.
+    """
+    table = read_table(path)
+    for name in _NEEDED:
+        if name not in table:
+            raise InputError(f"{table.file}: missing column {name!r}; {close_matches(name, table.names)}")
+    pose = table.integers("pose")
+    values = {name: table.numbers(name) for name in ("t", "I", "wavelength", "sign") if name in table}
+    values["t"] = convert(values["t"], table.unit("t", "s", "s"), "s")
+    table.unit("I", "1", "any")
+    if "wavelength" in values:
+        unit = table.unit("wavelength", units.length, "mm")
+        values["wavelength"] = convert(values["wavelength"], unit, "mm")
+        wrong, found = values["wavelength"] <= 0.0, table.cells["wavelength"]
+        table.refuse("wavelength", wrong, lambda row: str(found[row]), "a wavelength > 0")
+    if "sign" in values:
+        wrong, signs = ~np.isin(values["sign"], (-1.0, 0.0, 1.0)), table.cells["sign"]
+        table.refuse("sign", wrong, lambda row: str(signs[row]), "-1, 1, or 0 for unknown")
+    ignored = [name for name in table.names if name not in (*_NEEDED, "wavelength", "sign")]
+    notes = [f"{table.file}: ignored columns that mean nothing here: {', '.join(map(repr, ignored))}"]
+    return SampleTable(table.file, _series(table, pose, values), tuple(notes if ignored else []))
+
+
+def _series(
+    table: Table, pose: NDArray[np.int64], values: Mapping[str, Array]
+) -> dict[int, tuple[Series, ...]]:
+    """Unbroken runs of rows of one pose, by pose."""
+    bounds = np.concatenate([[0], np.flatnonzero(pose[1:] != pose[:-1]) + 1, [len(pose)]])
+    back = np.flatnonzero(np.diff(values["t"]) <= 0.0) + 1
+    back = back[~np.isin(back, bounds)]
+    if len(back):
+        row = int(back[0])
+        raise InputError(
+            f"{table.where('t', row)}: found {values['t'][row]:.9g} s after {values['t'][row - 1]:.9g} s in "
+            f"pose {pose[row]}, expected times that increase within a pose"
+        )
+    out: dict[int, list[Series]] = {}
+    for first, last in itertools.pairwise(bounds.tolist()):
+        out.setdefault(int(pose[first]), []).append(_one(table, first, last, values))
+    return {number: tuple(found) for number, found in out.items()}
+
+
+def _one(table: Table, first: int, last: int, values: Mapping[str, Array]) -> Series:
+    rows = slice(first, last)
+    sign = None
+    if "sign" in values:
+        signs = values["sign"][rows]
+        other = np.flatnonzero(signs != signs[0])
+        if len(other):
+            row = first + int(other[0])
+            raise InputError(
+                f"{table.where('sign', row)}: found {values['sign'][row]:g} after {signs[0]:g}, expected one "
+                "sign in all rows of a series"
+            )
+        sign = int(signs[0]) or None
+    if last - first < _FEWEST:
+        raise InputError(
+            f"{table.where('I', first)}: found {last - first} samples in the series, expected at least {_FEWEST}"
+        )
+    wavelength = values["wavelength"][rows] if "wavelength" in values else None
+    return Series(first + 1, values["t"][rows], values["I"][rows], wavelength, sign)
+
+
+# -- Photocurrents of a recording's moves as its column ``dL``: counted, signed, checked, or left out with a note
 
 _ODDS = 4.6  # log of the odds (99 to 1) from which on the model's sign is taken
 _COARSE = 3.0  # times the sensor's sigma: changes known less well are left out
@@ -197,9 +373,7 @@ def shared_levels(moves: Sequence[Move]) -> Levels | None:
 
 def listed_rows(numbers: Sequence[int]) -> str:
     """The first of some rows in words, and how many more there are."""
-    shown = ", ".join(str(number) for number in numbers[:_SHOWN])
-    more = f" and {len(numbers) - _SHOWN} more" if len(numbers) > _SHOWN else ""
-    return f"row{'s' if len(numbers) > 1 else ''} {shown}{more}"
+    return f"row{'s' if len(numbers) > 1 else ''} {shortened([str(number) for number in numbers], _SHOWN)}"
 
 
 def with_lengths(rows: Recording, found: ReadLengths) -> Recording:

@@ -3,6 +3,12 @@
 The signal at resonance (``low``) and between resonances (``high``) normalises a fringe to v in [0, 1]. Both
 may drift during a series. They are found where the mirror passes several fringes evenly: there the times of the
 crossings give the phase without any level, and the levels follow by linear least squares.
+
+A scan of the wavelength while the mirror rests: the cavity's length, roughly, and the phase with its side.
+
+The phase of the round trip is delta0 + L x with x = 4 pi (1/lambda - 1/lambda0). How fast fringes pass while x
+is scanned gives L; and as delta0 is found from both sides of lambda0, it is known modulo 2 pi and not, as from
+the level alone, up to its sign.
 """
 
 from __future__ import annotations
@@ -12,8 +18,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from truepose.arrays import Array, Index, Mask
+from truepose.identification.fit.leastsquares import minimise
 from truepose.identification.leaves.fringes.excursions import Excursions, extremes
-from truepose.models.sensors.irradiance import fringe
+from truepose.models.sensors.irradiance import fringe, fringe_slope
+
+# -- Gain, offset and contrast of a photocurrent from the signal itself: the two levels of its fringe
 
 EVEN = 10
 """Excursions passed evenly that are enough to find levels."""
@@ -295,3 +304,197 @@ def robust_fit(columns: Array, values: Array) -> tuple[Array, Array, float]:
         if not keep.any():
             break
     return solution, np.asarray(inverse, dtype=np.float64), rms
+
+
+# -- The level at which a series rests before it moves, or after it moved (given reversed)
+
+_DRIFT = 0.001  # of a fringe: slower changes at rest are averaged
+_SIGMAS = 5.0
+_FINE = 0.02  # of a fringe: no step is so short that noise hides more than this
+_MOVED = 0.2  # of a fringe: the mirror moves for certain
+_BLOCKS = 8
+_END = 0.05  # of a fringe
+_BACK = 2.5
+_PARTS = 8
+_SPARSE = 4096  # samples that are enough for a level to compare with
+
+
+@dataclass(frozen=True)
+class Rest:
+    """The first ``samples`` of a series stay at ``level``, known to ``sigma``.
+
+    ``still``: they are so many that the mirror rests; else they are the first ones of a motion.
+    """
+
+    samples: int
+    level: float
+    sigma: float
+    still: bool
+
+
+def find_rest(v: Array, noise: Noise) -> Rest:
+    """How long v (n,) stays where it starts; with ``noise`` in units of v.
+
+    Windows double while their halves agree, then grow in ever shorter steps. Motions begin within the noise: the
+    rest ends as long before the first sign of motion as that is before a large one, and `_BACK` times as long
+    at the end of a fringe, where the signal may grow with the sixth power of time. A series that moves from its
+    first sample on rests for one.
+    """
+    samples = 1
+    while 2 * samples <= len(v) and _stays(v, samples, samples, noise.sigma):
+        samples *= 2
+    step, finest = samples // _BLOCKS, max(1, round((_SIGMAS * noise.sigma / _FINE) ** 2))
+    while step >= finest:
+        if samples + step <= len(v) and _stays(v, samples, step, noise.sigma):
+            samples, step = samples + step, min(2 * step, samples // _BLOCKS)
+        else:
+            step //= 2
+    level = float(np.mean(v[:samples]))
+    back = _BACK if min(level, 1.0 - level) < _END else 1.0
+    moved = _until_moved(v, samples, level)
+    calm = max(samples - round(back * moved), samples // 2, 1)
+    return Rest(calm, float(np.mean(v[:calm])), _spread(v[:calm], noise), calm >= moved)
+
+
+def _spread(v: Array, noise: Noise) -> float:
+    """1-sigma of the mean of v (n,): by the noise, or by the means of parts where vibrations make them differ."""
+    random = float(np.hypot(noise.sigma / np.sqrt(len(v)), noise.stuck))
+    if len(v) < 4 * _PARTS:
+        return random
+    means = [float(np.mean(part)) for part in np.array_split(v, _PARTS)]
+    return max(random, float(np.std(means, ddof=1)) / float(np.sqrt(_PARTS)))
+
+
+def _stays(v: Array, samples: int, more: int, noise: float) -> bool:
+    """Whether the mean of ``more`` samples after the first ones, and of each quarter of them, is theirs."""
+    first, then = v[: samples : max(1, samples // _SPARSE)], v[samples : samples + more]
+    level = float(np.mean(first))
+    parts = [then, *np.array_split(then, 4)] if more >= 4 else [then]
+    limits = [_SIGMAS * noise * np.sqrt(1.0 / len(first) + 1.0 / len(part)) + _DRIFT for part in parts]
+    return all(abs(np.mean(part) - level) <= limit for part, limit in zip(parts, limits, strict=True))
+
+
+def _until_moved(v: Array, samples: int, level: float) -> int:
+    """Samples from the first sign of motion to a large one, 0 when there is none."""
+    start, length = samples, max(samples // _BLOCKS, 64)
+    while start < len(v):
+        far = np.flatnonzero(np.abs(v[start : start + length] - level) > _MOVED)
+        if len(far):
+            return int(start + far[0] - samples)
+        start, length = start + length, 2 * length
+    return 0
+
+
+# -- A scan of the wavelength while the mirror rests: the cavity's length, roughly, and the phase with its side
+
+_FEWEST = 16
+_BINS = 600
+_WHOLE = 1.5  # fringes from which on a scan shows its own levels
+_LONGEST = 0.25  # fringes a bin
+_FREE, _KNOWN = 0.1, 0.01  # of a fringe: 1-sigma of levels taken from the scan's range, and from the move
+_MISFIT = 0.1  # of a fringe
+_POOR = 0.3  # of the length
+_PHASE = 0.005  # rad: no phase is better than the levels' shape
+_STARTS = 4
+_STEPS, _LEFT, _DAMPING = 30, 1e-6, 1e-3
+
+
+@dataclass(frozen=True)
+class Scan:
+    """``phase`` (rad, modulo 2 pi, 0 at resonance) at the base wavelength, ``length`` in the wavelength's unit.
+
+    With their 1-sigma; ``low`` and ``high``: the signal at the ends of a fringe, None when the scan was too
+    short to show them.
+    """
+
+    phase: float
+    phase_sigma: float
+    length: float
+    length_sigma: float
+    low: float | None
+    high: float | None
+
+
+def read_scan(
+    wavelength: Array, signal: Array, base: float, g: float, noise: float, levels: Levels | None = None
+) -> Scan | None:
+    """Samples (n,) at wavelengths (n,) with the mirror at rest; None when they do not give a length.
+
+    ``noise`` is that of a sample; ``levels`` are those of the move beside the scan.
+    """
+    if len(wavelength) < _FEWEST:
+        return None
+    x = 4.0 * np.pi * (1.0 / wavelength - 1.0 / base)
+    span = float(np.ptp(x))
+    used = levels or rough_levels(signal)
+    if span <= 0.0 or not used.size > 0.0:
+        return None
+    x, v, sigma = _binned(x / span, used.normalise(0.0, signal), noise / used.size)
+    slack = _FREE if levels is None else _KNOWN
+    tries = [_fit(x, v, sigma, start, g, slack) for start in first_guesses(x, v, g, levels is not None)]
+    chi2, p, covariance = min(tries, key=lambda fit: fit[0])
+    scale = max(1.0, chi2 / (len(x) - 4))
+    spread = np.sqrt(np.maximum(np.diag(covariance), 0.0) * scale)
+    fringes = abs(p[1]) / (2.0 * np.pi)
+    if np.sqrt(scale) * float(np.median(sigma)) > _MISFIT or spread[1] > _POOR * p[1]:
+        return None
+    if levels is None and fringes < _WHOLE:
+        return None
+    low, high = used.low[0] + p[2] * used.size, used.low[0] + (p[2] + 1.0 + p[3]) * used.size
+    own = fringes >= _WHOLE
+    return Scan(
+        float(np.angle(np.exp(1j * p[0]))),
+        float(np.hypot(spread[0], _PHASE)),
+        float(p[1] / span),
+        float(spread[1] / span),
+        float(low) if own else None,
+        float(high) if own else None,
+    )
+
+
+def _binned(x: Array, v: Array, noise: float) -> tuple[Array, Array, Array]:
+    """Means over equal shares of the scan, in order of x, and their 1-sigma."""
+    place = np.floor((x - x.min()) / (np.ptp(x) + 1e-300) * _BINS).astype(np.intp)
+    count = np.bincount(place)
+    some = np.flatnonzero(count)
+    size = count[some]
+    mean_x, mean_v = (np.bincount(place, weights=values)[some] / size for values in (x, v))
+    return mean_x, mean_v, np.asarray(np.hypot(noise / np.sqrt(size), 0.001))
+
+
+def first_guesses(x: Array, v: Array, g: float, known: bool) -> list[Array]:
+    """Starts (phase, length, low, size - 1): the best of a periodogram, and short lengths where levels are known."""
+    longest = 2.0 * np.pi * _LONGEST * len(x)
+    lengths = np.arange(2.0 * np.pi, longest, np.pi / 4.0)
+    turn = np.exp(1j * lengths[:, None] * x[None, :])
+    power = np.abs(turn @ (v - v.mean())) ** 2
+    out = []
+    for k in np.argsort(-power)[:_STARTS]:
+        # v falls with the cosine of the phase
+        phase = np.angle(-np.sum(np.conj(turn[k]) * (v - v.mean())))
+        out.append(np.array([phase, lengths[k], 0.0, 0.0]))
+    if known:
+        phases, short = np.meshgrid(np.arange(16) * np.pi / 8.0, np.arange(0.25, 10.0, 0.25))
+        model = fringe(np.cos(phases.ravel()[:, None] + short.ravel()[:, None] * x), g)
+        misfit = np.sum((model - v) ** 2, axis=1)
+        best = np.argsort(misfit)[: 2 * _STARTS]
+        out += [np.array([phases.ravel()[k], short.ravel()[k], 0.0, 0.0]) for k in best]
+    return out
+
+
+def _fit(x: Array, v: Array, sigma: Array, p: Array, g: float, slack: float) -> tuple[float, Array, Array]:
+    """chi2, parameters and their covariance by least squares; a length is positive."""
+
+    def blocks(p: Array) -> list[Array]:
+        if not p[1] > 0.0:
+            return [np.full((1, 5), np.nan)]
+        phase, size = p[0] + p[1] * x, 1.0 + p[3]
+        shape, slope = fringe(np.cos(phase), g), fringe_slope(phase, g)
+        rate, off = size * slope, p[2] + size * shape - v
+        light = np.array([rate, rate * x, np.ones_like(x), shape, off]) / sigma
+        levels = np.vstack([np.zeros((2, 2)), np.eye(2), p[2:]]) / slack
+        return [np.hstack([light, levels]).T]
+
+    found = minimise(blocks, p, limit=_STEPS, tolerance=_LEFT, share=_LEFT, damping=_DAMPING)
+    jacobian = found.factor[:, :4]
+    return 2.0 * found.cost, found.t, np.asarray(np.linalg.pinv(jacobian.T @ jacobian), dtype=np.float64)

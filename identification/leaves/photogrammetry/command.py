@@ -46,8 +46,7 @@ def poses(
 
     Example: truepose poses points.csv --sigma 0.005 --body body.csv -o recording.csv
     """
-    from truepose.identification.leaves.photogrammetry.points_file import read_body, read_points
-    from truepose.identification.leaves.photogrammetry.pose_table import pose_table
+    from truepose.identification.leaves.photogrammetry.pose_table import pose_table, read_body, read_points
 
     check_file(output, points, body)
     if not 0.0 < sigma < float("inf"):

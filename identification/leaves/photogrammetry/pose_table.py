@@ -9,6 +9,7 @@ import itertools
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -16,9 +17,54 @@ import pandas as pd
 from truepose.arrays import Array, Mask
 from truepose.errors import InputError
 from truepose.identification.leaves.photogrammetry.body_pose import FEWEST, BodyPose, body_pose
+from truepose.identification.recording.table import Table, read_table
 from truepose.models import lie
-from truepose.models.units import UnitSystem
+from truepose.models.units import UnitSystem, convert
 from truepose.wording import close_matches
+
+POINT, AXES = "point", ("x", "y", "z")
+
+
+# -- Files of measured points (CSV or Parquet): the placements, and the body that carries the points. mm
+
+
+def read_points(path: Path) -> pd.DataFrame:
+    """One row a placement: points' columns (``P1.x P1.y P1.z ...``) in mm, NaN where empty; others as they stand.
+
+    A column may carry a unit, ``P1.x [um]``. Raises InputError naming file, row and column for what is no number.
+    """
+    table = read_table(path)
+    out: dict[str, object] = {}
+    for column in table.columns:
+        if COORDINATE.match(column.name):
+            out[column.name] = _lengths(table, column.name)
+        else:
+            unit = "" if column.unit is None else f" [{column.unit}]"
+            out[f"{column.name}{unit}"] = list(table.cells[column.name])
+    return pd.DataFrame(out)
+
+
+def read_body(path: Path) -> dict[str, tuple[float, ...]]:
+    """Points in the body's frame, by name, from the columns ``point x y z``. Raises InputError like ``read_points``."""
+    table = read_table(path)
+    for name in (POINT, *AXES):
+        if name not in table:
+            raise InputError(f"{path}: missing column {name!r}; {close_matches(name, table.names)}")
+    names = table.texts(POINT)
+    for row, name in enumerate(names):
+        if name in names[:row]:
+            raise InputError(f"{table.where(POINT, row)}: found {name!r} again, expected each point once")
+    rows = np.column_stack([_lengths(table, axis, gaps=False) for axis in AXES])
+    return {name: tuple(float(v) for v in row) for name, row in zip(names, rows, strict=True)}
+
+
+def _lengths(table: Table, name: str, *, gaps: bool = True) -> Array:
+    """(n,) mm; NaN for an empty cell where ``gaps`` are allowed."""
+    numbers = table.readings(name) if gaps else table.numbers(name)
+    return np.asarray(convert(numbers, table.unit(name, "mm", "length"), "mm"))
+
+
+# -- A table of points measured on a body in several placements, as the columns of a ``pose`` sensor
 
 COLUMNS = ("x", "y", "z", "rx", "ry", "rz")
 PAIRS = tuple(itertools.combinations(COLUMNS, 2))

@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from itertools import product
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -28,6 +30,9 @@ from truepose.models.machine.kinematics import SymbolicModel
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.sensor import Sensor, View
 from truepose.models.sensors.pose import Pose
+from truepose.models.units import convert
+
+# -- What a pose would tell about a machine's constants, and how that changes with the joints, exactly
 
 UNKNOWN = 1e3
 """A constant of unknown tolerance counts as known to so many of its natural sizes."""
@@ -51,9 +56,7 @@ class Poses:
 
     def take(self, rows: Index | Mask) -> Poses:
         """Poses by number (k,) or by mask (n,)."""
-        return Poses(
-            self.q[rows], self.x[rows], self.signature[rows], self.good[rows], self.amplification[rows]
-        )
+        return Poses(*(getattr(self, one.name)[rows] for one in fields(self)))
 
 
 class PoseInformation:
@@ -74,7 +77,7 @@ class PoseInformation:
         self.names = tuple(prior.names[k] for k in self._free)
         sigma = np.minimum(prior.sigma[self._free], UNKNOWN * self._scale)
         self.weight = self._scale / sigma
-        here = _recording(machine, self.home[None])
+        here = unmeasured(machine, self.home[None], "planned poses")
         self._predictor = Predictor(machine, here, machine.effects)
         self.differs = np.array(
             [sensor.differs_from_row for sensor in machine.sensors for _ in sensor.channels], dtype=bool
@@ -261,24 +264,130 @@ def _refuse_unplannable(sensor: Sensor, machine: Machine) -> None:
         )
 
 
-def _recording(machine: Machine, q: Array) -> Recording:
-    """Rows of joint values alone, in memory, each after the one before."""
+def unmeasured(
+    machine: Machine, q: Array, file: str, made: type[Recording] = Recording, **more: Any
+) -> Recording:
+    """Return rows of joint values (n, nq) in memory, each after the one before: of one session, without readings.
+
+    ``more``: fields of ``made`` that are otherwise.
+    """
     n = len(q)
     rows = np.arange(n)
-    return Recording(
+    usual: dict[str, Any] = {
+        "drivers": {},
+        "session": frozen(np.ones(n, dtype=np.int64)),
+        "session_recorded": frozen(np.zeros(n, dtype=bool)),
+        "from_row": frozen(np.maximum(rows - 1, 0)),
+    }
+    return made(
         joints=machine.mechanism.readings,
         uncoupling=coupling_matrix(machine.mechanism),
         q=frozen(q.copy()),
         observations={},
         labels={},
-        drivers={},
-        files=("planned poses",),
+        files=(file,),
         source_file=frozen(np.zeros(n, dtype=np.int64)),
         source_row=frozen(rows + 1),
-        session=frozen(np.ones(n, dtype=np.int64)),
-        session_recorded=frozen(np.zeros(n, dtype=bool)),
         validation=frozen(np.zeros(n, dtype=bool)),
         pose=frozen(rows + 1),
-        from_row=frozen(np.maximum(rows - 1, 0)),
         shuffled=True,
+        **{**usual, **more},
     )
+
+
+# -- Planned joint values in the units of the machine file, rounded inside their ranges
+
+
+def rounded(q: Array, machine: Machine, step: float) -> Array:
+    """Joint values (n, nq) rounded to about ``step`` of their range in the file's units, never out of it."""
+    out = q.copy()
+    for k, actuator in enumerate(machine.mechanism.actuators):
+        if actuator.range is None:
+            continue
+        unit = machine.column_unit(actuator.reading)
+        low, high = (convert(end, actuator.reading_unit, unit) for end in actuator.range)
+        places = decimals(np.array([high - low]), step)
+        values = np.round(convert(q[:, k], actuator.reading_unit, unit), places)
+        out[:, k] = np.clip(convert(values, unit, actuator.reading_unit), *actuator.range)
+    return out
+
+
+def decimals(values: Array, step: float) -> int:
+    """Decimals that resolve ``step`` of the largest of ``values`` (n,); 0 where all are zero."""
+    if not np.any(values):
+        return 0
+    return int(np.ceil(-np.log10(step * float(np.max(np.abs(values))))))
+
+
+# -- Where planned poses come from: candidates inside the joints' ranges, and random sets of poses
+
+CANDIDATES = 600
+STRONG = 3.0
+"""Loops that react so many times more strongly to the constants than those of the median pose: the pose is on the
+way to a singularity, where every criterion is drawn and a real machine should not go."""
+_ROUNDS = 50
+
+
+@dataclass(frozen=True)
+class Supply:
+    """Candidates ``poses`` that can be assembled, none next to a singularity (``strongest``).
+
+    given: they are the user's; left_out: how many of those were no use.
+    """
+
+    information: PoseInformation
+    poses: Poses
+    strongest: float
+    given: bool
+    left_out: int
+
+    @classmethod
+    def of(cls, information: PoseInformation, given: Array | None, rng: np.random.Generator) -> Supply:
+        """The given poses (c, nq), or half drawn inside the ranges, half of low, middle and high joint values."""
+        q = given
+        if q is None:
+            q = np.concatenate([_uniform(information, CANDIDATES // 2, rng), _levels(information, rng)])
+        poses = information.at(q)
+        strongest = STRONG * float(np.median(poses.amplification[poses.good])) if poses.good.any() else 0.0
+        use = poses.within(strongest)
+        if not use.any():
+            raise InputError(
+                f"{information.machine.name}: found no pose among {len(q)} in which the mechanism can be assembled, "
+                "expected ranges of the joints that it can reach"
+            )
+        return cls(
+            information,
+            poses.take(use),
+            strongest,
+            given is not None,
+            int(np.sum(~use)) if given is not None else 0,
+        )
+
+    def draw(self, n: int, rng: np.random.Generator) -> Poses:
+        """``n`` random poses: uniform inside the ranges, or some of the given ones (each once, if there are enough)."""
+        if self.given:
+            return self.poses.take(rng.choice(len(self.poses.q), n, replace=n > len(self.poses.q)))
+        found = np.empty((0, len(self.information.low)))
+        for _ in range(_ROUNDS):
+            poses = self.information.at(_uniform(self.information, n, rng))
+            found = np.concatenate([found, poses.q[poses.within(self.strongest)]])
+            if len(found) >= n:
+                return self.information.at(found[:n])
+        raise InputError(
+            f"{self.information.machine.name}: found {len(found)} of {n * _ROUNDS} random poses in which the mechanism "
+            "can be assembled, expected narrower ranges of the joints"
+        )
+
+
+def _uniform(information: PoseInformation, n: int, rng: np.random.Generator) -> Array:
+    return rng.uniform(information.low, information.high, (n, len(information.low)))
+
+
+def _levels(information: PoseInformation, rng: np.random.Generator) -> Array:
+    """Poses whose joints stand low, in the middle or high: all of them, or some where there are too many."""
+    joints, wanted = len(information.low), CANDIDATES // 2
+    if 3**joints <= wanted:
+        shares = np.array(list(product((0.0, 0.5, 1.0), repeat=joints)))
+    else:
+        shares = np.unique(rng.integers(0, 3, (wanted, joints)), axis=0) / 2.0
+    return np.asarray(information.low + shares * (information.high - information.low))

@@ -7,9 +7,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from truepose.arrays import Array
-from truepose.identification.leaves.planning.discriminate.result import Experiment
+from truepose.identification.leaves.planning.discriminate.experiment import Experiment
+from truepose.identification.leaves.planning.information import decimals
 from truepose.identification.leaves.planning.plan import Plan
-from truepose.identification.leaves.planning.rounding import decimals
 from truepose.models.file.driver import APPROACH, SESSION, TIME, Driver
 from truepose.models.machine.machine import Machine
 from truepose.models.units import convert

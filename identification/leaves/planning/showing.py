@@ -6,7 +6,7 @@ from functools import partial
 
 import pandas as pd
 
-from truepose.identification.leaves.planning.discriminate.result import Experiment
+from truepose.identification.leaves.planning.discriminate.experiment import Experiment
 from truepose.identification.leaves.planning.discriminate.words import sentences
 from truepose.identification.leaves.planning.plan import Plan
 from truepose.identification.leaves.planning.pose_tables import experiment_table, plan_table

@@ -155,7 +155,7 @@ def _correct_program(
     """Correct a program's targets; summary, lines and notes. Nothing is written where nothing can be corrected."""
     from truepose.identification.leaves.programs.correct import correct
     from truepose.identification.leaves.programs.dialects import beside, text_of
-    from truepose.identification.leaves.programs.frames import Cell
+    from truepose.identification.leaves.programs.program import Cell
     from truepose.identification.leaves.programs.words import (
         Limit,
         correction_json,

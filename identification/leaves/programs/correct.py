@@ -4,37 +4,203 @@ A pose means where the tool is to be: the controller's nominal inverse kinematic
 its constants and effects, then stands elsewhere. Solved are the joints that bring the real tool there, and what is written is
 the nominal machine's pose of those joints. Joint targets mean where nominal joints and links would put the flange. What
 cannot be corrected stays as it is and is listed with its reason.
+
+A corrected program run from its text: read anew, solved as the nominal controller does, and moved by the real machine.
+
+What a program does is compared with what the program before it meant, motion by motion. So a fault in what was edited, in
+how it reads, or in which frames a motion goes by cannot hide behind the numbers that were solved for.
 """
 
 from __future__ import annotations
 
+import bisect
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from truepose.arrays import Array
-from truepose.errors import InputError
+from truepose.errors import InputError, ReadBackError
 from truepose.identification.compensation.inverse import Reach
-from truepose.identification.leaves.programs.forms import written
-from truepose.identification.leaves.programs.frames import Cell, Frames, Told, shown_name
-from truepose.identification.leaves.programs.meaning import Meant, by_tool, joint_units, meant_of
+from truepose.identification.leaves.programs.meaning import (
+    Meant,
+    Robot,
+    by_tool,
+    joint_units,
+    joint_values,
+    meant_of,
+)
 from truepose.identification.leaves.programs.points import decimals_of
 from truepose.identification.leaves.programs.program import (
     LARGEST,
+    Cell,
+    Frames,
     Left,
     Program,
     Target,
+    Told,
     in_order,
     replaced,
     shown,
+    shown_name,
+    written,
 )
-from truepose.identification.leaves.programs.robot import Robot
-from truepose.identification.leaves.programs.run import Solved, edits_of, read_again, run
 from truepose.models import lie
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import AXES
 from truepose.models.units import convert
+
+# -- A corrected program run from its text: read anew, solved as the nominal controller does, and moved by the real machine
+
+MISSED = 0.01
+"""mm, and as an angle at the reach of the machine: no motion of a corrected program may end farther from where it should.
+Written numbers are rounded to a tenth of a micrometre."""
+_WRONG = "what was to be written"
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A target with the joints ``q`` (nq,) that bring the real tool there, and what is written for it.
+
+    ``change`` and ``before`` (6,) are the correction, and where the real tool is from the target with the program as it was.
+    """
+
+    meant: Meant
+    numbers: tuple[str, ...]
+    q: Array
+    change: Array
+    before: Array
+    reconfigured: bool
+
+
+def run(
+    robot: Robot, programs: tuple[Program, Program], frames: tuple[Frames, Frames], solved: Sequence[Solved]
+) -> list[Array]:
+    """Return where the real tool is (6,) from each target with the second program; the worst of the motions to it.
+
+    Raises ReadBackError where the programs do not go to the same targets, or a motion misses by more than ``MISSED``.
+    """
+    of_target = {id(one.meant.at): k for k, one in enumerate(solved)}
+    now: list[tuple[int, Target, Told]] = []
+    for target, other in _pairs(*programs, solved):
+        told = frames[1].of(other)
+        k = of_target.get(id(target))
+        if k is None:
+            _check_same(target, other, frames[0].of(target), told)
+        elif isinstance(told, str):
+            raise _wrong(other, f": {told}")
+        else:
+            now.append((k, other, told))
+    after: list[Array] = [np.zeros(6) for _ in solved]
+    for tool, rows in by_tool([(row, told) for row, (_, _, told) in enumerate(now)]):
+        some = [now[row] for row in rows]
+        q = _commands(robot, programs[1], some, solved, tool)
+        robot.real(tool)
+        goals = np.array([solved[k].meant.goal for k, _, _ in some])
+        missed = robot.missed(goals, robot.solver.forward(q)[0])
+        for (k, other, _), one in zip(some, missed, strict=True):
+            size = max(float(np.linalg.norm(one[:3])), robot.solver.size * float(np.linalg.norm(one[3:])))
+            if not size <= MISSED:
+                raise _wrong(other, f": run, it misses by {size:.3g} mm, expected {MISSED:g}")
+            if np.linalg.norm(one) >= np.linalg.norm(after[k]):
+                after[k] = one
+    return after
+
+
+def read_again(program: Program, text: str) -> Program:
+    """Return the program that a corrected text reads as. Raises ReadBackError where it reads as none."""
+    if program.again is None:
+        raise ReadBackError(f"{_WRONG} cannot be read: no dialect")
+    try:
+        return program.again(text)
+    except InputError as exc:
+        raise ReadBackError(f"{_WRONG} cannot be read: {exc}") from exc
+
+
+def edits_of(solved: Sequence[Solved]) -> list[tuple[int, int, str]]:
+    """Return what is written at spans of the text: new numbers, and literals where motions get a copy of their own."""
+    edits: list[tuple[int, int, str]] = []
+    for one in solved:
+        target = one.meant.target
+        if target.copies is None:
+            old = (*target.numbers, *target.configuration)
+            edits += [(n.start, n.end, new) for n, new in zip(old, one.numbers, strict=True)]
+        else:
+            spans = target.copies.spans[: len(one.numbers)]
+            new = [(*at, number) for at, number in zip(spans, one.numbers, strict=True)]
+            edits += [(*span, replaced(target.copies.literal, new)) for span in target.copies.names]
+    return sorted(edits)
+
+
+def _pairs(program: Program, again: Program, solved: Sequence[Solved]) -> list[tuple[Target, Target]]:
+    """Return the targets of each motion, before and now; and what no motion here goes to, by where it is written."""
+    here, there = _motions(program), _motions(again)
+    if len(here) != len(there):
+        raise ReadBackError(f"{_WRONG} has {len(there)} motions to targets, expected {len(here)}")
+    pairs = list(zip(here, there, strict=True))
+    edits = edits_of(solved)
+    ends = [end for _, end, _ in edits]
+    longer = [0, *np.cumsum([len(new) - (end - start) for start, end, new in edits]).tolist()]
+    still = {t.numbers[0].start: t for t in again.targets if not t.places}
+    for target in (t for t in program.targets if not t.places):
+        start = target.numbers[0].start
+        now = still.get(start + longer[bisect.bisect_right(ends, start)])
+        if now is None:
+            raise ReadBackError(f"{_WRONG} has no target {target.name}, expected it as in line {target.line}")
+        pairs.append((target, now))
+    for target, other in pairs:
+        if (target.kind, len(target.configuration)) != (other.kind, len(other.configuration)):
+            raise _wrong(other, f", expected {target.kind} of {target.name}")
+    return pairs
+
+
+def _motions(program: Program) -> list[Target]:
+    """Return the target of each motion, in the order of the text."""
+    every = [(place, t.numbers[0].start, k) for k, t in enumerate(program.targets) for place in t.places]
+    return [program.targets[k] for *_, k in sorted(every)]
+
+
+def _wrong(other: Target, why: str) -> ReadBackError:
+    return ReadBackError(f"{other.line}: {_WRONG} reads as another target: {other.name}{why}")
+
+
+def _check_same(target: Target, other: Target, told: Told | str, now: Told | str) -> None:
+    """Raise ReadBackError where a target that was not corrected means another place."""
+    here, there = ([n.text for n in (*t.numbers, *t.configuration)] for t in (target, other))
+    if isinstance(told, str) or isinstance(now, str):
+        same = isinstance(told, str) and isinstance(now, str)
+    else:
+        frames = [(told.base, now.base), (told.tool, now.tool)]
+        same = all(
+            a is b if a is None or b is None else np.allclose(a, b, rtol=0, atol=1e-9) for a, b in frames
+        )
+    if here != there or not same:
+        raise _wrong(other, f" is {', '.join(there)}, expected {', '.join(here)}")
+
+
+def _commands(
+    robot: Robot,
+    program: Program,
+    some: Sequence[tuple[int, Target, Told]],
+    solved: Sequence[Solved],
+    tool: Array | None,
+) -> Array:
+    """Return joints (n, nq) that the nominal controller has at targets, next to those that were solved for."""
+    robot.nominal(tool)
+    q = np.array([solved[k].q for k, _, _ in some])
+    values = [[n.value for n in target.numbers] for _, target, _ in some]
+    rows = [row for row, (_, target, _) in enumerate(some) if target.kind == "pose"]
+    if rows:
+        poses = program.form.poses(np.array([values[row] for row in rows]))
+        told = np.array([robot.base @ some[row][2].base for row in rows]) @ poses
+        q[rows] = robot.solver.inverse(told, q[rows], restarts=0, rewind=False).q
+    for row, (_, target, _) in enumerate(some):
+        if target.kind == "joints":
+            q[row] = joint_values(robot, program, values[row])
+    return q
+
+
+# -- Targets of a robot program corrected in place: the nominal controller brings the real tool where they meant
 
 FARTHEST = 0.1
 """rad, or part of the machine's size: a correction that moves a joint by more is not made. Calibrations move joints by
@@ -90,7 +256,8 @@ def correct(
     defaults. Raises InputError for a machine whose joints a pose does not tell where the program has poses, and where no target
     is left to correct; ReadBackError where the corrected program, run, does not do what this one meant.
     """
-    frames, robot = Frames(program, cell or Cell()), Robot(machine, drivers or {})
+    given = cell or Cell()
+    frames, robot = Frames(program, given), Robot(machine, drivers or {})
     program = _check(robot, program)
     left = list(program.left)
     known: list[tuple[Target, Told]] = []
@@ -104,7 +271,7 @@ def correct(
     solved = _solved(robot, program, meant, left)
     text = edited(program.text, solved)
     again = _check(robot, read_again(program, text)) if solved else program
-    after = run(robot, (program, again), (frames, Frames(again, cell or Cell())), solved)
+    after = run(robot, (program, again), (frames, Frames(again, given)), solved)
     changed = sorted(one.meant.target.numbers[0].start for one in solved if one.meant.target.copies is None)
     left = [one.settled(changed) for one in left]
     done = [
@@ -114,13 +281,11 @@ def correct(
     assumed = sorted({shown_name(m.told.assumed) for m in meant if m.told.assumed})
     arrival = robot.arrival(np.array([m.q for m in meant])) if meant else 0.0
     nearby = _nearby(robot, meant) if any(one.computed for one in left) else None
-    given = cell or Cell()
     poses = [m.target for m in meant if m.target.kind == "pose"]
     bare = sum(t.base is None for t in poses) * (given.base is None)
     unnamed = (bare, sum(t.tool is None for t in poses) * (given.tool is None))
-    return Correction(
-        text, tuple(done), in_order(left), robot.drivers, arrival, tuple(assumed), nearby, unnamed
-    )
+    facts = robot.drivers, arrival, tuple(assumed), nearby, unnamed
+    return Correction(text, tuple(done), in_order(left), *facts)
 
 
 def _beyond(target: Target) -> str | None:
@@ -214,10 +379,8 @@ def _texts(robot: Robot, program: Program, m: Meant, q: Array, seen: Array) -> t
     renewed = program.configuration.renewed(old, q)
     if renewed is None:
         return None
-    same = [
-        n.text if a == b else f"{a:.0f}" for a, b, n in zip(renewed, old, m.target.configuration, strict=True)
-    ]
-    return (*out, *same)
+    pairs = zip(renewed, old, m.target.configuration, strict=True)
+    return (*out, *(n.text if a == b else f"{a:.0f}" for a, b, n in pairs))
 
 
 def _nearby(robot: Robot, meant: Sequence[Meant]) -> float:
@@ -235,9 +398,8 @@ def _nearby(robot: Robot, meant: Sequence[Meant]) -> float:
             found = robot.solver.inverse(moved, start.q, restarts=0, rewind=False)
             robot.nominal(tool)
             twist = robot.missed(moved, robot.solver.forward(found.q)[0])[:, :3]
-            good = (
-                start.solved & found.solved & (np.abs(found.q - start.q) / robot.reach < FARTHEST).all(axis=1)
-            )
+            moves_little = (np.abs(found.q - start.q) / robot.reach < FARTHEST).all(axis=1)
+            good = start.solved & found.solved & moves_little
             change.append(np.where(good[:, None], twist, np.nan))
         sizes = np.linalg.norm(np.array(change[1:]) - change[0], axis=2)
         apart += sizes[np.isfinite(sizes)].tolist()
@@ -247,6 +409,3 @@ def _nearby(robot: Robot, meant: Sequence[Meant]) -> float:
 def edited(text: str, solved: Sequence[Solved]) -> str:
     """Return the text with what was solved for in it."""
     return replaced(text, edits_of(solved))
-
-
-__all__ = ["NEARBY", "Corrected", "Correction", "correct", "edited"]

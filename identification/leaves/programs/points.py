@@ -8,13 +8,13 @@ import re
 from collections.abc import Mapping, Sequence
 
 from truepose.errors import InputError
-from truepose.identification.leaves.programs.forms import RotationVector
 from truepose.identification.leaves.programs.program import (
     WHOLE_NUMBER,
     Kind,
     Left,
     Number,
     Program,
+    RotationVector,
     Target,
     in_order,
     shown,
@@ -140,6 +140,3 @@ def decimals_of(unit: str, kind: str) -> int:
     while float(step) < 0.999 and out < 12:
         step, out = step * 10.0, out + 1
     return out
-
-
-__all__ = ["Points", "decimals_of"]

@@ -26,8 +26,8 @@ from scipy.spatial.transform import Rotation
 
 from figures import Series, write_chart
 from truepose.identification.fit.estimate import estimate
+from truepose.identification.leaves.planning.information import CANDIDATES
 from truepose.identification.leaves.planning.plan import Plan, plan
-from truepose.identification.leaves.planning.supply import CANDIDATES
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine

@@ -11,7 +11,7 @@ import pytest
 
 import truepose
 from support.checked_arm import Document, written
-from truepose.identification.leaves.check.encoders import encoders
+from truepose.identification.leaves.check.bare import encoders
 from truepose.identification.leaves.check.pair import Pair
 from truepose.identification.leaves.check.result import Found
 

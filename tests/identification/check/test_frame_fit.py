@@ -11,9 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 from support.checked_arm import EXACT, Document, document, rig_of
-from truepose.identification.leaves.check.frame_fit import KEPT, FrameFit
-from truepose.identification.leaves.check.rig import Rig
-from truepose.identification.leaves.check.scene import chosen
+from truepose.identification.leaves.check.pair import chosen
+from truepose.identification.leaves.check.rig import KEPT, FrameFit, Rig
 from truepose.identification.leaves.check.weighing import departures
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models.machine.machine import FRAMES

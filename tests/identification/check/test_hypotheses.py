@@ -15,24 +15,26 @@ from scipy.spatial.transform import Rotation
 import truepose
 from support.checked_arm import JOINTS, document, recorded, written
 from support.slip_cases import ROWS, Case, columns_of, sides
-from truepose.identification.leaves.check.kinds.axes import mirrored, targets, turned
-from truepose.identification.leaves.check.kinds.frames import frame_unknown, frames_swapped
+from truepose.identification.leaves.check.kinds.frames import (
+    conventions,
+    exchanged_rows,
+    frame_unknown,
+    frames_swapped,
+)
 from truepose.identification.leaves.check.kinds.joints import (
+    counts,
+    coupled,
     exchanged,
     mirrored_zeros,
     offset,
     quarter_turns,
     signs,
 )
-from truepose.identification.leaves.check.kinds.order import shifted
-from truepose.identification.leaves.check.kinds.poses import poses
-from truepose.identification.leaves.check.kinds.readings import counts, coupled
-from truepose.identification.leaves.check.kinds.runs import clocks
-from truepose.identification.leaves.check.kinds.table import conventions, exchanged_rows
+from truepose.identification.leaves.check.kinds.order import clocks, shifted
+from truepose.identification.leaves.check.kinds.poses import mirrored, poses, targets, turned
 from truepose.identification.leaves.check.kinds.units import units
+from truepose.identification.leaves.check.pair import Scene, Slip
 from truepose.identification.leaves.check.rig import Rig
-from truepose.identification.leaves.check.scene import Scene
-from truepose.identification.leaves.check.slip import Slip
 
 
 @pytest.fixture(scope="module", params=["pose", "targets", "slide"])

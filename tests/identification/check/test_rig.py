@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from support.checked_arm import EXACT, Document, document, rig_of
+from truepose.identification.leaves.check.pair import MOST_ROWS, chosen
 from truepose.identification.leaves.check.rig import Rig, motion
-from truepose.identification.leaves.check.scene import MOST_ROWS, chosen
 
 
 def moved(frame: str, xyz: tuple[float, ...], rpy: tuple[float, ...], machine: Document) -> Document:

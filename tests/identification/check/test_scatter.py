@@ -12,11 +12,10 @@ import truepose
 from support import MACHINES
 from support.checked_arm import EXACT, document, rig_of
 from truepose.identification.identifiability.analysis import drawn_poses
-from truepose.identification.leaves.check.pair import Pair
+from truepose.identification.leaves.check.bare import SIGMA_FAR, sigmas
+from truepose.identification.leaves.check.pair import Pair, chosen
 from truepose.identification.leaves.check.result import Found
 from truepose.identification.leaves.check.rig import Rig
-from truepose.identification.leaves.check.scene import chosen
-from truepose.identification.leaves.check.sigma import FAR, sigmas
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +78,7 @@ def scatters(rig: Rig, price: float = 1.0) -> dict[str, Found]:
 def test_a_sigma_is_far_from_its_scatter_beyond_a_factor_of_ten(
     xyz: float, rot: float, kinds: list[str], rig: Rig
 ) -> None:
-    assert FAR == 10.0
+    assert SIGMA_FAR == 10.0
     found = scatters(replicated(rig, xyz, rot))
     assert list(found) == [f"sensor.sigma.{kind}" for kind in kinds]
     for kind, size, stated, unit in (("xyz", xyz, 0.03, "mm"), ("rot", rot, np.radians(0.005), "rad")):

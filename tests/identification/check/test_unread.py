@@ -9,7 +9,7 @@ import pytest
 
 from support.checked_arm import Document, document, recorded, written
 from truepose.identification.leaves.check.pair import Pair
-from truepose.identification.leaves.check.unread import unnamed_table
+from truepose.identification.leaves.check.run import unnamed_table
 
 
 def nameless(convention: str) -> Document:

@@ -16,12 +16,10 @@ from hypothesis import strategies as st
 from support.checked_arm import EXACT, Document, checked, document, recorded, rig_of
 from support.examples import examples
 from truepose.identification.fit.standing_out import FAR
-from truepose.identification.leaves.check.classes import shares, undone
-from truepose.identification.leaves.check.drawing import expected, settle
-from truepose.identification.leaves.check.findings import findings, unexplained
 from truepose.identification.leaves.check.kinds.joints import offset, signs
 from truepose.identification.leaves.check.rig import ABSURD, Rig, motion
-from truepose.identification.leaves.check.search import Search
+from truepose.identification.leaves.check.run import findings, unexplained
+from truepose.identification.leaves.check.search import Search, shares, undone
 from truepose.identification.leaves.check.weighing import (
     CERTAIN,
     PHYSICS,
@@ -29,7 +27,9 @@ from truepose.identification.leaves.check.weighing import (
     Weighed,
     allowed,
     evidence,
+    expected,
     is_near,
+    settle,
     weigh,
 )
 from truepose.identification.prediction.predictor import Predictor

@@ -15,8 +15,8 @@ import truepose
 from support.checked_arm import JOINTS, document, written
 from support.right_pairs import known_machine, right_recording
 from truepose.identification.leaves.check.alignment import Frames, starts
-from truepose.identification.leaves.check.drawing import expected, settle
 from truepose.identification.leaves.check.rig import Rig
+from truepose.identification.leaves.check.weighing import expected, settle
 
 Array = NDArray[np.float64]
 POINTS = np.array([[0.0, 30.0, 0.0], [0.0, -30.0, 0.0], [80.0, 0.0, 0.0]])

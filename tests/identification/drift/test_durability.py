@@ -20,9 +20,8 @@ from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.problem import Prior, Problem, prior_of
 from truepose.identification.fit.summary import rms_by_kind
 from truepose.identification.leaves.drift import analysis
-from truepose.identification.leaves.drift.durability import Check, durability, fit_when_met, noise_of
-from truepose.identification.leaves.drift.movement_posterior import Likeliest, likeliest
-from truepose.identification.leaves.drift.sessions import Session, bounded, sessions_of
+from truepose.identification.leaves.drift.sessions import Likeliest, Session, bounded, likeliest, sessions_of
+from truepose.identification.leaves.drift.sizes import Check, durability, fit_when_met, noise_of
 from truepose.identification.prediction.predict import predict
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine

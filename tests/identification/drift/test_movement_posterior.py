@@ -14,12 +14,14 @@ from scipy.stats import multivariate_normal
 from support.drifting_arm import machine_text
 from support.stacked_sessions import KINDS, SIGMA_STEPS, covariance_of, likeliest_of, plain, stacked
 from truepose.identification.fit.problem import Prior, prior_of
-from truepose.identification.leaves.drift.movement_posterior import (
+from truepose.identification.leaves.drift.sessions import (
+    Kinds,
+    Linear,
+    Stack,
     likeliest,
     movement_posterior,
+    movement_problem,
 )
-from truepose.identification.leaves.drift.movement_problem import Kinds, Stack, movement_problem
-from truepose.identification.leaves.drift.sessions import Linear
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.posterior import sample
 from truepose.identification.posterior.spike_slab import Members

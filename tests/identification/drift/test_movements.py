@@ -29,8 +29,7 @@ from support.stacked_sessions import (
 )
 from truepose.identification.fit.problem import prior_of
 from truepose.identification.leaves.drift.analysis import drift, unseen_by_all
-from truepose.identification.leaves.drift.movement_problem import Stack
-from truepose.identification.leaves.drift.sessions import linearised, sessions_of
+from truepose.identification.leaves.drift.sessions import Stack, linearised, sessions_of
 from truepose.identification.leaves.drift.sizes import joint_parameters, movements, straight_line
 from truepose.identification.leaves.drift.words import drift_notes
 from truepose.identification.recording.load import load_recording

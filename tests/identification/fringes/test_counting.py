@@ -23,9 +23,9 @@ from support.fringe_journeys import FIBRE, cut, journeys
 from support.fringe_journeys import journey as series
 from truepose.cli import app
 from truepose.errors import InputError
-from truepose.identification.leaves.fringes.faults import Fault
+from truepose.identification.leaves.fringes.excursions import Fault
+from truepose.identification.leaves.fringes.lengths import read_samples
 from truepose.identification.leaves.fringes.move import Move, read_move
-from truepose.identification.leaves.fringes.photocurrent import read_samples
 from truepose.identification.load import load_recording
 from truepose.identification.prediction.predict import predict
 from truepose.models.load import load_machine

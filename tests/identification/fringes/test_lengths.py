@@ -13,10 +13,10 @@ from support.fringe_series import joined_rows
 from truepose.errors import InputError
 from truepose.identification.leaves.fringes import lengths
 from truepose.identification.leaves.fringes.count import Count, End
-from truepose.identification.leaves.fringes.faults import Fault
+from truepose.identification.leaves.fringes.excursions import Fault
+from truepose.identification.leaves.fringes.lengths import SampleTable, Series
 from truepose.identification.leaves.fringes.levels import Levels
 from truepose.identification.leaves.fringes.move import Move
-from truepose.identification.leaves.fringes.photocurrent import SampleTable, Series
 from truepose.identification.recording.recording import Recording
 from truepose.models.sensors.irradiance import Irradiance
 

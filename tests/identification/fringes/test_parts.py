@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from truepose.identification.leaves.fringes import faults, lengths, levels, motions
+from truepose.identification.leaves.fringes import excursions as exc
+from truepose.identification.leaves.fringes import lengths, levels, turns
 from truepose.identification.leaves.fringes.excursions import (
     Excursions,
     centre_means,
@@ -18,14 +19,15 @@ from truepose.identification.leaves.fringes.excursions import (
 from truepose.identification.leaves.fringes.levels import (
     Levels,
     Noise,
+    Scan,
     evenly_passed,
+    find_rest,
     fitted_levels,
     noise_of,
+    read_scan,
     rough_levels,
     tracked_levels,
 )
-from truepose.identification.leaves.fringes.rest import find_rest
-from truepose.identification.leaves.fringes.scan import Scan, read_scan
 from truepose.identification.leaves.fringes.turns import Verdict
 from truepose.models.sensors.irradiance import folded_phase, fringe
 
@@ -231,7 +233,7 @@ def test_noise_makes_no_excursions(noise: float) -> None:
 @pytest.mark.parametrize(("samples", "fast"), [(3.4, True), (4.7, False)])
 def test_a_fringe_needs_four_samples(samples: float, fast: bool) -> None:
     _, _, found = excursions(turns=40.0, samples=samples)
-    assert faults.too_fast(found) is fast
+    assert exc.too_fast(found) is fast
 
 
 @pytest.mark.parametrize(("quarters", "gap"), [(0.8, False), (1.3, True)])
@@ -239,7 +241,7 @@ def test_a_gap_is_one_in_which_the_mirror_may_go_a_quarter_turn(quarters: float,
     t, phase = steady(samples=200.0)
     lost = np.abs(t - 3.0) < 0.5 * quarters * (np.pi / 2.0) / RATE
     t, v = t[~lost], light(phase)[~lost]
-    assert faults.has_gap(t, find_excursions(t, v, 0.0, G)) is gap
+    assert exc.has_gap(t, find_excursions(t, v, 0.0, G)) is gap
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.01])
@@ -250,11 +252,11 @@ def test_a_jump_is_a_step_that_the_speed_around_it_does_not_make(noise: float) -
     steep = (6.0 * np.pi + 0.5 - START) / RATE
     for jump, seen in ((0.0, False), (1.5, True)):
         v = light(phase + jump * (t > steep)) + shake
-        assert faults.has_jump(t, v, noise, find_excursions(t, v, noise, G)) is seen
+        assert exc.has_jump(t, v, noise, find_excursions(t, v, noise, G)) is seen
     fast, v, found = excursions(samples=6.0)  # large steps that the speed makes
-    assert np.abs(np.diff(v)).max() > 0.3 and not faults.has_jump(fast, v, 0.0, found)
+    assert np.abs(np.diff(v)).max() > 0.3 and not exc.has_jump(fast, v, 0.0, found)
     step = np.where(np.arange(200) < 100, 0.2, 0.4)
-    assert faults.has_jump(np.arange(200.0), step, 0.0, find_excursions(np.arange(200.0), step, 0.0, G))
+    assert exc.has_jump(np.arange(200.0), step, 0.0, find_excursions(np.arange(200.0), step, 0.0, G))
 
 
 def test_single_spikes_in_calm_light_are_mended_and_peaks_are_not() -> None:
@@ -263,14 +265,14 @@ def test_single_spikes_in_calm_light_are_mended_and_peaks_are_not() -> None:
     signal = 3.0 * light(phase) + 0.003 * rng.standard_normal(len(t))
     spoilt = signal.copy()
     spoilt[[1000, 2500]] += (1.5, -1.2)
-    mended, count = faults.without_spikes(spoilt, 0.003)
+    mended, count = exc.without_spikes(spoilt, 0.003)
     assert count == 2
     assert np.abs(mended - signal).max() < 0.02
     untouched = np.ones(len(t), dtype=bool)
     untouched[[1000, 2500]] = False
     np.testing.assert_array_equal(mended[untouched], spoilt[untouched])
     for plain in (signal, 3.0 * light(steady(samples=5.0)[1]), signal[:15]):
-        same, none = faults.without_spikes(plain, 0.003)
+        same, none = exc.without_spikes(plain, 0.003)
         assert none == 0 and same is plain
 
 
@@ -372,8 +374,8 @@ def test_the_speed_of_a_motion_is_the_derivative_of_its_basis_at_the_edges(
     degree: int, change: float | None
 ) -> None:
     edges, h = np.array([-1.0, 1.0]), 1e-6
-    slope = (motions.basis(edges + h, degree, change) - motions.basis(edges - h, degree, change)) / (2.0 * h)
-    np.testing.assert_allclose(motions.speed(edges, degree, change), slope, atol=1e-7)
+    slope = (turns.basis(edges + h, degree, change) - turns.basis(edges - h, degree, change)) / (2.0 * h)
+    np.testing.assert_allclose(turns.speed(edges, degree, change), slope, atol=1e-7)
 
 
 def test_rows_are_listed_up_to_a_dozen() -> None:

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from support.fringe_series import joined_rows
-from truepose.identification.leaves.fringes.closure import miscounted
+from truepose.identification.leaves.fringes.lengths import miscounted
 from truepose.identification.recording.recording import Recording
 
 Array = NDArray[np.float64]

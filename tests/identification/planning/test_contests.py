@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from support.experiments import arm
-from truepose.identification.leaves.planning.discriminate.explanations import (
+from truepose.identification.leaves.planning.discriminate.factors import (
     EXPECTED,
     Explanation,
     explanation,
@@ -17,14 +17,15 @@ from truepose.identification.leaves.planning.discriminate.explanations import (
 from truepose.identification.leaves.planning.discriminate.race import (
     FOUND,
     RIVAL_FORMS,
+    WIDE,
     Field,
     Hypothesis,
+    Signals,
     hypotheses,
     ordered,
     race,
     shares,
 )
-from truepose.identification.leaves.planning.discriminate.rows import WIDE, Signals
 from truepose.models.effects.base import PlacedEffect
 
 Array = NDArray[np.float64]

@@ -16,18 +16,27 @@ from support import MACHINES
 from support.examples import examples
 from support.experiments import BENT, COMPLIANT, UNEVEN, YIELDING, arm, planned, planned_on, poses, telescope
 from truepose.identification.fit.estimate import estimate
-from truepose.identification.leaves.planning.discriminate.criterion import Contest, Race, chosen
 from truepose.identification.leaves.planning.discriminate.experiment import discriminate
-from truepose.identification.leaves.planning.discriminate.explanations import EXPECTED, Class, explanation
 from truepose.identification.leaves.planning.discriminate.factors import (
+    EXPECTED,
     MOST,
+    Class,
     Factor,
     Offer,
+    Target,
+    explanation,
     factors,
     settings,
+    with_targets,
 )
-from truepose.identification.leaves.planning.discriminate.rows import Rows, recording_of, signals
-from truepose.identification.leaves.planning.discriminate.targets import Target, with_targets
+from truepose.identification.leaves.planning.discriminate.race import (
+    Contest,
+    Race,
+    Rows,
+    chosen,
+    recording_of,
+    signals,
+)
 from truepose.identification.leaves.planning.discriminate.words import sentences
 from truepose.identification.leaves.planning.information import PoseInformation
 from truepose.identification.leaves.planning.pose_tables import experiment_table

@@ -17,9 +17,7 @@ from truepose.cli import app
 from truepose.errors import InputError
 from truepose.identification.leaves.planning.discriminate.command import Request
 from truepose.identification.leaves.planning.discriminate.experiment import discriminate
-from truepose.identification.leaves.planning.discriminate.explanations import class_of
-from truepose.identification.leaves.planning.discriminate.factors import Offer
-from truepose.identification.leaves.planning.discriminate.targets import Target
+from truepose.identification.leaves.planning.discriminate.factors import Offer, Target, class_of
 from truepose.identification.leaves.planning.discriminate.words import experiment_json, sentences
 from truepose.identification.report.notes import worded
 from truepose.models.load import load_machine

@@ -20,7 +20,7 @@ from truepose.identification.leaves.planning.discriminate.factors import (
     settings,
     unplanned,
 )
-from truepose.identification.leaves.planning.discriminate.pool import Pool
+from truepose.identification.leaves.planning.discriminate.race import Pool
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 

@@ -15,9 +15,8 @@ from support.graph_machines import machine_of
 from support.plans import NAMES, landscape, poses
 from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.fit.problem import prior_of
-from truepose.identification.leaves.planning.criteria import CRITERIA, Objective
 from truepose.identification.leaves.planning.information import PoseInformation
-from truepose.identification.leaves.planning.plan import plan
+from truepose.identification.leaves.planning.plan import CRITERIA, Objective, plan
 from truepose.identification.leaves.planning.pose_tables import plan_table
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.simulate import simulate, with_inputs

@@ -14,9 +14,8 @@ from support.experiments import arm, poses, telescope
 from support.moving_machines import ARM as SIX_JOINTS
 from support.moving_machines import FRAMED, POSE, TOLERANCES, written
 from truepose.errors import InputError
-from truepose.identification.leaves.planning.discriminate.explanations import explanation
-from truepose.identification.leaves.planning.discriminate.rows import Rows, recording_of, signals
-from truepose.identification.leaves.planning.discriminate.targets import Target, with_targets
+from truepose.identification.leaves.planning.discriminate.factors import Target, explanation, with_targets
+from truepose.identification.leaves.planning.discriminate.race import Rows, recording_of, signals
 from truepose.identification.leaves.planning.information import PoseInformation
 from truepose.identification.prediction.simulate import simulate
 from truepose.models.effects.base import PlacedEffect

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from support import MACHINES
 from truepose.errors import InputError
-from truepose.identification.leaves.planning.discriminate.targets import Target, with_targets
+from truepose.identification.leaves.planning.discriminate.factors import Target, with_targets
 from truepose.identification.prediction import predict as predict_module
 from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.prediction.predict import predict

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from truepose.identification.leaves.programs.forms import Euler, Form, Quaternion, RotationVector, written
+from truepose.identification.leaves.programs.program import Euler, Form, Quaternion, RotationVector, written
 
 Array = NDArray[np.float64]
 VECTOR = RotationVector(("m",) * 3, ("rad",) * 3, (7,) * 6, "m and rad")

@@ -9,10 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from support import MACHINES
-from truepose.identification.leaves.planning.discriminate.experiment import discriminate
-from truepose.identification.leaves.planning.discriminate.explanations import Class, explanation
-from truepose.identification.leaves.planning.discriminate.factors import Offer
-from truepose.identification.leaves.planning.discriminate.result import Experiment
+from truepose.identification.leaves.planning.discriminate.experiment import Experiment, discriminate
+from truepose.identification.leaves.planning.discriminate.factors import Class, Offer, explanation
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine, Mass
 

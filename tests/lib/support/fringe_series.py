@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from truepose.identification.leaves.fringes.count import Series, normalised
 from truepose.identification.leaves.fringes.levels import Levels, Noise
-from truepose.identification.leaves.fringes.passages import Series, normalised
 from truepose.identification.recording.recording import Recording
 from truepose.models.sensors.irradiance import fringe
 

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.leaves.planning.continuous import Landscape
-from truepose.identification.leaves.planning.criteria import CRITERIA, Objective
 from truepose.identification.leaves.planning.information import PoseInformation
+from truepose.identification.leaves.planning.plan import CRITERIA, Landscape, Objective
 from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]

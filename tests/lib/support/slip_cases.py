@@ -9,11 +9,9 @@ import pandas as pd
 
 import truepose
 from support.checked_arm import JOINTS, Document, document, recorded, written
-from truepose.identification.leaves.check.pair import Pair
+from truepose.identification.leaves.check.pair import Pair, Scene, Slip
 from truepose.identification.leaves.check.rig import Rig
 from truepose.identification.leaves.check.run import unbounded
-from truepose.identification.leaves.check.scene import Scene
-from truepose.identification.leaves.check.slip import Slip
 from truepose.models.machine.machine import Machine
 
 ROWS = 8

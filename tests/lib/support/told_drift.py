@@ -12,8 +12,7 @@ from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.identifiability.observability import Direction, Knowledge
 from truepose.identification.identifiability.patterns import Blind
 from truepose.identification.leaves.drift.analysis import Drift
-from truepose.identification.leaves.drift.durability import Check, Durability
-from truepose.identification.leaves.drift.sizes import Movement
+from truepose.identification.leaves.drift.sizes import Check, Durability, Movement
 
 DAY = 86400.0
 GOOD = Check({"position": 0.011}, {"position": 0.010}, {"position": "mm"}, 0.4, True)

@@ -1,1 +1,1 @@
-"""The kinds of slips, one module each: every one yields what might have been meant instead."""
+"""The kinds of slips, by what they are about: every function yields what might have been meant instead."""

@@ -3,23 +3,44 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
-from itertools import combinations
+from itertools import combinations, permutations
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.identification.leaves.check.kinds.narrowed import narrowed
-from truepose.identification.leaves.check.pair import Field, Pair, Sheet
-from truepose.identification.leaves.check.rig import Rig, Scene
-from truepose.identification.leaves.check.slip import RARE, SELDOM, USUAL, Slip
+from truepose.identification.leaves.check.pair import RARE, SELDOM, USUAL, Field, Pair, Scene, Sheet, Slip
+from truepose.identification.leaves.check.rig import Rig
 from truepose.identification.leaves.check.weighing import bound
 from truepose.models.machine.mechanism import Actuator
 from truepose.models.units import convert
 from truepose.wording import joined
 
+# -- The size of a slip that fits best: a grid, then halved steps
+
+_HALVED = 8
+
+
+def narrowed(misfit: Callable[[float], float], grid: NDArray[np.float64]) -> float:
+    """Return where a misfit is least: the best of a grid, then halved steps around it."""
+    tried = {float(size): misfit(float(size)) for size in grid}
+    best = min(tried, key=lambda size: tried[size])
+    order = sorted(tried)
+    at = order.index(best)
+    step = max(abs(order[min(at + 1, len(order) - 1)] - best), abs(best - order[max(at - 1, 0)]))
+    for _ in range(_HALVED):
+        step /= 2
+        for size in (best - step, best + step):
+            tried[size] = misfit(size)
+        best = min((best - step, best, best + step), key=lambda size: tried[size])
+    return best
+
+
 Array = NDArray[np.float64]
+# -- Joints that turn the other way, that were exchanged, or whose zero is elsewhere
+
 T = TypeVar("T")
 QUARTERS = (90.0, -90.0, 180.0)
 """Degrees that data sheets and controllers differ by."""
@@ -38,36 +59,20 @@ def signs(rig: Rig, scene: Scene) -> Iterator[Slip]:
 
 
 def _reversed(rig: Rig, places: Sequence[int]) -> Slip:
+    """Joints with the other sign, and so the sides and speeds of their arrival."""
     names = tuple(rig.machine.mechanism.actuators[k].reading for k in places)
     one = len(names) == 1
+    every = [f"{head}{name}" for name in names for head in ("", "approach.", "velocity.")]
     return Slip(
         "sign",
         names,
         f"{joined(names)} counted the other way",
         f"change the sign of column{'' if one else 's'} {joined(names)}, or turn {'its axis' if one else 'their axes'} in "
         "the machine file",
-        partial(_times, places, -1.0),
-        partial(_negated, names),
+        lambda scene: scene.with_joint_columns({k: -scene.rows.q[:, k] for k in places}),
+        lambda pair: pair.negated(every),
         USUAL if one else SELDOM,
     )
-
-
-def _times(places: Sequence[int], factor: float, scene: Scene) -> Scene:
-    q = scene.rows.q.copy()
-    q[:, list(places)] *= factor
-    return scene.with_joints(q)
-
-
-def _negated(names: Sequence[str], pair: Pair) -> Pair:
-    """Columns, and the sides and speeds of arrival of the same joints, with the other sign."""
-
-    def change(sheet: Sheet) -> Sheet:
-        every = [
-            n for name in names for n in (name, f"approach.{name}", f"velocity.{name}") if n in sheet.units
-        ]
-        return sheet.with_numbers({n: -sheet.numbers(n) for n in every})
-
-    return pair.each(change)
 
 
 def exchanged(rig: Rig, scene: Scene) -> Iterator[Slip]:
@@ -77,39 +82,31 @@ def exchanged(rig: Rig, scene: Scene) -> Iterator[Slip]:
     orders: list[tuple[int, ...]] = []
     for i, j in combinations(range(n), 2):
         if actuators[i].reading_unit == actuators[j].reading_unit:
-            swapped = list(range(n))
-            swapped[i], swapped[j] = j, i
-            orders.append(tuple(swapped))
+            orders.append(tuple({i: j, j: i}.get(k, k) for k in range(n)))
     if len({a.reading_unit for a in actuators}) == 1 and n > 2:
         orders += [tuple(range(n))[::-1], *((*range(by, n), *range(by)) for by in range(1, n))]
-    for order in dict.fromkeys(orders):
-        moved = [k for k in range(n) if order[k] != k]
-        names = tuple(actuators[k].reading for k in moved)
-        called = {actuators[order[k]].reading: actuators[k].reading for k in moved}
-        yield Slip(
-            "permutation",
-            names,
-            f"{joined(names)} {'exchanged' if len(names) == 2 else 'in another order'}",
-            f"exchange the headers of columns {joined(names)}"
-            if len(names) == 2
-            else "rename the columns: " + ", ".join(f"{a} is {b}" for a, b in called.items()),
-            partial(_reordered, order),
-            partial(_renamed, called),
-            USUAL if len(names) == 2 else SELDOM,
-        )
+    yield from (_reordered(rig, order) for order in dict.fromkeys(orders))
 
 
-def _reordered(order: Sequence[int], scene: Scene) -> Scene:
-    return scene.with_joints(scene.rows.q[:, list(order)])
-
-
-def _renamed(called: dict[str, str], pair: Pair) -> Pair:
-    every = {
-        f"{head}{a}": f"{head}{b}"
-        for a, b in called.items()
-        for head in ("", "approach.", "velocity.", "temperature.")
-    }
-    return pair.each(lambda sheet: sheet.renamed(every))
+def _reordered(rig: Rig, order: Sequence[int]) -> Slip:
+    actuators = rig.machine.mechanism.actuators
+    moved = [k for k in range(len(order)) if order[k] != k]
+    names = tuple(actuators[k].reading for k in moved)
+    called = {actuators[order[k]].reading: actuators[k].reading for k in moved}
+    heads = ("", "approach.", "velocity.", "temperature.")
+    every = {f"{head}{a}": f"{head}{b}" for a, b in called.items() for head in heads}
+    two = len(names) == 2
+    return Slip(
+        "permutation",
+        names,
+        f"{joined(names)} {'exchanged' if two else 'in another order'}",
+        f"exchange the headers of columns {joined(names)}"
+        if two
+        else "rename the columns: " + ", ".join(f"{a} is {b}" for a, b in called.items()),
+        lambda scene: scene.with_joints(scene.rows.q[:, list(order)]),
+        lambda pair: pair.renamed(every),
+        USUAL if two else SELDOM,
+    )
 
 
 def quarter_turns(rig: Rig, scene: Scene) -> Iterator[Slip]:
@@ -137,9 +134,7 @@ def offset(rig: Rig, k: int, size: float, *, searched: bool = False) -> Slip:
 
 
 def _plus(k: int, size: float, scene: Scene) -> Scene:
-    q = scene.rows.q.copy()
-    q[:, k] += size
-    return scene.with_joints(q)
+    return scene.with_joint_columns({k: scene.rows.q[:, k] + size})
 
 
 def _shifted_zero(rig: Rig, k: int, size: float, pair: Pair) -> Pair:
@@ -194,20 +189,17 @@ def _zero_field(rig: Rig, a: Actuator, pair: Pair) -> Field | None:
 
 def mirrored_zeros(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """Yield each turning joint counted the other way, with its zero a quarter or half turn away."""
-    for k in range(len(rig.machine.mechanism.actuators)):
+    for k, a in enumerate(rig.machine.mechanism.actuators):
         negative = _reversed(rig, (k,))
-        if rig.machine.mechanism.actuators[k].reading_unit != "rad":
-            continue
-        for degrees in QUARTERS:
+        for degrees in QUARTERS if a.reading_unit == "rad" else ():
             zero = offset(rig, k, np.radians(degrees))
-            yield Slip(
-                "sign",
-                negative.where,
-                f"{negative.says}, {zero.says}",
-                f"{negative.fix}; then {zero.fix}",
-                partial(_both, negative.change, zero.change),
-                partial(_both, negative.mend, zero.mend),
-                SELDOM,
+            yield replace(
+                negative,
+                says=f"{negative.says}, {zero.says}",
+                fix=f"{negative.fix}; then {zero.fix}",
+                change=partial(_both, negative.change, zero.change),
+                mend=partial(_both, negative.mend, zero.mend),
+                odds=SELDOM,
             )
 
 
@@ -217,16 +209,8 @@ def _both(first: Callable[[T], T], second: Callable[[T], T], held: T) -> T:
 
 def zeros(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """Each joint with the zero that fits best, wherever that is: one search a joint."""
-    for k, a in enumerate(rig.machine.mechanism.actuators):
-        span = float(np.ptp(scene.rows.q[:, k])) or 1.0
-        grid = _turns() if a.reading_unit == "rad" else _ways(span)
-
-        def misfit(size: float, k: int = k) -> float:
-            return rig.stand(_plus(k, size, scene), quick=True).misfit
-
-        found = narrowed(misfit, grid)
-        if abs(found) > (LEAST if a.reading_unit == "rad" else 0.02 * span):
-            yield offset(rig, k, found, searched=True)
+    for k in range(len(rig.machine.mechanism.actuators)):
+        yield from _searched(rig, scene, k, lambda moved: rig.stand(moved, quick=True).misfit)
 
 
 def end_zeros(rig: Rig, scene: Scene) -> Iterator[Slip]:
@@ -237,25 +221,140 @@ def end_zeros(rig: Rig, scene: Scene) -> Iterator[Slip]:
     mechanism = rig.machine.mechanism
     if mechanism.closing or mechanism.rods:
         return
+
+    def against(moved: Scene) -> float:
+        return -bound(rig, rig.stand(moved, (), quick=True), (), 1.0)
+
     for k in sorted({0, len(mechanism.actuators) - 1}):
-        turns = mechanism.actuators[k].reading_unit == "rad"
-        span = float(np.ptp(scene.rows.q[:, k])) or 1.0
-
-        def against(size: float, k: int = k) -> float:
-            return -bound(rig, rig.stand(_plus(k, size, scene), (), quick=True), (), 1.0)
-
-        found = narrowed(against, _turns() if turns else _ways(span))
-        if abs(found) > (LEAST if turns else 0.02 * span):
-            yield offset(rig, k, found, searched=True)
+        yield from _searched(rig, scene, k, against)
 
 
-def _turns() -> Array:
-    return np.linspace(-np.pi, np.pi, _GRID, endpoint=False)
+def _searched(rig: Rig, scene: Scene, k: int, against: Callable[[Scene], float]) -> Iterator[Slip]:
+    """Yield the zero of joint k with which least speaks against a scene: a slide's is up to four times its way off."""
+    turns = rig.machine.mechanism.actuators[k].reading_unit == "rad"
+    span = float(np.ptp(scene.rows.q[:, k])) or 1.0
+    ways = np.concatenate([-np.geomspace(4.0, 0.05, 8), [0.0], np.geomspace(0.05, 4.0, 8)])
+    grid = np.linspace(-np.pi, np.pi, _GRID, endpoint=False) if turns else span * ways
+    found = narrowed(lambda size: against(_plus(k, size, scene)), grid)
+    if abs(found) > (LEAST if turns else 0.02 * span):
+        yield offset(rig, k, found, searched=True)
 
 
-def _ways(span: float) -> Array:
-    """Sizes that a slide's zero may be off by, mm: up to four times its way."""
-    return span * np.concatenate([-np.geomspace(4.0, 0.05, 8), [0.0], np.geomspace(0.05, 4.0, 8)])
+# -- Readings of joints that are not the joints' own angles: one counted from another joint, and encoders' counts
+
+_SPANS = {"rad": np.radians([15.0, 720.0]), "mm": np.array([5.0, 5000.0])}
+"""Between what a joint's motion in a recording lies."""
+_TURNS = 4.2 * np.pi
+"""rad; no joint of an arm turns further than this between two readings, so that more are counts, or degrees taken for turns."""
+_STEP = 0.3
+"""rad, of the widest motion: a fit finds its way from there."""
+_LENGTHS = 48
+_COARSEST = 8.0
+"""Counts for what was taken for one unit, at least: a scale that is a little off is physics."""
+_ROUND = 0.15
+"""Share by which the count for a turn that fits best may miss a round number that was meant."""
 
 
-__all__ = ["end_zeros", "exchanged", "mirrored_zeros", "offset", "quarter_turns", "signs", "zeros"]
+def coupled(rig: Rig, scene: Scene) -> Iterator[Slip]:
+    """Yield each joint with its reading counted from another joint's: the horizon of a parallelogram or of a teach pendant."""
+    actuators = rig.machine.mechanism.actuators
+    for k, j in permutations(range(len(actuators)), 2):
+        unit = actuators[k].reading_unit
+        if unit == actuators[j].reading_unit and unit in _SPANS:
+            yield from (_coupled(rig, k, j, ratio) for ratio in (1.0, -1.0))
+
+
+def _coupled(rig: Rig, k: int, j: int, ratio: float) -> Slip:
+    mine, other = (rig.machine.mechanism.actuators[i] for i in (k, j))
+    return Slip(
+        "coupled",
+        (mine.reading, other.reading),
+        f"the reading of {mine.reading} is coupled: its own {'angle' if mine.reading_unit == 'rad' else 'travel'} "
+        f"{'+' if ratio > 0 else '-'} {other.reading} (counted from the horizon, or by a linkage; k = {ratio:g})",
+        f"state 'coupled: {{{other.reading}: {ratio:g}}}' at {mine.reading} in the machine file",
+        lambda scene: scene.with_joint_columns({k: scene.rows.q[:, k] - ratio * scene.rows.q[:, j]}),
+        lambda pair: pair.with_field(
+            _joint_field(rig, pair, mine.reading, "coupled"), {other.reading: ratio}
+        ),
+        USUAL if abs(k - j) == 1 else SELDOM,
+    )
+
+
+def counts(rig: Rig, scene: Scene) -> Iterator[Slip]:
+    """Yield joints that read more than a joint turns, each alone and all of them, as counts of an encoder."""
+    actuators = rig.machine.mechanism.actuators
+    units = [rig.machine.column_unit(a.reading) for a in actuators]
+    read = zip(actuators, units, scene.rows.q.T, strict=True)
+    wide = [k for k, (a, unit, q) in enumerate(read) if a.reading_unit in _SPANS and _counted(a, unit, q)]
+    alike = len(wide) > 1 and len({actuators[k].reading_unit for k in wide}) == 1
+    for places in [*([tuple(wide)] if alike else []), *((k,) for k in wide)]:
+        yield from _as_counts(rig, scene, places)
+
+
+def _counted(a: Actuator, unit: str, q: Array) -> bool:
+    """Whether readings may be counts: whole numbers, or further apart than a joint moves."""
+    written = np.asarray(convert(q, a.reading_unit, unit))
+    whole = len(np.unique(written)) > 3 and np.allclose(written, np.round(written), atol=1e-6)
+    far = a.reading_unit == "rad" and np.ptp(q) > _TURNS
+    return bool(far or whole)
+
+
+def _as_counts(rig: Rig, scene: Scene, places: Sequence[int]) -> Iterator[Slip]:
+    actuators = rig.machine.mechanism.actuators
+    unit = actuators[places[0]].reading_unit
+    written = rig.machine.column_unit(actuators[places[0]].reading)
+    span = max(float(np.ptp(scene.rows.q[:, k])) for k in places)
+    low, high = np.minimum(_SPANS[unit] / span, 1.0 / _COARSEST)
+    if unit == "rad":
+        grid = np.linspace(low, high, int((high - low) * span / _STEP) + 2)
+    else:
+        grid = np.geomspace(low, high, _LENGTHS)
+    columns = tuple(actuators[k].reading for k in places)
+
+    def misfit(factor: float) -> float:
+        return rig.stand(_scaled(places, factor, scene), quick=True).misfit
+
+    per, what = (2.0 * np.pi, "turn") if unit == "rad" else (1.0, "mm")
+    name = joined(columns)
+    for sign, way in ((1.0, ""), (-1.0, ", counted the other way")):
+        found = abs(narrowed(misfit, sign * grid))
+        counted = convert(per / found, unit, written)  # how many of what was written make a turn, or a mm
+        for number, odds in _numbers(counted).items():
+            yield Slip(
+                "counts",
+                columns,
+                f"{name} in counts of an encoder, {number:.7g} a {what}{way}",
+                f"state 'counts: {sign * number:.7g}' at {name} in the machine file",
+                partial(_scaled, places, sign * (per / convert(number, written, unit))),
+                partial(_mend_counts, rig, columns, sign * number),
+                odds,
+            )
+
+
+def _scaled(places: Sequence[int], factor: float, scene: Scene) -> Scene:
+    return scene.with_joint_columns({k: factor * scene.rows.q[:, k] for k in places})
+
+
+def _numbers(fitted: float) -> dict[float, float]:
+    """Return counts a turn that may be meant where one number fits best, each with its odds: encoders have round ones."""
+    decade = 10.0 ** np.floor(np.log10(fitted))
+    near = [2.0 ** np.round(np.log2(fitted)), *(decade * np.array([1, 2, 2.5, 3.6, 4, 5, 8, 10]))]
+    close = {float(n): SELDOM for n in near if abs(n / fitted - 1.0) < _ROUND}
+    return {float(f"{fitted:.7g}"): RARE, **close}
+
+
+def _mend_counts(rig: Rig, columns: Sequence[str], number: float, pair: Pair) -> Pair:
+    for name in columns:
+        pair = pair.with_field(_joint_field(rig, pair, name, "counts"), number)
+    return pair
+
+
+def _joint_field(rig: Rig, pair: Pair, reading: str, key: str) -> Field:
+    """Return where a machine file says of the joint or leg with a reading what its column holds."""
+    names = {a.reading: {a.reading, a.drives} for a in rig.machine.mechanism.actuators}[reading]
+    for group in ("joints", "legs", "first", "second"):
+        rows = pair.get(("mechanism", group))
+        for k, row in enumerate(rows if isinstance(rows, list) else ()):
+            if isinstance(row, Mapping) and {row.get("name"), row.get("joint")} & names:
+                return ("mechanism", group, k, key)
+    return ("mechanism", "encoders", reading, key)

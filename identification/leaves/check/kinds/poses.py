@@ -2,21 +2,155 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from itertools import permutations
+from itertools import combinations, permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from truepose.identification.leaves.check.pair import Pair, Sheet
-from truepose.identification.leaves.check.rig import Rig, Scene
-from truepose.identification.leaves.check.slip import Slip
-from truepose.models.sensors.pose import Pose
+from truepose.identification.leaves.check.pair import SELDOM, USUAL, Scene, Sheet, Slip
+from truepose.identification.leaves.check.rig import Rig
+from truepose.models.sensors.pose import Pose, Position
+from truepose.models.sensors.targets import Targets
 from truepose.models.units import convert
+from truepose.wording import joined
 
 Array = NDArray[np.float64]
+_XYZ, _TURN = ("x", "y", "z"), ("rx", "ry", "rz")
+# -- Measured axes with another sign or in another order, and targets that were exchanged
+
+_MOST_TARGETS = 4
+
+
+def mirrored(rig: Rig, scene: Scene) -> Iterator[Slip]:
+    """A measuring frame of the other hand: one axis with the other sign, or two axes exchanged.
+
+    Where turns are read, they may have been mirrored as well or not. All frames mirrored as a whole differ by a turn of base
+    and tool only: one stands for all where those are unknown, six plain ones else.
+    """
+    every = [m for m in _maps() if _hand(*m) < 0]
+    known = np.isfinite(rig.tolerance[rig.at["base"]]).all()
+    for order, signs in every[:6] if known else [m for m in every if m == ((0, 1, 2), (1, 1, -1))]:
+        yield from _mapped(rig, order, signs, whole=True)
+    if _turns(rig):
+        for order, signs in every:
+            yield from _mapped(rig, order, signs, whole=False)
+
+
+def turned(rig: Rig, scene: Scene) -> Iterator[Slip]:
+    """Axes in another order or with other signs, of the same hand: seen only where turns are read too, or the base is known."""
+    for order, signs in _maps():
+        if _hand(order, signs) > 0 and (order, signs) != ((0, 1, 2), (1, 1, 1)):
+            yield from _mapped(rig, order, signs, whole=False)
+
+
+def _turns(rig: Rig) -> bool:
+    return any(isinstance(sensor, Pose) for sensor in rig.machine.sensors)
+
+
+def _maps() -> Iterator[tuple[tuple[int, ...], tuple[int, ...]]]:
+    """The signed permutations, plain ones first."""
+    every = [(o, s) for o in permutations(range(3)) for s in product((1, -1), repeat=3)]
+    return iter(
+        sorted(every, key=lambda m: sum(k != a for k, a in enumerate(m[0])) + sum(s < 0 for s in m[1]))
+    )
+
+
+def _hand(order: Sequence[int], signs: Sequence[int]) -> float:
+    matrix = np.zeros((3, 3))
+    matrix[range(3), order] = signs
+    return float(np.linalg.det(matrix))
+
+
+def _mapped(rig: Rig, order: tuple[int, ...], signs: tuple[int, ...], *, whole: bool) -> Iterator[Slip]:
+    points = _points(rig)
+    if not points:
+        return
+    triples = [*points, _TURN] if whole and _turns(rig) else points
+    exchanged = [_XYZ[k] for k in range(3) if order[k] != k]
+    flipped = [_XYZ[k] for k in range(3) if signs[k] < 0]
+    parts = [_exchange(exchanged, order)] if exchanged else []
+    parts += [f"{joined(flipped)} with the other sign"] if flipped else []
+    told = joined(parts) + (", turns mirrored too" if triples != points else "")
+    swap = exchanged and not flipped
+
+    def mapped(seen: Mapping[str, Array]) -> dict[str, Array]:
+        """Columns in the mapped axes; of rotation vectors S Exp(w) S' = Exp(det(S) S w)."""
+        hands = [_hand(order, signs) if triple is _TURN else 1.0 for triple in triples]
+        pairs = [(t, hand, k) for t, hand in zip(triples, hands, strict=True) for k in range(3)]
+        return {t[k]: hand * signs[k] * seen[t[order[k]]] for t, hand, k in pairs}
+
+    def mend(sheet: Sheet) -> Sheet:
+        here = {n: sheet.numbers(n) for triple in triples for n in triple if n in sheet.units}
+        return sheet.with_numbers(mapped(here)) if here else sheet
+
+    yield Slip(
+        "permutation" if swap else "handedness",
+        tuple(exchanged if swap else dict.fromkeys([*exchanged, *flipped])),
+        f"measured {told}",
+        f"{'exchange the headers of' if swap else 'change'} the sensor's columns: {told}",
+        lambda scene: scene.with_columns(mapped(scene.rows.observations)),
+        lambda pair: pair.each(mend),
+        USUAL if len(exchanged) + len(flipped) <= 2 else SELDOM,
+    )
+
+
+def _exchange(names: Sequence[str], order: Sequence[int]) -> str:
+    """Two axes exchanged; of three it is said which stands where, as they may have gone round either way."""
+    if len(names) == 2:
+        return f"{joined(names)} exchanged"
+    places = ", ".join(f"{name} in {_XYZ[there]}" for name, there in zip(_XYZ, order, strict=True))
+    return f"{joined(names)} in another order ({places})"
+
+
+def _points(rig: Rig) -> list[tuple[str, str, str]]:
+    """Columns x, y, z of every point that is measured."""
+    out = []
+    for sensor in rig.machine.sensors:
+        names = list(sensor.columns)
+        if isinstance(sensor, (Pose, Position)):
+            out.append((names[0], names[1], names[2]))
+        elif isinstance(sensor, Targets):
+            out += [(names[k], names[k + 1], names[k + 2]) for k in range(0, len(names), 3)]
+    return out
+
+
+def targets(rig: Rig, scene: Scene) -> Iterator[Slip]:
+    """Targets exchanged: every order of a few, pairs of many."""
+    for sensor in rig.machine.sensors:
+        if not isinstance(sensor, Targets):
+            continue
+        labels = list(dict.fromkeys(n.rpartition(".")[0] for n in sensor.columns))
+        yield from (_relabelled(labels, order) for order in _orders(len(labels)))
+
+
+def _relabelled(labels: Sequence[str], order: Sequence[int]) -> Slip:
+    moved = [k for k in range(len(labels)) if order[k] != k]
+    called = {f"{labels[order[k]]}.{a}": f"{labels[k]}.{a}" for k in moved for a in _XYZ}
+    names = tuple(labels[k] for k in moved)
+    return Slip(
+        "permutation",
+        names,
+        f"targets {joined(names)} {'exchanged' if len(names) == 2 else 'in another order'}",
+        "rename the columns: " + ", ".join(f"{labels[order[k]]} is {labels[k]}" for k in moved),
+        lambda scene: scene.with_columns({b: scene.rows.observations[a] for a, b in called.items()}),
+        lambda pair: pair.renamed(called),
+        USUAL if len(names) == 2 else SELDOM,
+    )
+
+
+def _orders(n: int) -> list[tuple[int, ...]]:
+    still = tuple(range(n))
+    if n > _MOST_TARGETS:
+        return [tuple({i: j, j: i}.get(k, k) for k in still) for i, j in combinations(still, 2)]
+    others = (order for order in permutations(still) if order != still)
+    return sorted(others, key=lambda order: sum(a != b for a, b in zip(order, still, strict=True)))
+
+
+# -- Poses given the other way round, or with angles of another convention in the columns of the rotation vector
+
 _SIX = ("x", "y", "z", "rx", "ry", "rz")
 _PROPER = ("xyx", "xzx", "yxy", "yzy", "zxz", "zyz")
 
@@ -25,35 +159,19 @@ def poses(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """The inverse pose, the inverse rotation, and all orders of Euler's angles, about moving or fixed axes."""
     if not any(isinstance(sensor, Pose) for sensor in rig.machine.sensors):
         return
-    yield _slip(
-        rig,
-        "inverse-pose",
-        "poses of the measuring frame in the tool (inverse)",
+    inverse, back = (
         "give the pose of the tool in the measuring frame",
-        _inverse,
-    )
-    yield _slip(
-        rig,
-        "rotation-convention",
-        "rx, ry, rz of the inverse rotation",
         "give the rotation of the tool, not its inverse",
-        _turned_back,
     )
-    for says, change in (*_quaternions(), *_angles()):
-        yield _slip(rig, "rotation-convention", says, "write rotation vectors (axis times angle)", change)
-
-
-def _quaternions() -> Iterator[tuple[str, Callable[[Array], Array]]]:
-    """Yield orders in which a quaternion may have been read: in words, and as what puts rotation vectors right."""
+    yield _slip(rig, _inverse, "poses of the measuring frame in the tool (inverse)", inverse)
+    yield _slip(rig, _turned_back, "rx, ry, rz of the inverse rotation", back)
     last, first = "scalar last (x, y, z, w)", "scalar first (w, x, y, z)"
-    yield (
-        f"the quaternion behind rx, ry, rz was {first} and read as {last}",
-        partial(_requaternioned, (1, 2, 3, 0)),
-    )
-    yield (
-        f"the quaternion behind rx, ry, rz was {last} and read as {first}",
-        partial(_requaternioned, (3, 0, 1, 2)),
-    )
+    vectors = "write rotation vectors (axis times angle)"
+    for was, read, order in ((first, last, (1, 2, 3, 0)), (last, first, (3, 0, 1, 2))):
+        says = f"the quaternion behind rx, ry, rz was {was} and read as {read}"
+        yield _slip(rig, partial(_requaternioned, order), says, vectors)
+    for says, change in _angles():
+        yield _slip(rig, change, says, vectors)
 
 
 def _requaternioned(order: tuple[int, ...], six: Array) -> Array:
@@ -81,14 +199,15 @@ def _angles() -> Iterator[tuple[str, Callable[[Array], Array]]]:
             )
 
 
-def _slip(rig: Rig, kind: str, says: str, fix: str, change: Callable[[Array], Array]) -> Slip:
-    where = _SIX if change is _inverse else _SIX[3:]
-    return Slip(kind, where, says, fix, partial(_changed, change), partial(_mend, rig, change))
+def _slip(rig: Rig, change: Callable[[Array], Array], says: str, fix: str) -> Slip:
+    whole = change is _inverse
+    kind, where = ("inverse-pose", _SIX) if whole else ("rotation-convention", _SIX[3:])
 
+    def changed(scene: Scene) -> Scene:
+        six = np.column_stack([scene.rows.observations[n] for n in _SIX])
+        return scene.with_columns(dict(zip(_SIX, _whole(change, six).T, strict=True)))
 
-def _changed(change: Callable[[Array], Array], scene: Scene) -> Scene:
-    six = np.column_stack([scene.rows.observations[n] for n in _SIX])
-    return scene.with_columns(dict(zip(_SIX, _whole(change, six).T, strict=True)))
+    return Slip(kind, where, says, fix, changed, lambda pair: pair.each(partial(_mend, rig, change)))
 
 
 def _whole(change: Callable[[Array], Array], six: Array) -> Array:
@@ -98,15 +217,11 @@ def _whole(change: Callable[[Array], Array], six: Array) -> Array:
     return out
 
 
-def _mend(rig: Rig, change: Callable[[Array], Array], pair: Pair) -> Pair:
-    def mended(sheet: Sheet) -> Sheet:
-        written, inside = rig.machine.units, dict(zip(_SIX, 3 * ("mm",) + 3 * ("rad",), strict=True))
-        unit = {n: sheet.units.get(n) or written.written(inside[n]) for n in _SIX}
-        six = np.column_stack([convert(sheet.numbers(n), unit[n], inside[n]) for n in _SIX])
-        new = _whole(change, six)
-        return sheet.with_numbers({n: convert(new[:, k], inside[n], unit[n]) for k, n in enumerate(_SIX)})
-
-    return pair.each(mended)
+def _mend(rig: Rig, change: Callable[[Array], Array], sheet: Sheet) -> Sheet:
+    written, inside = rig.machine.units, dict(zip(_SIX, 3 * ("mm",) + 3 * ("rad",), strict=True))
+    unit = {n: sheet.units.get(n) or written.written(inside[n]) for n in _SIX}
+    new = _whole(change, np.column_stack([convert(sheet.numbers(n), unit[n], inside[n]) for n in _SIX]))
+    return sheet.with_numbers({n: convert(new[:, k], inside[n], unit[n]) for k, n in enumerate(_SIX)})
 
 
 def _inverse(six: Array) -> Array:
@@ -122,6 +237,3 @@ def _euler(sequence: str, places: tuple[int, ...], six: Array) -> Array:
     """Rotation vectors of angles that stand, in the order of ``sequence``, in the columns ``places`` of rx, ry, rz."""
     angles = six[:, 3:][:, list(places)]
     return np.hstack([six[:, :3], Rotation.from_euler(sequence, angles).as_rotvec()])
-
-
-__all__ = ["poses"]

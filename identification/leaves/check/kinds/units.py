@@ -9,9 +9,8 @@ from itertools import product
 
 import numpy as np
 
-from truepose.identification.leaves.check.pair import Field, Pair
-from truepose.identification.leaves.check.rig import Rig, Scene
-from truepose.identification.leaves.check.slip import RARE, SELDOM, USUAL, Slip
+from truepose.identification.leaves.check.pair import RARE, SELDOM, USUAL, Change, Field, Pair, Scene, Slip
+from truepose.identification.leaves.check.rig import Rig
 from truepose.models.units import UnitSystem, convert
 from truepose.wording import joined, shortened
 
@@ -33,37 +32,34 @@ def units(rig: Rig, scene: Scene) -> Iterator[Slip]:
     yield from _file_angles(rig)
 
 
+def _said(rig: Rig) -> dict[str, str]:
+    """Return the unit that each column of joints and sensors is said to be in."""
+    joints = {a.reading: rig.machine.column_unit(a.reading) for a in rig.machine.mechanism.actuators}
+    seen = {n: rig.machine.units.written(u) for s in rig.machine.sensors for n, u in s.columns.items()}
+    return {**joints, **seen, **rig.recording.said}
+
+
 def _recordings(rig: Rig) -> Iterator[Slip]:
     """Yield other units for all lengths and all angles of a recording at once: everything in m and rad, say."""
-    written = rig.machine.units
-    columns: dict[str, list[str]] = {inside: [] for inside, _, _ in _DIMENSIONS}
     joints = {a.reading: a.reading_unit for a in rig.machine.mechanism.actuators}
     seen = {n: unit for s in rig.machine.sensors for n, unit in s.columns.items()}
-    for name, unit in (*joints.items(), *seen.items()):
-        if unit in columns:
-            columns[unit].append(name)
-    said = {
-        n: rig.machine.column_unit(n) if n in joints else written.written(u)
-        for n, u in (*joints.items(), *seen.items())
-    }
-    others = [
-        [(None, {}), *((unit, factors) for unit, factors in _otherwise(rig, columns[inside], said, known))]
-        for inside, _, known in _DIMENSIONS
-    ]
+    units = [*joints.items(), *seen.items()]
+    alike = {inside: [n for n, unit in units if unit == inside] for inside, _, _ in _DIMENSIONS}
+    others = [[(None, {}), *_otherwise(rig, alike[inside], known)] for inside, _, known in _DIMENSIONS]
     for (length, longer), (angle, wider) in product(*others):
         factors = {**longer, **wider}
         if not (factors.keys() & joints.keys() and factors.keys() & seen.keys()):
             continue
-        units = {**dict.fromkeys(longer, length or ""), **dict.fromkeys(wider, angle or "")}
+        named_units = {**dict.fromkeys(longer, length or ""), **dict.fromkeys(wider, angle or "")}
         named = [u for u, f in ((length, longer), (angle, wider)) if f and u]
         size, width = (max((f[n] for n in f if n in seen), default=1.0) for f in (longer, wider))
         yield Slip(
             "unit-length" if longer else "unit-angle",
             tuple(factors),
             f"the recording in {joined(named)}",
-            f"write the units in the header: {shortened([f'{n} [{u}]' for n, u in units.items()], 12)}",
+            f"write the units in the header: {shortened([f'{n} [{u}]' for n, u in named_units.items()], 12)}",
             partial(_scaled_both, factors, size, width),
-            partial(_said_each, units),
+            partial(_said_in, named_units),
             min((LENGTHS[length] if length else 1.0), (ANGLES[angle] if angle else 1.0)),
         )
 
@@ -73,9 +69,9 @@ def _scaled_both(factors: Mapping[str, float], size: float, width: float, scene:
     return _scaled_joints(factors, _scaled_columns(seen, size, width, scene))
 
 
-def _said_each(units: Mapping[str, str], pair: Pair) -> Pair:
+def _said_in(units: Mapping[str, str], pair: Pair) -> Pair:
     for name, unit in units.items():
-        pair = _said_in((name,), unit, pair)
+        pair = pair.in_unit((name,), unit)
     return pair
 
 
@@ -86,16 +82,13 @@ def _others(known: Iterable[str], unit: str) -> list[tuple[str, float]]:
 
 
 def _readings(rig: Rig) -> Iterator[Slip]:
-    written = rig.machine.units
     for inside, kind, known in _DIMENSIONS:
         names = tuple(n for s in rig.machine.sensors for n, unit in s.columns.items() if unit == inside)
-        for unit, factors in _otherwise(rig, names, dict.fromkeys(names, written.written(inside)), known):
+        for unit, factors in _otherwise(rig, names, known):
             most = max(factors.values())
             sizes = (most, 1.0) if inside == "mm" else (1.0, most)
-            change, mend = partial(_scaled_columns, factors, *sizes), partial(_said_in, tuple(factors), unit)
-            yield Slip(
-                kind, tuple(factors), f"readings in {unit}", _header(factors, unit), change, mend, known[unit]
-            )
+            change = partial(_scaled_columns, factors, *sizes)
+            yield _in_unit(kind, factors, unit, f"readings in {unit}", change, known[unit])
 
 
 def _joints(rig: Rig) -> Iterator[Slip]:
@@ -104,34 +97,31 @@ def _joints(rig: Rig) -> Iterator[Slip]:
         sets = [tuple(like), *((name,) for name in like)] if len(like) > 1 else [tuple(like)]
         for chosen in sets:
             odds = _ALONE if len(chosen) < len(like) else 1.0
-            for unit, factors in _otherwise(
-                rig, chosen, {n: rig.machine.column_unit(n) for n in chosen}, known
-            ):
+            for unit, factors in _otherwise(rig, chosen, known):
                 says = f"{joined(tuple(factors)) if len(factors) < 4 else 'joints'} in {unit}"
-                change, mend = partial(_scaled_joints, factors), partial(_said_in, tuple(factors), unit)
-                yield Slip(
-                    kind, tuple(factors), says, _header(factors, unit), change, mend, odds * known[unit]
-                )
+                change = partial(_scaled_joints, factors)
+                yield _in_unit(kind, factors, unit, says, change, odds * known[unit])
 
 
 def _otherwise(
-    rig: Rig, names: Sequence[str], unheaded: Mapping[str, str], known: Iterable[str]
+    rig: Rig, names: Sequence[str], known: Iterable[str]
 ) -> Iterator[tuple[str, dict[str, float]]]:
     """Every unit that columns may be in, and by how much those that are said to be in another one then grow."""
-    said = {name: rig.recording.said.get(name, unheaded[name]) for name in names}
+    said = _said(rig)
     for unit in known:
-        factors = {name: convert(1.0, unit, other) for name, other in said.items()}
+        factors = {name: convert(1.0, unit, said[name]) for name in names}
         factors = {name: factor for name, factor in factors.items() if abs(factor - 1.0) > 1e-9}
         if factors:
             yield unit, factors
 
 
-def _header(names: Iterable[str], unit: str) -> str:
-    return f"write the unit in the header: {shortened([f'{n} [{unit}]' for n in names], 3)}"
-
-
-def _said_in(names: Sequence[str], unit: str, pair: Pair) -> Pair:
-    return pair.each(lambda sheet: sheet.in_unit(names, unit))
+def _in_unit(
+    kind: str, factors: Mapping[str, float], unit: str, says: str, change: Change, odds: float
+) -> Slip:
+    fix = f"write the unit in the header: {shortened([f'{n} [{unit}]' for n in factors], 3)}"
+    return Slip(
+        kind, tuple(factors), says, fix, change, lambda pair: pair.in_unit(tuple(factors), unit), odds
+    )
 
 
 def _scaled_columns(factors: Mapping[str, float], size: float, width: float, scene: Scene) -> Scene:
@@ -145,12 +135,12 @@ def _scaled_joints(factors: Mapping[str, float], scene: Scene) -> Scene:
 
 def file_lengths(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """Lengths of the mechanism alone, or of the whole file, in another unit."""
-    written = rig.machine.units
+    written, file = rig.machine.units, rig.machine.file
     own = {p.name for p in rig.machine.mechanism.parameters}
     every = np.flatnonzero(rig.lengths).tolist()
     drawn = [k for k in every if rig.names[k] in own]
-    if _description(rig):
-        yield from _description_lengths(rig, drawn)
+    if file is not None and file.mechanism.get("type") == "urdf":
+        yield from _description_lengths(drawn)
         return
     for unit, factor in _others(LENGTHS, written.length):
         for places, whole in ((drawn, False), (every, True)):
@@ -170,12 +160,7 @@ def file_lengths(rig: Rig, scene: Scene) -> Iterator[Slip]:
             )
 
 
-def _description(rig: Rig) -> bool:
-    file = rig.machine.file
-    return file is not None and file.mechanism.get("type") == "urdf"
-
-
-def _description_lengths(rig: Rig, places: Sequence[int]) -> Iterator[Slip]:
+def _description_lengths(places: Sequence[int]) -> Iterator[Slip]:
     """Lengths of a URDF, which has them in metres, in another unit."""
     for unit, factor in _others(LENGTHS, "m"):
         yield Slip(
@@ -271,12 +256,8 @@ def _all_angles(rig: Rig) -> Iterator[Slip]:
             f"all angles in {unit}, where the machine file says {written}",
             f"state 'units: {{angle: {unit}}}' in the machine file",
             partial(_turned, rig, dict.fromkeys(alike, factor), factor),
-            partial(_said_to_be, unit),
+            partial(Pair.with_field, field=("units", "angle"), value=unit),
         )
-
-
-def _said_to_be(unit: str, pair: Pair) -> Pair:
-    return pair.with_field(("units", "angle"), unit)
 
 
 def _turned(rig: Rig, factors: Mapping[str, float], factor: float, scene: Scene) -> Scene:
@@ -296,18 +277,12 @@ def _file_angles(rig: Rig) -> Iterator[Slip]:
             continue
         for unit, factor in _others(("rad", "deg"), written):
             fields = _table_fields(rig, ends) or [own[rig.names[k]].field for k in places]
+            there = {rig.names[k].rpartition(".")[2] for k in places}
             yield Slip(
                 "unit-angle",
-                tuple(
-                    f"mechanism.{end}"
-                    for end in ends
-                    if any(rig.names[k].endswith(f".{end}") for k in places)
-                ),
+                tuple(f"mechanism.{end}" for end in ends if end in there),
                 f"{joined(ends)} of the mechanism in {unit}",
                 f"write {joined(ends)} in {written} (or state 'units: {{angle: {unit}}}' for the whole file)",
                 partial(_scaled_constants, places, factor),
                 partial(_scaled_fields, fields=fields, factor=factor),
             )
-
-
-__all__ = ["file_lengths", "units"]

@@ -14,7 +14,7 @@ from truepose.errors import InputError
 if TYPE_CHECKING:
     import pandas as pd
 
-    from truepose.identification.leaves.planning.discriminate.result import Experiment
+    from truepose.identification.leaves.planning.discriminate.experiment import Experiment
     from truepose.models.machine.machine import Machine
 
 DiscriminateOption = Annotated[
@@ -120,9 +120,13 @@ def run(
 ) -> tuple[Experiment, pd.DataFrame, list[str], dict[str, object]]:
     """The experiment, its table, its lines and its JSON."""
     from truepose.identification.leaves.planning.discriminate.experiment import discriminate
-    from truepose.identification.leaves.planning.discriminate.explanations import Class, class_of, explanation
-    from truepose.identification.leaves.planning.discriminate.factors import Offer
-    from truepose.identification.leaves.planning.discriminate.targets import Target
+    from truepose.identification.leaves.planning.discriminate.factors import (
+        Class,
+        Offer,
+        Target,
+        class_of,
+        explanation,
+    )
     from truepose.identification.leaves.planning.discriminate.words import experiment_json, sentences
     from truepose.identification.leaves.planning.pose_tables import experiment_table
     from truepose.identification.recording.load import load_recording

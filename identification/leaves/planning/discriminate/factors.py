@@ -2,20 +2,32 @@
 
 A factor is a driver of the recording with the levels it may be set to. What explanations read and nobody offered
 stays at its nominal value; a usual span of it says what offering it would bring.
+
+Explanations that an experiment is to tell apart: an effect at a place, the forms it may take, its size.
+
+They are named on a command line as ``simulate --effect`` names them, or taken from the class of a finding in
+``diagnosis.json``.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from truepose.arrays import Array
 from truepose.errors import InputError
+from truepose.identification.diagnosis.result import UNNAMED
 from truepose.identification.identifiability.observability import Note
-from truepose.models.effects.base import PlacedEffect
+from truepose.models.effect_text import parse_effect
+from truepose.models.effects.base import SERIES, PlacedEffect, effects
+from truepose.models.effects.common import OF_ROWS
+from truepose.models.effects.empirical import Empirical
 from truepose.models.file.driver import (
     AIR,
     APPROACH,
@@ -28,9 +40,190 @@ from truepose.models.file.driver import (
     VELOCITY,
     Driver,
 )
+from truepose.models.load import resolve_place
 from truepose.models.machine.kinematics import driver_default
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.mechanism import Parameter
+from truepose.models.sensors.base import Sensor
+from truepose.models.sensors.pose import Pose
+from truepose.models.sensors.targets import Targets
+from truepose.models.units import convert
 from truepose.wording import close_matches
+
+# -- Explanations that an experiment is to tell apart: an effect at a place, the forms it may take, its size
+
+EXPECTED = 0.01
+"""Share of a coefficient's largest expected size that is taken where no amplitude is named: the middle, in the log, of the
+amplitudes that a diagnosis takes to be equally likely (``evidence.AMPLITUDES`` up to 1)."""
+Form = tuple[PlacedEffect, ...]
+"""Effects that act together as one version of an explanation (the orders of a harmonic)."""
+
+NO_NAMES = (Empirical.slug, *OF_ROWS)
+"""Effects of findings that are no explanation: forms without a name, rows."""
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What may be missing. ``forms``: its versions (settings), the first the one that is taken to be true.
+
+    amplitude (k,): coefficients of the first form in units of their scale; None where nobody knows them.
+    """
+
+    slug: str
+    place: tuple[str, ...]
+    forms: tuple[Form, ...]
+    amplitude: Array | None = None
+
+    @property
+    def name(self) -> str:
+        """``slug@place+place``."""
+        return f"{self.slug}@{'+'.join(self.place)}"
+
+    @property
+    def experiment(self) -> str:
+        """What the catalogue says would separate it."""
+        return effects.get(self.slug, "explanation").experiment
+
+    def twin_of(self, other: Explanation) -> bool:
+        """Whether both are the same function of the same joint by construction, whatever is measured."""
+        pairs = ((self, other), (other, self))
+        return self.place == other.place and any(b.slug in _twins(a) for a, b in pairs)
+
+
+@dataclass(frozen=True)
+class Class:
+    """Explanations to be told apart; ``others`` are known to be there as well, whatever their size."""
+
+    explanations: tuple[Explanation, ...]
+    others: tuple[PlacedEffect, ...] = ()
+    notes: tuple[Note, ...] = ()
+
+
+class _Offered:
+    """A recording as an experiment would leave it: two sessions, every driver, bodies that follow their thermometers."""
+
+    n_sessions = 2
+
+    def driver(self, name: str) -> Array | None:
+        return None if name == "time" else np.array([0.0, 1.0])
+
+    def inferred(self, name: str) -> bool:
+        return False
+
+
+def explanation(text: str, machine: Machine) -> Explanation:
+    """``SLUG@PLACE[+PLACE][:name=value[unit],...]``; settings that are not named may be any that the effect knows.
+
+    Raises InputError for an unknown slug, place or name.
+    """
+    placed = parse_effect(text, machine, option="--discriminate")
+    rest = text.partition(":")[2].replace(" ", "")
+    named = any(rest.startswith(f"{name}=") or f",{name}=" in rest for name in placed.settings_map)
+    forms: list[Form] = [(placed,)]
+    if not named:
+        known = _forms(machine, placed.effect.slug, placed.place)
+        forms += [form for form in known if form[0].label != placed.label]
+    amplitude = _in_scales(forms[0], placed.amplitudes) if any(placed.amplitudes) else None
+    return Explanation(placed.effect.slug, placed.place, tuple(forms), amplitude)
+
+
+def class_of(path: Path | str, machine: Machine, texts: Sequence[str] = ()) -> Class:
+    """The class of a finding in ``diagnosis.json``, with the finding's fitted value.
+
+    Without ``texts`` the first finding that has equivalents is taken; with them, the finding that is among them,
+    against the others. Raises InputError where there is nothing to tell apart.
+    """
+    findings = [f for f in _findings(path) if f["effect"] in effects and f["effect"] not in NO_NAMES]
+    wanted = [explanation(text, machine) for text in texts]
+    names = {e.name for e in wanted}
+    fitted = [_fitted(machine, f, f"{path}: findings[{k}]") for k, f in enumerate(findings)]
+    chosen = [
+        k for k, f in enumerate(findings) if (fitted[k].name in names if texts else _named_equivalents(f))
+    ]
+    if not chosen:
+        what = f"with the name of {' or '.join(texts)}" if texts else "with equivalents"
+        raise InputError(f"{path}: found no finding {what}, expected one to tell from its equivalents")
+    true = fitted[chosen[0]]
+    rivals = [e for e in wanted if e.name != true.name] or [
+        _equivalent(machine, e, true) for e in _named_equivalents(findings[chosen[0]])
+    ]
+    others = tuple(part for k, e in enumerate(fitted) if k != chosen[0] for part in e.forms[0])
+    notes = [Note("own class", fitted[k].name) for k in chosen[1:]]
+    if len(rivals) < len(findings[chosen[0]].get("equivalents", ())) and not wanted:
+        notes.append(Note("nameless", true.name))
+    return Class((true, *rivals), others, tuple(notes))
+
+
+def _named_equivalents(finding: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Rivals of a finding that have a name, and that a recording of this machine can speak of."""
+    return [e for e in finding.get("equivalents", ()) if e["effect"] != UNNAMED and e.get("tested", True)]
+
+
+def _findings(path: Path | str) -> list[dict[str, Any]]:
+    try:
+        content = json.loads(Path(path).read_text(encoding="utf-8"))
+        return list(content["findings"])
+    except OSError as exc:
+        raise InputError(f"{path}: cannot read the file: {exc.strerror or exc}") from None
+    except (ValueError, KeyError, TypeError):
+        raise InputError(
+            f"{path}: found no `findings`, expected a diagnosis.json that diagnose wrote"
+        ) from None
+
+
+def _fitted(machine: Machine, finding: Mapping[str, Any], where: str) -> Explanation:
+    """A finding with its fitted amplitudes; terms of several settings act together."""
+    effect = effects.get(finding["effect"], where)()
+    place = tuple(finding["place"])
+    known = [tuple(p) for p in effect.places(machine)]
+    place = resolve_place(machine, place, known)
+    several = finding.get("settings") or [{}]
+    parts, amplitude = [], []
+    for settings in several:
+        placed = PlacedEffect.at(effect, machine, place, settings)
+        tail = "".join(f"[{n}={v:g}]" for n, v in placed.settings) if len(several) > 1 else ""
+        values = finding["parameters"]
+        for c in placed.coefficients:
+            stated = values.get(f"{c.name}{tail}")
+            if stated is None or stated["unit"] != c.unit:
+                raise InputError(f"{where}: found no value of {c.name}{tail} in {c.unit}, expected one")
+            amplitude.append(float(stated["value"]) / c.scale)
+        parts.append(placed)
+    return Explanation(effect.slug, place, (tuple(parts),), np.array(amplitude))
+
+
+def _equivalent(machine: Machine, other: Mapping[str, Any], true: Explanation) -> Explanation:
+    """An equivalent: its settings are not known, nor its size. Where the finding has several terms, so may it."""
+    slug, place = other["effect"], tuple(other["place"])
+    forms = _forms(machine, slug, place)
+    if len(true.forms[0]) > 1:
+        asked = [part.settings for part in true.forms[0]]
+        alike = tuple(form[0] for form in forms if form[0].settings in asked)
+        forms = [alike, *forms] if len(alike) > 1 else forms
+    return Explanation(slug, place, tuple(forms))
+
+
+def _forms(machine: Machine, slug: str, place: tuple[str, ...]) -> list[Form]:
+    """Every version of an effect at a place but long series, which say little about a mechanism."""
+    effect = effects.get(slug, "explanation")()
+    placed = [
+        PlacedEffect.at(effect, machine, place, settings)
+        for settings in effect.settings(machine, place, _Offered()) or ({},)
+    ]
+    short = [p for p in placed if len(p.coefficients) < SERIES] or placed
+    return [(p,) for p in short]
+
+
+def _in_scales(form: Form, amplitudes: Sequence[float]) -> Array:
+    scales = [c.scale for part in form for c in part.coefficients]
+    return np.asarray(amplitudes, dtype=float) / scales
+
+
+def _twins(explanation: Explanation) -> set[str]:
+    return {slug for part in explanation.forms[0] for slug in part.effect.twins(part.settings_map)}
+
+
+# -- What an experiment may vary beside the joints: payload, temperatures, sides of approach, time, sessions, speeds
 
 SIDES = (1.0, -1.0)
 HOURS = (0.0, 0.5, 1.0, 1.5, 2.0)
@@ -182,4 +375,55 @@ def _numbers(text: str, where: str) -> tuple[float, ...]:
     return tuple(sorted(set(values)))
 
 
-__all__ = ["Factor", "Offer", "factors", "settings", "unplanned"]
+# -- Further targets on the tool body: machines that have them, to see what measuring them would bring
+
+_AXES = "xyz"
+
+
+@dataclass(frozen=True)
+class Target:
+    """A point (x, y, z) of the tool frame, mm."""
+
+    name: str
+    point: tuple[float, float, float]
+
+    @classmethod
+    def of(cls, text: str, machine: Machine) -> Target:
+        """``NAME=x,y,z`` in the length unit of the machine file. Raises InputError for anything else."""
+        name, _, rest = (part.strip() for part in text.partition("="))
+        units = machine.units
+        try:
+            x, y, z = (convert(float(part), units.length, "mm") for part in rest.split(","))
+        except ValueError:
+            raise InputError(f"--target {text}: expected NAME=x,y,z such as T1=150,0,20") from None
+        if not name or f"{name}.x" in machine.geometry:
+            raise InputError(f"--target {text}: found the name {name!r}, expected one that is not taken")
+        return cls(name, (x, y, z))
+
+
+def with_targets(machine: Machine, targets: Sequence[Target]) -> Machine:
+    """The machine with these points read as well: as precisely as its points, or its position, and as well known.
+
+    Raises InputError where the machine's sensors read neither points nor poses.
+    """
+    for k, sensor in enumerate(machine.sensors):
+        if isinstance(sensor, Targets):
+            tolerance = sensor.points[0].tolerance
+            more = replace(sensor, points=(*sensor.points, *_parameters(targets, tolerance)))
+            return replace(machine, sensors=(*machine.sensors[:k], more, *machine.sensors[k + 1 :]))
+    for sensor in machine.sensors:
+        if isinstance(sensor, Pose):
+            sigma = next(c.sigma for c in sensor.channels if c.kind == "position")
+            known = machine.file.tolerances.length if machine.file else 0.0
+            points: Sensor = Targets(_parameters(targets, known), sigma)
+            return replace(machine, sensors=(*machine.sensors, points))
+    found = ", ".join(sensor.type for sensor in machine.sensors)
+    raise InputError(f"--target: found the sensor {found}, expected `targets` or `pose`")
+
+
+def _parameters(targets: Sequence[Target], tolerance: float) -> tuple[Parameter, ...]:
+    return tuple(
+        Parameter(f"{target.name}.{axis}", "mm", target.point[k], tolerance, "target")
+        for target in targets
+        for k, axis in enumerate(_AXES)
+    )

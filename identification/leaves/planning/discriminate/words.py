@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from truepose.identification.leaves.planning.discriminate.experiment import SPLIT, Experiment, Pair, Worth
 from truepose.identification.leaves.planning.discriminate.factors import Factor
-from truepose.identification.leaves.planning.discriminate.result import SPLIT, Experiment, Pair, Worth
 from truepose.models.file.driver import Driver
 from truepose.models.machine.machine import Machine
 from truepose.wording import joined
