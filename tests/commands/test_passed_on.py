@@ -213,7 +213,7 @@ def test_a_result_that_is_no_calibration_is_written_and_has_failed(
     for place, value in {
         "fit.calibrate.calibrate": result,
         "diagnosis.diagnose.diagnose": result,
-        "diagnosis.stages.sizes": (),
+        "diagnosis.search.sizes": (),
         "diagnosis.null_fits.far_rows": (),
         "fit.tool_pose.calibrated_pose": None,
         "report.results.calibration_json": fit,
