@@ -8,9 +8,8 @@ import numpy as np
 
 from truepose.arrays import Array
 from truepose.errors import InputError
-from truepose.identification.compensation.compiled import base_frame
-from truepose.identification.compensation.inverse import PoseSolver
-from truepose.identification.compensation.rows import ideal_constants, twists_between
+from truepose.identification.compensation.compensate import ideal_constants, twists_between
+from truepose.identification.compensation.inverse import PoseSolver, base_frame
 from truepose.models.file.driver import APPROACH, Driver
 from truepose.models.leaves.export.numbers import MM_PER_M, xyz_rpy
 from truepose.models.machine.machine import Machine

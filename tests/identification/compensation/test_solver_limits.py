@@ -15,11 +15,17 @@ from support import MACHINES
 from support.calibrated_machines import POLISHER, SIX_AXES, calibrated, path_file
 from truepose.codegen.evaluation.compiler import NotCompiledError
 from truepose.errors import InputError
-from truepose.identification.compensation.compensate import compensate
-from truepose.identification.compensation.compiled import CompiledKinematics, shared_out
-from truepose.identification.compensation.inverse import MET, PoseSolver, Reach, loop_scales, pose_gap
+from truepose.identification.compensation.compensate import Follower, compensate, joined
+from truepose.identification.compensation.inverse import (
+    MET,
+    CompiledKinematics,
+    PoseSolver,
+    Reach,
+    loop_scales,
+    pose_gap,
+    shared_out,
+)
 from truepose.identification.compensation.path_table import commands, csv_text, load_path
-from truepose.identification.compensation.rows import Follower, joined
 from truepose.models import lie
 from truepose.models.load import load_machine
 from truepose.models.machine.kinematics import symbolic_model

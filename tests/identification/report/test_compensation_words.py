@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from truepose.identification.compensation.rows import Compensation
+from truepose.identification.compensation.compensate import Compensation
 from truepose.identification.report.compensation_words import compensation_json, compensation_lines
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from truepose.identification.compensation.rows import Compensation
+from truepose.identification.compensation.compensate import Compensation
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.identifiability.analysis import Identifiability

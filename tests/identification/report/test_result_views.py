@@ -10,8 +10,8 @@ import pytest
 from support.reports import fitted, gear, gear_finding, recorded, synthetic
 from support.results import RESULTS
 from support.told_drift import CHANGED, movement, told_drift
+from truepose.identification.compensation.compensate import Compensation
 from truepose.identification.compensation.inverse import Inverse, Reach
-from truepose.identification.compensation.rows import Compensation
 from truepose.identification.diagnosis.result import UNNAMED, Alternative, Levels, Quantity
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.identifiability.analysis import Identifiability, ParameterSight
