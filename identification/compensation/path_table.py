@@ -25,10 +25,22 @@ import pyarrow.csv as pacsv  # type: ignore[import-untyped]
 from truepose.arrays import Array, Index, Mask
 from truepose.codegen.evaluation.compiled import NotCompiledError
 from truepose.errors import InputError, ReadBackError
-from truepose.identification.compensation.compensate import COMPILED_FROM
-from truepose.identification.compensation.compiled import CompiledKinematics, base_frame, shared_out
-from truepose.identification.compensation.inverse import MET, Inverse, PoseSolver, Reach
-from truepose.identification.compensation.rows import Compensation, ideal_constants, twists_between
+from truepose.identification.compensation.compensate import (
+    BLOCK,
+    COMPILED_FROM,
+    Compensation,
+    ideal_constants,
+    twists_between,
+)
+from truepose.identification.compensation.inverse import (
+    MET,
+    CompiledKinematics,
+    Inverse,
+    PoseSolver,
+    Reach,
+    base_frame,
+    shared_out,
+)
 from truepose.identification.recording.angle_range import unfold_readings
 from truepose.identification.recording.joint_column import JointColumn, column_unit
 from truepose.identification.recording.load import joint_columns
@@ -42,7 +54,6 @@ from truepose.models.machine.mechanism import AXIS_UNITS as POSE
 from truepose.models.units import convert
 from truepose.wording import close_matches
 
-_BLOCK = 8192
 MARKS = 500
 """Rows along a long path that are solved here, for the C to start from."""
 
@@ -145,8 +156,8 @@ def _nominal_joints(solver: PoseSolver, table: Table, poses: Array) -> Array:
         with contextlib.suppress(NotCompiledError):
             q, solved = _by_compiled(machine, solver, poses)
     left = rows[~solved]
-    for start in range(0, len(left), _BLOCK):
-        part = left[start : start + _BLOCK]
+    for start in range(0, len(left), BLOCK):
+        part = left[start : start + BLOCK]
         found = solver.inverse(base_frame(machine) @ poses[part])
         _check_reach(table, part, found)
         q[part] = found.q
@@ -169,7 +180,7 @@ def _by_compiled(machine: Machine, solver: PoseSolver, poses: Array) -> tuple[Ar
         apart = np.abs(left) / np.repeat([solver.size, 1.0], 3)
         good[rows] = solved & assembled & (np.max(apart, axis=1) <= MET)
 
-    shared_out(part, len(poses), _BLOCK)
+    shared_out(part, len(poses), BLOCK)
     return q, good
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from truepose.arrays import Array
-from truepose.identification.compensation.rows import Compensation
+from truepose.identification.compensation.compensate import Compensation
 
 
 def compensation_json(found: Compensation) -> dict[str, object]:

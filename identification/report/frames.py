@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from truepose.identification.compensation.compensate import Compensation
 from truepose.identification.compensation.inverse import Inverse, Reach
-from truepose.identification.compensation.rows import Compensation
 from truepose.identification.diagnosis.result import Diagnosis, Finding
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.estimated import Estimate

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from truepose.identification.compensation.rows import Compensation
+from truepose.identification.compensation.compensate import Compensation
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.identifiability.analysis import Identifiability

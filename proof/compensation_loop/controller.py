@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from truepose.codegen.c import generate
 from truepose.errors import InputError
+from truepose.identification.compensation.compensate import ideal_constants
 from truepose.identification.compensation.path_table import load_path
-from truepose.identification.compensation.rows import ideal_constants
 from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.write_machine import write_calibrated

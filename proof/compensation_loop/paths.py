@@ -15,10 +15,9 @@ from nanopositioner.reflection import ReflectionControl, reflections
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.identification.compensation.compiled import base_frame
-from truepose.identification.compensation.inverse import PoseSolver
+from truepose.identification.compensation.compensate import ideal_constants
+from truepose.identification.compensation.inverse import PoseSolver, base_frame
 from truepose.identification.compensation.path_table import load_path
-from truepose.identification.compensation.rows import ideal_constants
 from truepose.models import lie
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine

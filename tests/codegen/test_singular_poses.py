@@ -18,8 +18,7 @@ from support.partial_machines import as_built, partial_machine, readings
 from support.recordings import rows_of
 from support.wrapped import python_at
 from truepose.codegen.c import generate
-from truepose.identification.compensation.compensate import compensate
-from truepose.identification.compensation.rows import Compensation
+from truepose.identification.compensation.compensate import Compensation, compensate
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine
 

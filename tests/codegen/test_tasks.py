@@ -19,10 +19,8 @@ from support.recordings import rows_of
 from truepose.codegen.c import generate
 from truepose.codegen.printer import Real
 from truepose.errors import InputError
-from truepose.identification.compensation.compensate import compensate
-from truepose.identification.compensation.compiled import base_frame
-from truepose.identification.compensation.inverse import PoseSolver
-from truepose.identification.compensation.rows import twists_between
+from truepose.identification.compensation.compensate import compensate, twists_between
+from truepose.identification.compensation.inverse import PoseSolver, base_frame
 from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]

@@ -189,7 +189,7 @@ def test_a_table_of_either_kind_holds_the_same_commands(method: str, monkeypatch
     monkeypatch.setattr(f"{at}.compensation.compensate.compensate", solved)
     monkeypatch.setattr(f"{at}.compensation.path_table.commands", lambda *_: frame)
     monkeypatch.setattr(
-        f"{at}.compensation.read_back.check_commands", lambda *_: None
+        f"{at}.compensation.path_table.check_commands", lambda *_: None
     )  # no machine to read them
     monkeypatch.setattr(f"{at}.report.compensation_words.compensation_json", lambda _: {"rows": 2})
     monkeypatch.setattr(f"{at}.report.compensation_words.compensation_lines", lambda *_: ["first"])

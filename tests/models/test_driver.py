@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from support.generated_c import needs_compiler
 from truepose import parse_effect, predict
 from truepose.codegen.c import generate
-from truepose.identification.compensation.compiled import CompiledKinematics
+from truepose.identification.compensation.inverse import CompiledKinematics
 from truepose.identification.leaves.planning.discriminate.factors import Offer, factors
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.drivers import columns

@@ -22,9 +22,8 @@ from scipy.stats.qmc import Halton
 
 from truepose.arrays import Array, Index, Mask
 from truepose.errors import InputError
-from truepose.identification.compensation.compiled import base_frame
-from truepose.identification.compensation.inverse import PoseSolver
-from truepose.identification.compensation.rows import ideal_constants, twists_between
+from truepose.identification.compensation.compensate import ideal_constants, twists_between
+from truepose.identification.compensation.inverse import PoseSolver, base_frame
 from truepose.identification.leaves.programs.program import Configuration, Left, Program, Target, Told
 from truepose.models.file.driver import APPROACH, Driver
 from truepose.models.leaves.export.links import MM_PER_M, Tree, TreeJoint, tree_of, turn, xyz_rpy

@@ -16,9 +16,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from truepose.identification.compensation.compensate import compensate
+from truepose.identification.compensation.compensate import Method, compensate
 from truepose.identification.compensation.path_table import load_path
-from truepose.identification.compensation.rows import Method
 from truepose.identification.fit import relinearised as biased
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import write_calibrated

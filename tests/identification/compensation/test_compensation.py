@@ -18,9 +18,8 @@ from support import MACHINES
 from support.calibrated_machines import calibrated, path_file, with_drawing
 from truepose.cli import app
 from truepose.errors import InputError
-from truepose.identification.compensation.compensate import compensate
+from truepose.identification.compensation.compensate import Compensation, Method, compensate
 from truepose.identification.compensation.path_table import commands, load_path
-from truepose.identification.compensation.rows import Compensation, Method
 from truepose.identification.prediction.predict import predict
 from truepose.identification.recording.recording import Recording
 from truepose.models.lie import log_so3

@@ -21,10 +21,9 @@ from truepose.codegen.evaluation import compiled
 from truepose.errors import InputError
 from truepose.identification.compensation import compensate as compensation
 from truepose.identification.compensation import path_table
-from truepose.identification.compensation.compensate import compensate
-from truepose.identification.compensation.compiled import CompiledKinematics
+from truepose.identification.compensation.compensate import Compensation, compensate
+from truepose.identification.compensation.inverse import CompiledKinematics
 from truepose.identification.compensation.path_table import load_path
-from truepose.identification.compensation.rows import Compensation
 from truepose.identification.prediction.predict import predictor_for
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine

@@ -15,11 +15,9 @@ from scipy.spatial.transform import Rotation
 from support.generated_c import needs_compiler
 from support.partial_machines import PARTIAL, as_built, partial_machine, readings
 from support.recordings import rows_of
-from truepose.identification.compensation.compensate import compensate
-from truepose.identification.compensation.compiled import base_frame
-from truepose.identification.compensation.inverse import PoseSolver
+from truepose.identification.compensation.compensate import compensate, ideal_constants
+from truepose.identification.compensation.inverse import PoseSolver, base_frame
 from truepose.identification.compensation.path_table import load_path
-from truepose.identification.compensation.rows import ideal_constants
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine
 

@@ -11,9 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from support.calibrated_machines import SIX_AXES
 from truepose.errors import InputError
-from truepose.identification.compensation.compiled import base_frame
-from truepose.identification.compensation.inverse import PoseSolver, Reach, inverse
-from truepose.identification.compensation.rows import ideal_constants, twists_between
+from truepose.identification.compensation.compensate import ideal_constants, twists_between
+from truepose.identification.compensation.inverse import PoseSolver, Reach, base_frame, inverse
 from truepose.models.load import load_machine
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine

@@ -9,8 +9,7 @@ import pytest
 
 from support.partial_machines import partial_machine, readings
 from support.recordings import rows_of
-from truepose.identification.compensation.compiled import base_frame
-from truepose.identification.compensation.inverse import PoseSolver
+from truepose.identification.compensation.inverse import PoseSolver, base_frame
 from truepose.identification.fit.tool_pose import tool_points
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models.load import load_machine

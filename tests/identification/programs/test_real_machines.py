@@ -14,9 +14,8 @@ from typer.testing import CliRunner
 from support.calibrated_machines import calibrated
 from support.program_robots import arms, difference, joints, machine_file, numbers_of, status_turn
 from truepose.cli import app
-from truepose.identification.compensation.compiled import base_frame
-from truepose.identification.compensation.inverse import PoseSolver
-from truepose.identification.compensation.rows import ideal_constants
+from truepose.identification.compensation.compensate import ideal_constants
+from truepose.identification.compensation.inverse import PoseSolver, base_frame
 
 DRAWN, REAL = arms()
 LOADED = """masses:

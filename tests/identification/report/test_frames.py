@@ -10,8 +10,8 @@ import pytest
 
 from support.reports import fitted, gear, gear_finding, recorded, synthetic
 from support.told_drift import CHANGED, DAY, movement, told_drift
+from truepose.identification.compensation.compensate import Compensation
 from truepose.identification.compensation.inverse import Inverse, Reach
-from truepose.identification.compensation.rows import Compensation
 from truepose.identification.diagnosis.result import Alternative, Levels, Quantity
 from truepose.identification.identifiability.observability import identifiable
 from truepose.identification.leaves.drift.showing import MOVEMENTS

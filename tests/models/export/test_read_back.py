@@ -17,8 +17,7 @@ from support.examples import by_day
 from support.exported import mujoco_module, read_table, tool_of
 from support.generated_machines import BODIES, HEAD, machine_of
 from truepose.errors import InputError, ReadBackError
-from truepose.identification.compensation.compiled import base_frame
-from truepose.identification.compensation.inverse import PoseSolver
+from truepose.identification.compensation.inverse import PoseSolver, base_frame
 from truepose.models.file.machine_file import checked_machine
 from truepose.models.file.yaml_document import parse_document
 from truepose.models.leaves.export.write import Format, LinkFormat, export, formats, render
