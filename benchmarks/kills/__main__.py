@@ -23,7 +23,7 @@ LIBRARIES = (
     "truepose.identification.leaves.drift.analysis",
     "truepose.identification.leaves.planning.plan",
     "truepose.identification.report.files",
-    "truepose.identification.report.pages",
+    "truepose.shown.html",
     "truepose.identification.leaves.fleet.run",
     "truepose.identification.leaves.check.run",
     "truepose.models.leaves.starting.sources",

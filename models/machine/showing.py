@@ -14,34 +14,35 @@ from truepose.models.machine.machine_sketch import sketch
 from truepose.models.machine.mechanism import Actuator
 from truepose.models.machine.parameters import element_of
 from truepose.models.units import convert
-from truepose.shown.result import frame, view
-from truepose.shown.view import View
+from truepose.shown.document import Document, Items, Table
+from truepose.shown.result import document, frame
 from truepose.wording import joined, shortened
 
 MOST = 8
 
 
-@view.register
-def _view(machine: Machine) -> View:
+@document.register
+def _document(machine: Machine) -> Document:
     """What it is, what measures it, how many constants are free, what else acts on it."""
     parameters = machine.parameters
     free = [p for p in parameters if p.free]
     kind = str(machine.file.mechanism.get("type", "")) if machine.file else ""
     actuators = machine.mechanism.actuators
     seen = joined([sensor.type for sensor in machine.sensors]) or "no sensor"
-    return View(
-        title=f"Machine {machine.name}: {kind or 'mechanism'} with {len(actuators)} joints, sensor {seen}; "
+    facts = [
+        *_sensor_facts(machine),
+        f"free: {_grouped([p.name for p in free]) or 'nothing'}",
+        *_physics_facts(machine),
+        *([f"file: {machine.file.path}"] if machine.file else []),
+    ]
+    rows = [_joint_row(machine, actuator) for actuator in actuators]
+    return Document(
+        f"Machine {machine.name}",
+        f"Machine {machine.name}: {kind or 'mechanism'} with {len(actuators)} joints, sensor {seen}; "
         f"{len(parameters)} constants, {len(free)} of them free",
-        facts=(
-            *_sensor_facts(machine),
-            f"free: {_grouped([p.name for p in free]) or 'nothing'}",
-            *_physics_facts(machine),
-            *([f"file: {machine.file.path}"] if machine.file else []),
-        ),
-        head=("joint", "kind", "range", "unit"),
-        rows=tuple(_joint_row(machine, actuator) for actuator in actuators),
+        summary=[Items(facts), Table(["joint", "kind", "range", "unit"], rows)],
         more="to_frame() has every constant",
-        picture=partial(sketch, machine),
+        charts=partial(sketch, machine),
     )
 
 

@@ -25,9 +25,9 @@ from truepose.identification.diagnosis.result import (
     SetOfEffects,
 )
 from truepose.identification.report import terminal as words
-from truepose.identification.report.coefficient_words import FEW
+from truepose.identification.report.naming import FEW
 from truepose.identification.report.diagnosis_words import headline
-from truepose.identification.report.verdict_reasons import doubts
+from truepose.identification.report.verdict import doubts
 
 
 @pytest.mark.parametrize("parameters", [FEW, FEW + 3])

@@ -91,9 +91,11 @@ def fleet(
     with reported(plugin):
         from truepose.identification.leaves.fleet.ending import FILES, Folders
         from truepose.identification.leaves.fleet.files import PAGE
+        from truepose.identification.leaves.fleet.page import fleet_document
         from truepose.identification.leaves.fleet.run import run_fleet
-        from truepose.identification.leaves.fleet.words import fleet_json, fleet_lines, headline
+        from truepose.identification.leaves.fleet.words import fleet_json, headline
         from truepose.identification.leaves.fleet.work import Options
+        from truepose.shown.text import first_screen
 
         check_directory(output, FLEET)
         if limit is not None and not limit > 0:
@@ -109,7 +111,8 @@ def fleet(
             stopping.left = f"what is done stands in {output}; the same command goes on from there"
             raise
         summary = {"command": "fleet", **fleet_json(found), "files": written(output, FILES)}
-        finish(summary, fleet_lines(found, str(output / PAGE)), (), as_json=as_json)
+        lines = [*first_screen(fleet_document(found)), f"report: {output / PAGE}"]
+        finish(summary, lines, (), as_json=as_json)
         if not found.diagnosed:
             fail(f"{folder}: {headline(found)} {output / FILES[0]} says why", BAD_INPUT)
 

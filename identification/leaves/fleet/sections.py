@@ -12,10 +12,10 @@ import numpy as np
 from truepose.identification.leaves.fleet.result import Fleet
 from truepose.identification.leaves.fleet.statistics import EffectInFleet, Interval, ToleranceInFleet
 from truepose.identification.leaves.fleet.words import off_drawing, often, percent_range
-from truepose.identification.report.document import Block, Charts, Table, Text
-from truepose.identification.report.level_words import title
+from truepose.identification.report.naming import title
 from truepose.identification.report.numbers import NONE, percent, significant, unit_symbol
 from truepose.shown.chart import Axis, Chart, Layer, Level, Line, Marks
+from truepose.shown.document import Block, Charts, Table, Text
 
 DRAWN, LISTED = 20, 200
 """Most intervals of a chart, and rows of a table of what is off."""

@@ -6,9 +6,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
+
+import numpy as np
 
 from truepose.arrays import Array
 
@@ -141,3 +143,16 @@ def _glyph(layer: Layer) -> str:
     if isinstance(layer, (Line, Level)):
         return "dash" if layer.dashed else "line"
     return "bar" if isinstance(layer, Bars) else "area"
+
+
+def strips(
+    values: Mapping[str, Sequence[float]], ends: Mapping[str, tuple[float, float, str]], title: str
+) -> list[Chart]:
+    """A line for each name with a tick for each value, between the ends of its range (with their unit)."""
+    names = [f"{name} {low:.4g} .. {high:.4g} {unit}".rstrip() for name, (low, high, unit) in ends.items()]
+    layers = []
+    for k, (name, (low, high, _)) in enumerate(ends.items()):
+        x = (np.asarray(values[name], dtype=float) - low) / ((high - low) or 1.0)
+        layers.append(Marks(x, np.full(len(x), k + 0.3), "after", shape="tick"))
+    axes = Axis("share of the range [1]", -0.02, 1.02), Axis("", names=names)
+    return [Chart(title, *axes, layers, height=62.0 + 17.0 * len(names))]

@@ -11,7 +11,7 @@ import numpy as np
 from truepose.arrays import Array
 from truepose.shown.chart import Axis, Band, Bars, Chart, Layer, Level, Line, Marks
 from truepose.shown.scale import Scale, ends, ticks
-from truepose.shown.view import printable
+from truepose.shown.text import printable
 
 WIDTH = 380.0
 LETTER = 6.6

@@ -16,7 +16,7 @@ from truepose.arrays import Array
 from truepose.shown.chart import Band, Bars, Cells, Chart, Level, Line, Marks, Span
 from truepose.shown.chart_axes import LETTER, WIDTH, Frame, axes, frame_of, label
 from truepose.shown.marks_svg import POINTS, SIZE
-from truepose.shown.view import printable
+from truepose.shown.text import printable
 
 FAR = 1e5
 """Pixels beyond which a point is drawn no farther away."""

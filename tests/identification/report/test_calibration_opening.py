@@ -11,9 +11,9 @@ import pytest
 from support.reports import fitted, of, recorded, rows, summary
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.summary import FitSummary
-from truepose.identification.report.document import Command, Opening, Table
+from truepose.shown.document import Command, Opening, Table
 from truepose.identification.report.opening import calibration_opening
-from truepose.identification.report.sections.origin import calibration_origin
+from truepose.identification.report.closing import calibration_origin
 from truepose.models.file.machine_file import ExpectedPose
 from truepose.models.machine.machine import Machine
 

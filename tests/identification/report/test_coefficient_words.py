@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from truepose.identification.diagnosis.result import Quantity
-from truepose.identification.report.coefficient_words import coefficient_words
+from truepose.identification.report.naming import coefficient_words
 
 
 def told(*names: str, value: float = 3e-4, unit: str = "mm") -> str:

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from support.reports import fitted, gear, of, recorded, rows, summary, synthetic
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import Estimate
-from truepose.identification.report.document import Charts, Fold, Table
-from truepose.identification.report.plain_names import plain_names
+from truepose.shown.document import Charts, Fold, Table
+from truepose.identification.report.naming import plain_names
 from truepose.identification.report.sections.parameters import (
     constants_blocks,
     correlation_blocks,

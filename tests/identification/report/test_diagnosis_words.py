@@ -39,8 +39,8 @@ from truepose.identification.report.level_words import (
     together_words,
     with_article,
 )
-from truepose.identification.report.row_words import far_row_words
-from truepose.identification.report.untestable_words import untestable_lines
+from truepose.identification.report.naming import far_row_words
+from truepose.identification.report.verdict import untestable_lines
 from truepose.identification.signatures.untestable import Untestable
 
 NAN = float("nan")

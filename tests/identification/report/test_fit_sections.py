@@ -17,7 +17,7 @@ from truepose.identification.diagnosis.result import (
     Proof,
     Remainder,
 )
-from truepose.identification.report.document import Charts, Fold, Items, Table, Text
+from truepose.shown.document import Charts, Fold, Items, Table, Text
 from truepose.identification.report.drivers import columns
 from truepose.identification.report.fits import stated_noise
 from truepose.identification.report.numbers import significant

@@ -10,7 +10,7 @@ import pytest
 
 from truepose.identification.report.lines import listed, several_lines, wrapped
 from truepose.identification.report.next_steps import after_calibration
-from truepose.identification.report.row_words import far_row_words
+from truepose.identification.report.naming import far_row_words
 from truepose.models.machine.machine import Machine
 
 WIDTH = 110

@@ -34,7 +34,7 @@ from truepose.identification.report.calibration_words import (
     calibrated_words,
     nothing_against,
 )
-from truepose.identification.report.misfit_words import misfit_clause
+from truepose.identification.report.verdict import misfit_clause
 from truepose.identification.report.next_steps import after_calibration, after_diagnosis
 from truepose.models.file.machine_file import ExpectedPose
 from truepose.models.machine.machine import Machine

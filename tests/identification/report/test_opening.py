@@ -17,7 +17,7 @@ from support.reports import NAN, arm, summary, synthetic
 from truepose.identification.diagnosis.result import Applied, PoseError
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.origin import digest_of, recorded_on
-from truepose.identification.report.document import Gain
+from truepose.shown.document import Gain
 from truepose.identification.report.opening import diagnosis_opening, file_name, gains_of, recording_names
 from truepose.models.machine.machine import Machine
 

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from support.reports import of, recorded, rows, synthetic
-from truepose.identification.report.document import Fold, Section, Table
-from truepose.identification.report.sections.origin import diagnosis_origin, origin_section
+from truepose.shown.document import Fold, Section, Table
+from truepose.identification.report.closing import diagnosis_origin, origin_section
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 from truepose.version import VERSION

@@ -14,7 +14,7 @@ import pytest
 from support.reports import fitted, own_markup, page_data, recorded, summary
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.calibrate import Calibration
-from truepose.identification.report.document import Document, Section, Text
+from truepose.shown.document import Document, Section, Text
 from truepose.identification.report.pages import calibration_html, report_html
 from truepose.identification.report.render import html
 from truepose.models.file.machine_file import ExpectedPose

@@ -13,7 +13,7 @@ import pytest
 from support.reports import gear_finding, of
 from truepose.identification.diagnosis.alarm import Alarm
 from truepose.identification.diagnosis.result import Diagnosis, Form, Remainder
-from truepose.identification.report.document import Block, Charts, Fold, Text
+from truepose.shown.document import Block, Charts, Fold, Text
 from truepose.identification.report.sections.residuals import (
     diagnosis_fits,
     residual_blocks,

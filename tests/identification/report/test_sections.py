@@ -27,7 +27,7 @@ from truepose.identification.diagnosis.result import (
     Together,
 )
 from truepose.identification.fit.tolerance_classes import PartClass
-from truepose.identification.report.document import Block, Card, Charts, Fold, Items, Table, Text
+from truepose.shown.document import Block, Card, Charts, Fold, Items, Table, Text
 from truepose.identification.report.opening import diagnosis_opening
 from truepose.identification.report.sections.evidence import evidence_section
 from truepose.identification.report.sections.findings import (

@@ -27,9 +27,9 @@ from truepose.identification.diagnosis.result import (
     Replication,
     SetOfEffects,
 )
-from truepose.identification.report.coefficient_words import coefficient_words
+from truepose.identification.report.naming import coefficient_words
 from truepose.identification.report.lines import COLUMNS, LINES, listed, wrapped
-from truepose.identification.report.row_words import far_row_words
+from truepose.identification.report.naming import far_row_words
 from truepose.identification.report.terminal import diagnosis_lines
 from truepose.identification.signatures.untestable import Missing
 

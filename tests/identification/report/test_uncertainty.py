@@ -13,7 +13,7 @@ from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.fit.tool_spread import READINGS, TOLERANCES, tool_spread, workspace
 from truepose.identification.identifiability.note import Note
 from truepose.identification.recording.recording import Recording
-from truepose.identification.report.document import Charts, Table, Text
+from truepose.shown.document import Charts, Table, Text
 from truepose.identification.report.gauge import rank_words, weak_words
 from truepose.identification.report.notes import tolerance_notes, worded
 from truepose.identification.report.sections.uncertainty import uncertainty_section

@@ -23,7 +23,7 @@ from truepose.identification.fit.tool_spread import (
     ToolSpread,
 )
 from truepose.identification.recording.recording import Recording
-from truepose.identification.report.document import Block, Charts, Table, Text
+from truepose.shown.document import Block, Charts, Table, Text
 from truepose.identification.report.sections import uncertainty
 from truepose.identification.report.sections.uncertainty import uncertainty_section
 from truepose.shown.chart import Marks

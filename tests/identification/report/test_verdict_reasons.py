@@ -18,7 +18,7 @@ from truepose.identification.diagnosis.result import (
     Quantity,
 )
 from truepose.identification.posterior.posterior import AGREED
-from truepose.identification.report.verdict_reasons import doubts, reasons
+from truepose.identification.report.verdict import doubts, reasons
 
 NAN = float("nan")
 

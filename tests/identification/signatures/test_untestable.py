@@ -13,7 +13,7 @@ from support.effect_machines import read_machines
 from support.sensor_bench import ARM, HEAD
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
-from truepose.identification.report.untestable_words import missing_words
+from truepose.identification.report.verdict import missing_words
 from truepose.identification.signatures.candidates import catalogue
 from truepose.identification.signatures.untestable import (
     missing_inputs,

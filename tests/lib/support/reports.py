@@ -26,7 +26,7 @@ from truepose.identification.fit.estimate import Estimate, prior_of
 from truepose.identification.fit.leastsquares import Solution, Status
 from truepose.identification.fit.summary import FitSummary
 from truepose.identification.recording.recording import Recording
-from truepose.identification.report.document import Table
+from truepose.shown.document import Table
 from truepose.identification.signatures.untestable import Untestable
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.load import load_machine
