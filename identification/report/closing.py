@@ -13,7 +13,7 @@ from truepose.identification.fit.estimate import Estimate
 from truepose.identification.identifiability.observability import Knowledge, unseen
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.naming import effect_title, place_words, several
-from truepose.identification.report.numbers import measure, significant
+from truepose.identification.report.numbers import measure
 from truepose.identification.report.steps import machine_name, recording_names
 from truepose.identification.report.unseen_words import grouped, meaning
 from truepose.identification.signatures.untestable import Untestable
@@ -24,7 +24,6 @@ from truepose.wording import joined, shortened
 
 UNTOUCHED = 0.9
 """Share of a tolerance above which a 1-sigma says that the readings told next to nothing."""
-DETERMINED = 0.5
 MOST = 14
 NOT_A_FILE = "not a file"
 
@@ -98,11 +97,6 @@ def _instruments(machine: Machine) -> list[str]:
 
 def truth_section(diagnosis: Diagnosis, truth: Mapping[str, Any]) -> Section:
     """What the simulated machine of a demonstration really had, beside what was found."""
-    blocks: list[Block] = [_truth(diagnosis, truth), *_errors(diagnosis, truth.get("parameters"))]
-    return Section("truth", "Truth against what was found", blocks)
-
-
-def _truth(diagnosis: Diagnosis, truth: Mapping[str, Any]) -> Text:
     stated = truth.get("effects") or ([truth["effect"]] if truth.get("effect") else [])
     real = [
         (str(e.get("effect", "")), tuple(map(str, e.get("place", ()))))
@@ -114,38 +108,10 @@ def _truth(diagnosis: Diagnosis, truth: Mapping[str, Any]) -> Text:
     missed = [slug for slug, place in real if (slug, place) not in found]
     said = joined([f"{effect_title(slug)} {place_words(place)}".strip() for slug, place in real])
     outcome = "all of it was found" if not missed else f"not found under that name: {joined(missed)}"
-    return Text(
+    text = (
         "This recording was simulated, so the truth is known (the diagnosis never saw it). Left out of the machine file:"
-        f" {said or 'nothing'}; {outcome if real else 'nothing was to be found'}; beyond it: {joined(extra) or 'nothing'}.",
-        "warn" if missed or extra else "good",
+        f" {said or 'nothing'}; {outcome if real else 'nothing was to be found'}; beyond it: {joined(extra) or 'nothing'}."
     )
-
-
-def _errors(diagnosis: Diagnosis, stated: object) -> list[Block]:
-    """Errors of the estimated parameters against the truth, in tolerances."""
-    parameters = diagnosis.nominal.parameters
-    known = stated if isinstance(stated, Mapping) else {}
-    rows = [k for k, p in enumerate(parameters) if p.name in known and 0 < p.tolerance < np.inf]
-    if not rows:
-        return []
-    true = np.array(
-        [
-            (float(known[parameters[k].name]["value"]) - parameters[k].nominal) / parameters[k].tolerance
-            for k in rows
-        ]
+    return Section(
+        "truth", "Truth against what was found", [Text(text, "warn" if missed or extra else "good")]
     )
-    fits = {"free fit": diagnosis.free, "tolerances, no effects": diagnosis.before}
-    if diagnosis.terms:
-        fits["with effects"] = diagnosis.after
-    last = list(fits.values())[-1]
-    sure = last.std[rows] / [parameters[k].tolerance for k in rows] < DETERMINED
-    lines = []
-    for name, mask in (("well determined", sure), ("all", np.ones(len(rows), dtype=bool))):
-        errors = [true, *(fit.in_tolerances[rows] - true for fit in fits.values())]
-        sizes = [float(np.sqrt(np.mean(e[mask] ** 2))) if mask.any() else float("nan") for e in errors]
-        lines.append([f"rms error of parameters, {name} ({int(mask.sum())})", *map(significant, sizes)])
-    caption = (
-        "Error of the estimated parameters against the truth, in tolerances. Well determined: 1-sigma below half a tolerance in"
-        " the last fit. The drawing's column is the error of not calibrating at all."
-    )
-    return [Table(["", "drawing", *fits], lines, caption)]

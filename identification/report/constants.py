@@ -188,7 +188,7 @@ def bar_chart(values: Mapping[str, float], axis: str, limit: float = 1.0) -> lis
         return []
     sizes = np.array(list(finite.values()))
     sides = (-1, 1) if np.any(sizes < 0.0) else (1,)
-    bars = Bars(sizes, "after", at=np.arange(len(sizes), dtype=float), texts=[f"{v:.3g}" for v in sizes])
+    bars = Bars(sizes, np.arange(len(sizes), dtype=float), "after", texts=[f"{v:.3g}" for v in sizes])
     levels = [Level(side * limit, "x", tone="ink") for side in sides]
     return [
         Chart("", Axis(axis), Axis("", names=list(finite)), [bars, *levels], height=62.0 + 17.0 * len(sizes))

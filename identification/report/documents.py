@@ -195,7 +195,7 @@ def calibration_document(
     files = recording.files
     steps = calibration_steps(machine, files, output, calibrated=calibrated, doubtful=not good)
     rows = picked(machine, recording, 1)
-    drawn = [Drawn.of(fit, "calibrated", "after")]
+    drawn = [Drawn.of(fit, recording, "calibrated", "after")]
     return Document(
         f"truepose: calibration of {machine.name}",
         f"{refused}. {said}" if refused else said,
@@ -247,7 +247,7 @@ def _calibration_sections(found: Calibration, told: FitSummary, drawn: Sequence[
     options = [f"--{k} {found.method[k]}" for k, v in usual.items() if found.method.get(k, v) != v]
     rows = picked(machine, recording, 1)
     return [
-        Section("fit", "Fit", [fit_table(fits, summaries)]),
+        Section("fit", "Fit", [fit_table(fits, summaries, recording.validation)]),
         residual_section(machine, recording, drawn, [], rows),
         constants_section(fit, "calibrated.yaml", fits, told.worst_allowed),
         uncertainty_section(fit, recording, None),

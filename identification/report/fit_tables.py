@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from truepose.arrays import Array
+from truepose.arrays import Array, Mask
 from truepose.identification.diagnosis.holdout import ROLE, VALIDATION
 from truepose.identification.diagnosis.result import Diagnosis, Proof
 from truepose.identification.fit.estimate import Estimate
@@ -32,20 +32,23 @@ def fit_section(diagnosis: Diagnosis) -> Section:
     return Section(
         "fit",
         "Fit before and after",
-        [fit_table(fits, diagnosis.fits), nothing if proof is None else proof_table(proof)],
+        [
+            fit_table(fits, diagnosis.fits, diagnosis.recording.validation),
+            nothing if proof is None else proof_table(proof),
+        ],
     )
 
 
-def fit_table(fits: Mapping[str, Estimate], summaries: Mapping[str, FitSummary]) -> Table:
-    """Misfit of each fit, in stated sigmas and as the length or angle of the whole error vector."""
+def fit_table(fits: Mapping[str, Estimate], summaries: Mapping[str, FitSummary], validation: Mask) -> Table:
+    """Misfit of each fit, in stated sigmas and as the length or angle of the whole error vector; validation (n,): rows held out."""
     keys = [key for key in fits if key in summaries]
-    recording, units = fits[keys[0]].recording, fits[keys[0]].nominal.residual_units
+    units = fits[keys[0]].nominal.residual_units
     rows: list[list[str]] = []
     for name in ("calibration rows", "validation rows"):
         held = name == "validation rows"
-        if held and not recording.validation.any():
+        if held and not validation.any():
             continue
-        sigmas = [_rms(fits[k].residual[recording.validation if held else fits[k].used]) for k in keys]
+        sigmas = [_rms(fits[k].residual[validation if held else fits[k].used]) for k in keys]
         rows.append([f"rms residual, {name} [σ]", *map(significant, sigmas)])
         rms = [(summaries[k].validation_rms if held else summaries[k].rms) or {} for k in keys]
         rows += [

@@ -36,15 +36,17 @@ class Drawn:
     counts: Mask
 
     @classmethod
-    def of(cls, fit: Estimate, name: str, tone: Tone) -> Drawn:
+    def of(cls, fit: Estimate, recording: Recording, name: str, tone: Tone) -> Drawn:
         """Of a fit, whose fitted rows and rows held out set the scale."""
-        return cls(name, tone, fit.residual, fit.used | fit.recording.validation)
+        return cls(name, tone, fit.residual, fit.used | recording.validation)
 
 
 def diagnosis_fits(diagnosis: Diagnosis) -> list[Drawn]:
     """The fit before, and the one after where an effect was added."""
-    fits = [Drawn.of(diagnosis.before, "before", "before")]
-    return [*fits, Drawn.of(diagnosis.after, "after", "after")] if diagnosis.terms else fits
+    fits = [Drawn.of(diagnosis.before, diagnosis.recording, "before", "before")]
+    return (
+        [*fits, Drawn.of(diagnosis.after, diagnosis.recording, "after", "after")] if diagnosis.terms else fits
+    )
 
 
 def picked(machine: Machine, recording: Recording, fits: int) -> Index:

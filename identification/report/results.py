@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from types import MappingProxyType
 
 import numpy as np
@@ -19,7 +20,6 @@ from truepose.identification.diagnosis.result import (
     Levels,
     PoseError,
     Proof,
-    Quantity,
     Remainder,
     Replication,
 )
@@ -41,6 +41,8 @@ from truepose.models.machine.machine import Machine
 
 DIAGNOSIS_SCHEMA = "truepose/diagnosis/1"
 FIT_SCHEMA = "truepose/fit/1"
+_SURE = 0.999
+"""Probability of rows that were left out."""
 _FINE = {"mm": ("um", 1e3), "rad": ("urad", 1e6)}
 """Units that ``diagnosis.json`` gives residuals in; all others, as ``fit.json``, in their own."""
 
@@ -98,14 +100,8 @@ def _probabilities(diagnosis: Diagnosis) -> Json:
             | {"levels": levels_json(one.levels, law_of(one))}
             for one in diagnosis.leading
         ],
-        "sets": [
-            {"effects": [[slug, list(place)] for slug, place in s.effects], "probability": s.probability}
-            for s in diagnosis.sets
-        ],
-        "together": [
-            {"driver": one.driver, "places": list(one.places), "probability": one.probability}
-            for one in diagnosis.together
-        ],
+        "sets": [asdict(one) for one in diagnosis.sets],
+        "together": [asdict(one) for one in diagnosis.together],
         "inclusion": [
             {"effect": i.effect, "place": list(i.place), "probability": i.probability}
             for i in diagnosis.inclusion
@@ -304,7 +300,7 @@ def finding_json(finding: Finding) -> Json:
         "certainty": finding.certainty,
         "log_bayes_factor": finding.log_bayes_factor,
         "equivalents": [alternative_json(a) for a in finding.equivalents],
-        "parameters": {name: _quantity(q) for name, q in finding.parameters.items()},
+        "parameters": {name: asdict(q) for name, q in finding.parameters.items()},
         "settings": [dict(s) for s in finding.settings],
         "levels": levels_json(finding.levels, law_of(finding)),
         "law_tested": finding.tested,
@@ -345,24 +341,26 @@ def _row_finding(diagnosis: Diagnosis, slug: str, rows: Sequence[int], more: str
     left_out &= np.isin(recording.source_row, rows)
     far = after.residual[left_out] ** 2 / max(after.chi2_per_dof, 1.0)
     effect, place = effects.get(slug, slug)(), tuple(str(row) for row in rows)
-    return {
-        "effect": slug,
-        "place": list(place),
-        "probability": 0.999,
-        "certainty": 0.999,
-        "log_bayes_factor": 0.5 * float(np.sum(far[far != 0.0] - 1.0)),  # a lost reading says nothing
-        "equivalents": [],
-        "parameters": {},
-        "settings": [],
-        "levels": {"place": 0.999, "driver": {"kind": "sensor", "probability": 0.999}, "law": 0.999},
-        "law_tested": False,
-        "prior_dependent": False,
-        "flip_lambda": None,
-        "family": None,
-        "replication": None,
-        "explanation": effect.explain(diagnosis.nominal, place) + more,
-        "separating_experiment": effect.experiment,
-    }
+    evidence = 0.5 * float(np.sum(far[far != 0.0] - 1.0))  # a lost reading says nothing
+    told = effect.explain(diagnosis.nominal, place) + more
+    levels = Levels(_SURE, "sensor", _SURE)
+    return finding_json(
+        Finding(
+            slug,
+            place,
+            _SURE,
+            _SURE,
+            evidence,
+            (),
+            {},
+            (),
+            None,
+            told,
+            effect.experiment,
+            levels=levels,
+            tested=False,
+        )
+    )
 
 
 def alternative_json(other: Alternative) -> Json:
@@ -380,7 +378,3 @@ def untestable_json(one: Untestable, missing: Sequence[Missing]) -> Json:
 
 def _replication(halves: Replication) -> Json:
     return {"halves": list(halves.halves), "agree": halves.agree}
-
-
-def _quantity(quantity: Quantity) -> Json:
-    return {"value": quantity.value, "std": quantity.std, "unit": quantity.unit}

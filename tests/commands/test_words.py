@@ -26,8 +26,7 @@ from truepose.identification.diagnosis.result import (
 )
 from truepose.identification.report import terminal as words
 from truepose.identification.report.naming import FEW
-from truepose.identification.report.diagnosis_words import headline
-from truepose.identification.report.verdict import doubts
+from truepose.identification.report.verdict import doubts, headline
 
 
 @pytest.mark.parametrize("parameters", [FEW, FEW + 3])

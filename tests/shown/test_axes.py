@@ -11,10 +11,10 @@ import pytest
 
 from truepose.shown.chart import Axis, Band, Bars, Cells, Chart, Layer, Level, Line, Marks, Span
 from truepose.shown.chart_axes import WIDTH
+from truepose.shown.chart_axes import WIDTH as COLUMNS
 from truepose.shown.chart_svg import svg
 from truepose.shown.scale import ends, ticks, written
-from truepose.shown.view import CELL, FACT_LINES, LINES, TITLE_LINES, View, screen
-from truepose.shown.view import WIDTH as COLUMNS
+from truepose.shown.text import CELL, screen
 
 NUMBER = r"-?\d+(?:\.\d+)?"
 LETTER = 6.6

@@ -19,9 +19,9 @@ from support.reports import arm, own_markup, synthetic
 from support.results import RESULTS, calibration, diagnosis, drifting, machine, recording, same
 from truepose.errors import InputError
 from truepose.identification.recording.recording import Recording
-from truepose.identification.report.diagnosis_words import headline
+from truepose.identification.report.verdict import headline
+from truepose.shown.chart_axes import WIDTH
 from truepose.shown.result import Shown
-from truepose.shown.view import LINES, WIDTH
 
 HOSTILE = "<img src=x onerror=alert(1)>\x1b[31m\n&amp;"
 each = pytest.mark.parametrize("name", RESULTS)

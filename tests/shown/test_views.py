@@ -10,10 +10,13 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from support.examples import examples
-from truepose.shown.drawing import MOST, bars, dots, lines, strips
-from truepose.shown.page import ROWS, page
+from truepose.identification.report.drivers import MOST
+from truepose.identification.report.uncertainty import ROWS
+from truepose.shown.chart import strips
+from truepose.shown.chart_axes import WIDTH
+from truepose.shown.html import page
 from truepose.shown.result import Shown
-from truepose.shown.view import LINES, WIDTH, View, printable, screen
+from truepose.shown.text import printable, screen
 
 TEXTS = st.text(max_size=300) | st.sampled_from(
     ["<script>alert(1)</script>", "a\nb\tc", "\x1b[31mred", "x" * 500, "'\"&", ""]

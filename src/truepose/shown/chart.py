@@ -15,18 +15,17 @@ import numpy as np
 from truepose.arrays import Array
 
 Tone = Literal["before", "after", "free", "accent", "ink", "l1", "l2", "l3", "l4"]
-Shape = Literal["dot", "stroke", "ring", "tick", "diamond"]
+Shape = Literal["dot", "stroke", "ring", "tick"]
 
 
 @dataclass(frozen=True)
 class Axis:
-    """An axis: title with unit, ends (None: those of the data), names in place of numbers, or ticks of one's own."""
+    """An axis: title with unit, ends (None: those of the data), or names in place of numbers."""
 
     title: str
     low: float | None = None
     high: float | None = None
     names: Sequence[str] = ()
-    ticks: Sequence[tuple[float, str]] = ()
 
 
 @dataclass(frozen=True)
@@ -66,13 +65,12 @@ class Band:
 
 @dataclass(frozen=True)
 class Bars:
-    """Bars from zero: upright ones between edges (n + 1,), or level ones at the names of the y axis (``at``, n)."""
+    """Level bars from zero, at the names of the y axis (``at``, n), with texts at their ends."""
 
     length: Array
+    at: Array
     tone: Tone
     name: str = ""
-    edges: Array | None = None
-    at: Array | None = None
     texts: Sequence[str] = ()
 
 

@@ -38,7 +38,7 @@ def first_screen(document: Document, most: int = LINES, *, notes: bool = False) 
         if len(body) <= room:
             left = room - len(body)
             body = (
-                _body(document, items, each, rows + left - (rows < _ALL), more, notes=notes) if left else body
+                _body(document, items, each, rows + left, more, notes=notes) if left else body
             )
             break
     if len(body) > room:

@@ -22,8 +22,6 @@ from support import TESTS
 from support.golden_diagnoses import changes, summary, text
 from support.round_trips import check_round_trip
 from truepose.identification.diagnosis.result import Diagnosis
-from truepose.identification.report.lines import COLUMNS, LINES
-from truepose.identification.report.terminal import diagnosis_lines
 from truepose.models.machine.placed import EffectAtPlace
 
 GOLDEN = TESTS / "golden_diagnoses"

@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.report.results import diagnosis_json
-from truepose.identification.report.terminal import diagnosis_lines
 from truepose.models.load import load_machine
 
 ARM = """

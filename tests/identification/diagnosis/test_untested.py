@@ -21,7 +21,7 @@ from truepose.identification.diagnosis.search import Found
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
-from truepose.identification.report.level_words import driver_clauses
+from truepose.identification.report.finding_words import driver_clauses
 from truepose.identification.report.verdict import untestable_lines
 from truepose.identification.signatures.signatures import Signatures
 from truepose.identification.signatures.untestable import GRAVITY, Untestable, places_of

@@ -24,7 +24,6 @@ from truepose.identification.identifiability.observability import identifiable
 from truepose.identification.identifiability.poses import drawn_poses
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
-from truepose.identification.report.identifiability_words import identifiability_lines
 from truepose.identification.report.notes import worded
 from truepose.identification.report.unseen_words import unseen_sentences
 from truepose.models.load import load_machine

@@ -28,7 +28,6 @@ from truepose.identification.identifiability.patterns import patterns
 from truepose.identification.identifiability.poses import drawn_poses
 from truepose.identification.identifiability.subset import Columns, independent_subset
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.report.identifiability_words import identifiability_lines
 from truepose.identification.report.unseen_words import unseen_sentences
 from truepose.models.load import load_machine
 

@@ -14,9 +14,8 @@ from truepose.identification.leaves.check.words import (
     found_words,
     refusal,
 )
-from truepose.identification.report.lines import caution_lines
 from truepose.identification.signatures.untestable import Missing
-from truepose.shown.result import frame, view
+from truepose.shown.result import frame
 
 SLIP = Found("sign", ("q2", "q3"), "q2 counts backwards", "turn its sign", "wrong", 12.0, 0.03)
 DOUBT = replace(SLIP, kind="sigma", verdict="suspect", says="sigma is twice as large")

@@ -8,7 +8,7 @@ import pytest
 
 from support.reports import NAN, gear_finding, synthetic
 from truepose.identification.diagnosis.result import Alternative, Diagnosis, Lead, Levels, Replication
-from truepose.identification.report.diagnosis_words import explanation, separating_experiment
+from truepose.identification.report.finding_words import explanation, separating_experiment
 from truepose.identification.report.results import (
     alternative_json,
     finding_json,

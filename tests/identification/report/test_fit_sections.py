@@ -13,23 +13,15 @@ from support.reports import NAN, fitted, of, recorded, rows
 from truepose.identification.diagnosis.result import (
     BlockProof,
     Diagnosis,
-    Form,
     Proof,
-    Remainder,
 )
-from truepose.shown.document import Charts, Fold, Items, Table, Text
+from truepose.identification.report.constants import constants_blocks, departure_block
 from truepose.identification.report.drivers import columns
-from truepose.identification.report.fits import stated_noise
+from truepose.identification.report.fit_tables import fit_section, proof_table
+from truepose.identification.report.gains import stated_noise
 from truepose.identification.report.numbers import significant
-from truepose.identification.report.sections.fit import fit_section, proof_blocks
-from truepose.identification.report.sections.limits import limits_section
-from truepose.identification.report.sections.parameters import (
-    constants_blocks,
-    correlation_blocks,
-    parameter_blocks,
-)
 from truepose.models.machine.machine import Machine
-from truepose.shown.chart import Cells
+from truepose.shown.document import Charts, Table, Text
 
 # -- fits and proofs -----------------------------------------------------------------------------------
 
@@ -77,8 +69,7 @@ def test_a_reading_that_refers_to_itself_or_was_lost_is_in_no_rms(machine: Machi
 def test_each_proof_is_told_with_what_it_should_be(held_out: str) -> None:
     blocks = (BlockProof("validation rows", 5, 0.4), BlockProof("outermost poses", 12, 1.5))
     proof = Proof(held_out, blocks, 0.4, (0.3, 0.5), -0.5, None, None)
-    table, charts = proof_blocks(proof)
-    assert isinstance(table, Table) and isinstance(charts, Charts)
+    table = proof_table(proof)
     whole = "validation rows" if held_out == "role" else "blocks"
     part = "besides" if held_out == "role" else "of these"
     told = rows(table)
@@ -91,27 +82,10 @@ def test_each_proof_is_told_with_what_it_should_be(held_out: str) -> None:
         ["the effect put into simulated readings", "-", "found again"],
     ]
     for recovered, said in ((True, "found again"), (False, "not found again")):
-        assert rows(cast(Table, proof_blocks(replace(proof, injected_recovered=recovered))[0]))[-1][1] == said
+        assert rows(proof_table(replace(proof, injected_recovered=recovered)))[-1][1] == said
 
 
 # -- limits --------------------------------------------------------------------------------------------
-
-
-def test_limits_are_told_where_there_are_any(plain: Diagnosis) -> None:
-    left = Remainder((), "", Form("curve"), 2.1)
-    blocks = limits_section(replace(plain, remainder=left)).blocks
-    assert [items.title for items in of(blocks, Items)][:2] == [
-        "Geometry",
-        "Explanations that cannot be told apart",
-    ]
-    untestable, remainder = of(blocks, Table)
-    assert rows(untestable) == [["thermal expansion (thermal-expansion)", "no temperature.link1 column"]]
-    assert rows(remainder)[:2] == [["driver", "-"], ["place", "-"]] and rows(remainder)[3] == [
-        "size",
-        "2.10 σ",
-    ]
-    few = limits_section(replace(plain, findings=(), untestable=())).blocks
-    assert not of(few, Table) and [items.title for items in of(few, Items)][:1] == ["Geometry"]
 
 
 # -- constants -----------------------------------------------------------------------------------------
@@ -134,28 +108,9 @@ def test_constants_have_the_digits_that_are_known(machine: Machine) -> None:
     assert "They are averages over all explanations that the readings allow" in averaged.caption
 
 
-def test_correlations_are_those_of_the_covariance_of_the_strongest(machine: Machine) -> None:
-    fit = fitted(machine, recorded(machine))
-    (fold,) = correlation_blocks(fit)
-    assert isinstance(fold, Fold)
-    (charts,) = of(fold.blocks, Charts)
-    (chart,) = charts.charts
-    (cells,) = chart.layers
-    assert isinstance(cells, Cells)
-    covariance = fit.root @ fit.root.T
-    size = np.sqrt(np.diag(covariance))
-    whole = covariance / np.where(np.outer(size, size) > 0, np.outer(size, size), 1.0)
-    np.fill_diagonal(whole, 0.0)
-    free = [fit.prior.names[k] for k in fit.prior.free]
-    names = list(map(str, chart.x.names))
-    at = [free.index(name) for name in names]
-    assert at == sorted(at) and len(at) == min(len(free), 20)
-    np.testing.assert_allclose(cells.values, whole[np.ix_(at, at)], atol=1e-12)
-
-
 def test_departures_are_those_of_constants_with_a_tolerance(machine: Machine, plain: Diagnosis) -> None:
     fits = {"free": plain.free, "before": plain.before, "after": plain.after}
-    (charts,) = parameter_blocks(machine, fits, 3.0)
+    charts = departure_block(machine, fits, 3.0)
     assert isinstance(charts, Charts)
     names = [p.name for p in machine.parameters if 0 < p.tolerance < np.inf]
     assert sorted(name for chart in charts.charts for name in chart.y.names) == sorted(names)
@@ -163,10 +118,10 @@ def test_departures_are_those_of_constants_with_a_tolerance(machine: Machine, pl
         "Driven out without effects and home with them" in charts.caption
         and "farthest of" not in charts.caption
     )
-    (alone,) = parameter_blocks(machine, {"calibrated": plain.before}, None)
+    alone = departure_block(machine, {"calibrated": plain.before}, None)
     assert isinstance(alone, Charts) and "Driven out" not in alone.caption
     endless = SimpleNamespace(parameters=[replace(p, tolerance=np.inf) for p in machine.parameters])
-    (text,) = parameter_blocks(cast(Machine, endless), fits, 3.0)
+    text = departure_block(cast(Machine, endless), fits, 3.0)
     assert isinstance(text, Text) and text.text.startswith("No parameter has a finite tolerance")
 
 

@@ -38,8 +38,8 @@ from truepose.identification.leaves.fleet.words import (
     status_sentences,
     tolerance_sentence,
 )
-from truepose.shown.document import Charts, Table
 from truepose.shown.chart import Level, Line, Marks
+from truepose.shown.document import Charts, Table
 
 PART = ToleranceInFleet("serial", "angle q", 600, Interval(1.6, 1.4, 1.8), 0.5)
 

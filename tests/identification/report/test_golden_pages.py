@@ -25,7 +25,6 @@ from support.told_fleet import fleet
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.leaves.drift.page import drift_html
 from truepose.identification.leaves.fleet.page import fleet_html
-from truepose.identification.report.pages import calibration_html, report_html
 from truepose.models.machine.machine import Machine
 from truepose.version import VERSION
 

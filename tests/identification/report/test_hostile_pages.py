@@ -21,7 +21,6 @@ from truepose.identification.leaves.fleet.page import fleet_html
 from truepose.identification.leaves.fleet.result import Fleet
 from truepose.identification.leaves.fleet.statistics import FleetStatistics
 from truepose.identification.leaves.fleet.table import Row
-from truepose.identification.report.pages import calibration_html, report_html
 from truepose.models.machine.machine import Machine
 
 needs_browser = pytest.mark.skipif(browser() is None, reason="no chromium to show a page in")

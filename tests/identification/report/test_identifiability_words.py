@@ -14,11 +14,7 @@ from truepose.identification.identifiability.analysis import Identifiability, Pa
 from truepose.identification.identifiability.note import Note
 from truepose.identification.identifiability.observability import Direction
 from truepose.identification.identifiability.subset import Subset
-from truepose.identification.report.identifiability_words import (
-    identifiability_json,
-    identifiability_lines,
-    quantity,
-)
+from truepose.identification.report.identifiability_words import identifiability_json, quantity
 
 SEEN = ParameterSight("q1.r", "mm", 0.2, 0.004, 0.005, "determined", ())
 TRADED = ParameterSight("q1.theta", "rad", np.pi / 180, 0.01, 0.0087, "partly", ("base.rz", "tool.rz"))

@@ -11,8 +11,6 @@ import pytest
 from support.reports import arm, synthetic
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.report.verdict import left_words
-from truepose.identification.report.next_steps import after_diagnosis
-from truepose.identification.report.opening import diagnosis_opening
 
 OUT = Path("out")
 

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from support.reports import NAN, fitted, recorded, synthetic
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.report.curves import curves
-from truepose.identification.report.gauge import rank_words
 from truepose.identification.report.numbers import measure, p_value, percent, significant, times, uncertain
 from truepose.models.machine.machine import Machine
 

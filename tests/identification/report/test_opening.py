@@ -17,9 +17,9 @@ from support.reports import NAN, arm, summary, synthetic
 from truepose.identification.diagnosis.result import Applied, PoseError
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.origin import digest_of, recorded_on
-from truepose.shown.document import Gain
-from truepose.identification.report.opening import diagnosis_opening, file_name, gains_of, recording_names
+from truepose.identification.report.steps import recording_names
 from truepose.models.machine.machine import Machine
+from truepose.shown.document import Gain
 
 LAWS = settings(max_examples=examples(120), deadline=None)
 SIZES = st.floats(1e-6, 1e3)

@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 
 from support.reports import of, recorded, rows, synthetic
-from truepose.shown.document import Fold, Section, Table
-from truepose.identification.report.closing import diagnosis_origin, origin_section
+from truepose.identification.report.closing import origin_section
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
+from truepose.shown.document import Fold, Section, Table
 from truepose.version import VERSION
 
 TWO = ("/far/off/a.csv", "day 2/b c.csv")

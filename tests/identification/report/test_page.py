@@ -12,7 +12,6 @@ import truepose.models
 from support.browser import browser, tried
 from support.reports import arm, synthetic
 from support.results import diagnosis
-from truepose.identification.report.pages import report_html
 
 pytestmark = pytest.mark.skipif(browser() is None, reason="no chromium to show a page in")
 MACHINES = Path(truepose.models.__path__[0]) / "machines"

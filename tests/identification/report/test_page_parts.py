@@ -14,11 +14,9 @@ import pytest
 from support.reports import fitted, own_markup, page_data, recorded, summary
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.calibrate import Calibration
-from truepose.shown.document import Document, Section, Text
-from truepose.identification.report.pages import calibration_html, report_html
-from truepose.identification.report.render import html
 from truepose.models.file.machine_file import ExpectedPose
 from truepose.models.machine.machine import Machine
+from truepose.shown.document import Document, Section, Text
 
 
 def said(page: str) -> str:

@@ -16,10 +16,6 @@ from truepose.identification.diagnosis.alarm import Alarm
 from truepose.identification.diagnosis.result import Diagnosis, Form, Proof, Quantity, Remainder
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.summary import FitSummary
-from truepose.identification.report.pages import (
-    calibration_html,
-    report_html,
-)
 from truepose.identification.report.results import diagnosis_json
 from truepose.models.machine.machine import Machine
 from truepose.version import VERSION

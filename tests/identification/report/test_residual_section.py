@@ -13,21 +13,18 @@ import pytest
 from support.reports import gear_finding, of
 from truepose.identification.diagnosis.alarm import Alarm
 from truepose.identification.diagnosis.result import Diagnosis, Form, Remainder
-from truepose.shown.document import Block, Charts, Fold, Text
-from truepose.identification.report.sections.residuals import (
-    diagnosis_fits,
-    residual_blocks,
-    residual_section,
-    series_of,
-)
+from truepose.identification.report.residuals import diagnosis_fits, residual_section, telling_drivers
 from truepose.models.machine.machine import Machine
 from truepose.shown.chart import Marks
+from truepose.shown.document import Block, Charts, Fold, Text
 
 ROWS = np.arange(0, 30, 3)
 
 
 def blocks(diagnosis: Diagnosis, rows: Any = ROWS) -> Sequence[Block]:
-    section = residual_section(diagnosis, rows)
+    section = residual_section(
+        diagnosis.nominal, diagnosis.recording, diagnosis_fits(diagnosis), telling_drivers(diagnosis), rows
+    )
     assert (section.anchor, section.title) == ("residuals", "Residuals")
     return section.blocks
 
@@ -81,14 +78,13 @@ def test_a_finding_s_own_driver_goes_before_its_place(
 
 def test_every_other_driver_is_folded_and_no_driver_stands_twice(plain: Diagnosis) -> None:
     found = blocks(plain)
-    signed, sizes = of(found, Fold)
+    (signed,) = of(found, Fold)
     titles = {chart.x.title.split(" [")[0] for chart in of(signed.blocks, Charts)[0].charts}
     assert titles == {"q2", "temperature.base", "row in order of acquisition"}
     assert signed.title == "Signed residuals against every other driver"
     assert len(of(signed.blocks, Charts)[0].charts) == 9  # three axes each
-    assert len(of(sizes.blocks, Charts)[0].charts) == 4
     shape = of(found, Charts)[-1]
-    assert [chart.title for chart in shape.charts] == ["histogram, before", "histogram, after", "normal plot"]
+    assert [chart.title for chart in shape.charts] == ["", "normal plot"]
 
 
 def test_rows_that_are_not_drawn_are_counted(plain: Diagnosis) -> None:
@@ -115,21 +111,7 @@ def test_the_fit_after_is_drawn_where_an_effect_was_added(plain: Diagnosis) -> N
 
 def test_nothing_fitted_nothing_drawn(plain: Diagnosis, machine: Machine) -> None:
     fits = [replace(one, counts=np.zeros(30, dtype=bool)) for one in diagnosis_fits(plain)]
-    (text,) = residual_blocks(machine, plain.recording, fits, [], ROWS)
+    (text,) = residual_section(machine, plain.recording, fits, [], ROWS).blocks
     assert isinstance(text, Text) and text.text == "No row was fitted."
     some = [fits[0], diagnosis_fits(plain)[1]]
-    assert len(residual_blocks(machine, plain.recording, some, [], ROWS)) > 1
-
-
-def test_series_are_counted_by_fits_drivers_and_channels(plain: Diagnosis, machine: Machine) -> None:
-    """Each driver has a panel for each of three axes, and one of sizes."""
-    drivers = 4  # two joints, a temperature, the order of rows
-    assert [series_of(machine, plain.recording, fits) for fits in (1, 2)] == [drivers * 4, 2 * drivers * 4]
-    drawn = [
-        layer
-        for block in (*of(blocks(plain), Charts)[:1], *(c for f in of(blocks(plain), Fold) for c in of(f.blocks, Charts)))
-        for chart in block.charts
-        for layer in chart.layers
-        if isinstance(layer, Marks)
-    ]  # fmt: skip
-    assert len(drawn) == series_of(machine, plain.recording, 2)
+    assert len(residual_section(machine, plain.recording, some, [], ROWS).blocks) > 1

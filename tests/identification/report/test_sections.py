@@ -27,17 +27,9 @@ from truepose.identification.diagnosis.result import (
     Together,
 )
 from truepose.identification.fit.tolerance_classes import PartClass
-from truepose.shown.document import Block, Card, Charts, Fold, Items, Table, Text
-from truepose.identification.report.opening import diagnosis_opening
-from truepose.identification.report.sections.evidence import evidence_section
-from truepose.identification.report.sections.findings import (
-    finding_card,
-    findings_section,
-    fringe_words,
-    outlier_words,
-)
-from truepose.identification.report.sections.sets import posterior_tables
+from truepose.identification.report.finding_cards import finding_card, findings_section
 from truepose.identification.signatures.untestable import Missing, Untestable
+from truepose.shown.document import Block, Card, Charts, Fold, Items, Table, Text
 
 LEVELS = Levels(0.99, "load", 0.95)
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from support.results import machine as bundled
 from truepose.identification.diagnosis.result import Diagnosis
-from truepose.shown.document import Block, Charts, Table, Text
-from truepose.identification.report.sections.truth import true_effects, truth_section
+from truepose.identification.report.closing import truth_section
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.shown.chart import Cells, Chart, Line, Marks
+from truepose.shown.document import Block, Charts, Table, Text
 
 Array = NDArray[np.float64]
 BENDS = ("platform-deformation", ("platform",))

@@ -13,12 +13,11 @@ from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.fit.tool_spread import READINGS, TOLERANCES, tool_spread, workspace
 from truepose.identification.identifiability.note import Note
 from truepose.identification.recording.recording import Recording
-from truepose.shown.document import Charts, Table, Text
-from truepose.identification.report.gauge import rank_words, weak_words
 from truepose.identification.report.notes import tolerance_notes, worded
-from truepose.identification.report.sections.uncertainty import uncertainty_section
+from truepose.identification.report.uncertainty import uncertainty_section
 from truepose.models.machine.machine import Machine
 from truepose.shown.chart import Marks
+from truepose.shown.document import Charts, Table, Text
 
 UNITS = {"nm": 1e-6, "µm": 1e-3, "mm": 1.0}
 

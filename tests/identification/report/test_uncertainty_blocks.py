@@ -23,10 +23,9 @@ from truepose.identification.fit.tool_spread import (
     ToolSpread,
 )
 from truepose.identification.recording.recording import Recording
-from truepose.shown.document import Block, Charts, Table, Text
-from truepose.identification.report.sections import uncertainty
-from truepose.identification.report.sections.uncertainty import uncertainty_section
+from truepose.identification.report.uncertainty import uncertainty_section
 from truepose.shown.chart import Marks
+from truepose.shown.document import Block, Charts, Table, Text
 
 Array = NDArray[np.float64]
 PLACES = np.array([[0.0, 1.0, 2.0], [3.0, 4.0, 50.0], [6.0, 7.0, 8.0], [9.0, 10.0, 11.0]])
