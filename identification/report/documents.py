@@ -198,7 +198,7 @@ def calibration_document(
     drawn = [Drawn.of(fit, recording, "calibrated", "after")]
     return Document(
         f"truepose: calibration of {machine.name}",
-        f"{refused}. {said}" if refused else said,
+        f"{refused}." if refused else said,
         "good" if good and calibrated else "warn",
         _facts(machine.name, recording, fit),
         fit_gains(machine, told, pose),

@@ -92,7 +92,7 @@ def _pictures(diagnosis: Diagnosis, finding: Finding, drawn: Sequence[Curve]) ->
     found = coupling_matrix(diagnosis, finding)
     if found is not None:
         ports, values = found
-        chart = _matrix(1e3 * values, list(map(vector_of, ports)), diagnosis.nominal.mechanism.readings)
+        chart = matrix(1e3 * values, list(map(vector_of, ports)), diagnosis.nominal.mechanism.readings)
         said = "How far each part moves as each joint travels by one, in thousandths. Blue: along, orange: against it."
         out.append(Charts([chart], said))
     return [*out, Charts([curve_chart(curve) for curve in drawn], _CURVES)] if drawn else out
@@ -166,7 +166,7 @@ def _ends(rows: Array, low: Array, high: Array) -> tuple[float, float]:
     return lowest - room, highest + room
 
 
-def _matrix(values: Array, rows: Sequence[str], columns: Sequence[str]) -> Chart:
+def matrix(values: Array, rows: Sequence[str], columns: Sequence[str]) -> Chart:
     """A matrix (r, c) as a heat map, with its numbers where there is room."""
     numbers = len(columns) <= COLUMNS_WITH_NUMBERS
     texts = [[f"{v:.2g}" for v in line] for line in values.tolist()] if numbers else []

@@ -18,6 +18,7 @@ from truepose.errors import InputError
 from truepose.identification.fit.absurd import Judgement
 from truepose.identification.leaves.fleet.work import Options
 from truepose.pool import Cores
+from truepose.shown.document import Document
 from truepose.threads import cores
 
 ENOUGH = "enough of it"
@@ -166,12 +167,13 @@ def test_a_fleet_says_what_was_done_of_it(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr("truepose.identification.leaves.fleet.run.run_fleet", lambda *_, **__: found)
     for place, told in (
         ("fleet_json", {"machines": 1}),
-        ("fleet_lines", ["one line"]),
         ("headline", "None."),
     ):
         monkeypatch.setattr(f"truepose.identification.leaves.fleet.words.{place}", lambda *_, said=told: said)
+    document = "truepose.identification.leaves.fleet.page.fleet_document"
+    monkeypatch.setattr(document, lambda _: Document("t", "one line"))
     done = run("fleet", "line", "-o", "out")
-    assert (done.exit_code, done.stdout) == (2, "one line\n")
+    assert (done.exit_code, done.stdout) == (2, f"one line\nreport: {Path('out') / 'fleet.html'}\n")
     assert done.stderr == f"error: line: None. {Path('out') / 'fleet.csv'} says why\n"
     found.diagnosed = (FAILED, STATISTICS)
     assert (run("fleet", "line", "-o", "out").exit_code, run("fleet", "line", "-o", "out").stderr) == (0, "")

@@ -11,10 +11,8 @@ import pytest
 
 from truepose.shown.chart import Axis, Band, Bars, Cells, Chart, Layer, Level, Line, Marks, Span
 from truepose.shown.chart_axes import WIDTH
-from truepose.shown.chart_axes import WIDTH as COLUMNS
 from truepose.shown.chart_svg import svg
 from truepose.shown.scale import ends, ticks, written
-from truepose.shown.text import CELL, screen
 
 NUMBER = r"-?\d+(?:\.\d+)?"
 LETTER = 6.6
@@ -98,9 +96,7 @@ LAYERS: list[tuple[Layer, tuple[float, float] | None, tuple[float, float] | None
     (Marks(np.array([1.0, 2.0]), np.array([3.0, 5.0]), "ink", error=np.array([1.0, 2.0])), (1, 2), (2, 7)),
     (Line(np.array([1.0, 2.0]), np.array([3.0, 5.0]), "ink"), (1, 2), (3, 5)),
     (Band(np.array([1.0, 2.0]), np.array([3.0, 4.0]), np.array([5.0, 9.0]), "ink"), (1, 2), (3, 9)),
-    (Bars(np.array([3.0, 5.0]), "ink", edges=np.array([1.0, 2.0, 4.0])), (1, 4), (0, 5)),
-    (Bars(np.array([-3.0]), "ink", edges=np.array([1.0, 2.0])), (1, 2), (-3, 0)),
-    (Bars(np.array([3.0, 5.0]), "ink", at=np.array([0.0, 1.0])), (0, 5), None),
+    (Bars(np.array([3.0, 5.0]), np.array([0.0, 1.0]), "ink"), (0, 5), None),
     (Level(7.0, "y"), None, (3.5, 10.5)),
     (Level(7.0, "x"), (3.5, 10.5), None),
 ]
@@ -111,7 +107,7 @@ def test_axes_hold_what_each_kind_of_layer_shows(
     layer: Layer, across: tuple[float, float] | None, up: tuple[float, float] | None
 ) -> None:
     """What is beside a probe of known ends stands where the ends say."""
-    names = ("a", "b") if isinstance(layer, Bars) and layer.at is not None else ()
+    names = ("a", "b") if isinstance(layer, Bars) else ()
     root = drawn(layer, y=Axis("up", names=names))
     left, top, floor, right = frame(root)
     grids = [one.get("d", "") for one in root.iter("path") if one.get("class") == "grid"]
@@ -135,9 +131,7 @@ def test_axes_hold_what_each_kind_of_layer_shows(
 def test_the_frame_leaves_room_for_the_numbers_beside_it() -> None:
     """A letter each, thirty at most; the least where there is nothing to say."""
     for names, letters in ((("a",), 1), (("abc", "a"), 3), (("x" * 30,), 30), (("x" * 31,), 30)):
-        root = drawn(
-            Bars(np.ones(len(names)), "ink", at=np.arange(float(len(names)))), y=Axis("", names=names)
-        )
+        root = drawn(Bars(np.ones(len(names)), np.arange(float(len(names))), "ink"), y=Axis("", names=names))
         left, top, floor, right = frame(root)
         assert left == pytest.approx(26.0 + LETTER * letters, abs=0.06)
         assert (top, right) == (14.0, WIDTH - 14.0) and floor == 230.0 - 44.0
@@ -149,7 +143,7 @@ def test_the_frame_leaves_room_for_the_numbers_beside_it() -> None:
 
 
 def test_the_first_name_stands_on_top_and_names_share_the_height() -> None:
-    root = drawn(Bars(np.ones(4), "ink", at=np.arange(4.0)), y=Axis("", names="abcd"))
+    root = drawn(Bars(np.ones(4), np.arange(4.0), "ink"), y=Axis("", names="abcd"))
     _, top, floor, _ = frame(root)
     shown = texts(root, "end")
     assert [text for _, _, text in shown] == list("abcd")
@@ -184,14 +178,6 @@ def test_names_below_stand_on_end_where_they_would_touch(letters: int, count: in
     assert {float(m[2]) for m in at if m} == {round(floor + 6, 1)}
     long = [one.text for one in found]
     assert long == [name if letters <= 13 else name[:12] + "\u2026" for name in names]
-
-
-def test_a_name_that_would_leave_the_chart_is_moved_inside() -> None:
-    root = drawn(Level(0.0, "y"), x=Axis("", 0.0, 1.0, ticks=[(0.5, "middle"), (1.0, "a long last one")]))
-    (a, _, _), (b, y, _), *_ = texts(root, "middle")
-    left, _, floor, right = frame(root)
-    assert a == pytest.approx((left + right) / 2, abs=0.06)
-    assert b == pytest.approx(WIDTH - LETTER * 15 / 2 - 1, abs=0.06) and y == floor + 16
 
 
 def test_ticks_across_are_as_many_as_have_room_for_their_numbers() -> None:
@@ -240,30 +226,10 @@ def paths(root: ET.Element, kind: str) -> list[str]:
     return [one.get("d", "") for one in root.iter("path") if kind in (one.get("class") or "").split()]
 
 
-def test_upright_bars_stand_between_their_edges_with_a_gap() -> None:
-    root = drawn(
-        Bars(np.array([2.0, 4.0]), "ink", edges=np.array([0.0, 1.0, 3.0])),
-        x=Axis("", 0.0, 3.0),
-        y=Axis("", 0.0, 4.0),
-    )
-    left, top, floor, right = frame(root)
-    (way,) = paths(root, "bar")
-    found = [
-        tuple(map(float, m))
-        for m in re.findall(rf"M({NUMBER}) ({NUMBER})V({NUMBER})H({NUMBER})V({NUMBER})Z", way)
-    ]
-    wide = right - left
-    expected = [
-        (left + 0.5, floor, (floor + top) / 2, left + wide / 3 - 0.5, floor),
-        (left + wide / 3 + 0.5, floor, top, right - 0.5, floor),
-    ]
-    np.testing.assert_allclose(found, expected, atol=0.06)
-
-
 def test_level_bars_have_their_numbers_beside_or_where_there_is_no_room_inside() -> None:
     values, said = np.array([1.0, 10.0, -5.0, np.nan]), ["one", "a number", "minus", "none"]
     root = drawn(
-        Bars(values, "ink", at=np.arange(4.0), texts=said), x=Axis("", -10.0, 10.0), y=Axis("", names="abcd")
+        Bars(values, np.arange(4.0), "ink", texts=said), x=Axis("", -10.0, 10.0), y=Axis("", names="abcd")
     )
     left, top, floor, right = frame(root)
     zero = (left + right) / 2
@@ -287,7 +253,7 @@ def test_level_bars_have_their_numbers_beside_or_where_there_is_no_room_inside()
         assert (own.get("class"), own.get("text-anchor")) == (kind, anchor)
         assert (float(own.get("x", "")), float(own.get("y", ""))) == pytest.approx((x, y), abs=0.06)
     few = drawn(
-        Bars(values, "ink", at=np.arange(4.0), texts=said[:1]),
+        Bars(values, np.arange(4.0), "ink", texts=said[:1]),
         x=Axis("", -10.0, 10.0),
         y=Axis("", names="abcd"),
     )
@@ -355,41 +321,3 @@ def test_error_bars_reach_as_far_as_their_numbers() -> None:
         ],
         atol=0.11,
     )
-
-
-# -- screens -------------------------------------------------------------------------------------------
-
-
-def test_long_titles_facts_and_cells_are_cut_at_their_place() -> None:
-    long = " ".join(["word"] * 200)
-    shown = screen(View(long, (long,))).split("\n")
-    assert len(shown) == TITLE_LINES + FACT_LINES == 6
-    assert shown[TITLE_LINES - 1].endswith(" ...") and shown[-1].endswith(" ...")
-    assert shown[TITLE_LINES].startswith("  word") and shown[-1].startswith("    word")
-    assert shown[1].startswith("  word")
-    for letters, cell in ((CELL, "x" * CELL), (CELL + 1, "x" * (CELL - 4) + " ...")):
-        *_, last = screen(View("t", (), ("name",), (("x" * letters,),))).split("\n")
-        assert last == f"  {cell}"
-    wide = screen(View("t", (), ("a", "b", "c", "d"), (("x" * CELL,) * 4,))).split("\n")
-    assert len(wide[-1]) == COLUMNS and all(line.endswith(" ...") for line in wide[1:])
-
-
-@pytest.mark.parametrize(("facts", "rows"), [(30, 50), (3, 50), (30, 2), (0, 50), (21, 0), (22, 0)])
-def test_facts_leave_eight_lines_to_a_table(facts: int, rows: int) -> None:
-    """Or as many as it has; what is left out is counted on the last line."""
-    view = View(
-        "t",
-        tuple(f"fact {k}" for k in range(facts)),
-        ("n",),
-        tuple((f"row {k}",) for k in range(rows)),
-        "see",
-    )
-    shown = screen(view).split("\n")
-    told = sum(line.startswith("  fact") for line in shown)
-    table = min(rows + 1, 8) if rows else 0
-    assert told == min(facts, LINES - 2 - table)
-    listed = sum(line.startswith("  row") for line in shown)
-    assert listed == max(min(rows, LINES - 2 - told - 1), 0)
-    left, missing = facts - told, rows - listed
-    said = [f"{n} more {one}{'s' * (n != 1)}" for n, one in ((left, "line"), (missing, "row")) if n]
-    assert (shown[-1] == f"  ... {', '.join(said)}: see") is bool(said)

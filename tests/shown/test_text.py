@@ -10,8 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from support.examples import examples
+from truepose.shown.chart import Marks, strips
 from truepose.shown.document import Command, Document, Fold, Gain, Items, Table, Text
 from truepose.shown.html import ROWS, fragment, page
+from truepose.shown.result import Shown
 from truepose.shown.text import LINES, WIDTH, first_screen, printable, screen, wrapped
 
 TEXTS = st.text(max_size=300) | st.sampled_from(
@@ -175,3 +177,25 @@ def test_a_page_escapes_what_it_is_given_and_keeps_the_lines_of_a_table_to_copy(
     assert "<b>" not in text.replace("<b style", "") and "&lt;b&gt;" in text and "&lt;h&gt;" in text
     assert "<small>(joint-compliance)</small>" in text
     assert 'data-csv="a,&#34;b&#34;\n1,2\n"' in text
+
+
+class _Broken(Shown):
+    pass
+
+
+def test_a_broken_result_still_has_a_repr() -> None:
+    assert repr(_Broken()) == "<_Broken, which cannot be shown: TypeError>"
+
+
+@pytest.mark.parametrize("text", ["\x1b[2J", "\r", "\u202e", "\x00"])
+def test_no_text_moves_the_cursor(text: str) -> None:
+    told = Document("t", f"a{text}b", summary=[Items([f"c{text}d"])])
+    assert all(line.isprintable() for line in first_screen(told))
+    assert text not in fragment(told)
+
+
+def test_ranges_are_drawn_as_shares() -> None:
+    (chart,) = strips({"q1": [-1.0, 0.0, 1.0]}, {"q1": (-1.0, 1.0, "deg")}, "joints")
+    (marks,) = chart.layers
+    assert isinstance(marks, Marks) and marks.x.tolist() == [0.0, 0.5, 1.0]
+    assert list(chart.y.names) == ["q1 -1 .. 1 deg"]

@@ -16,6 +16,8 @@ from truepose.arrays import Array
 
 Tone = Literal["before", "after", "free", "accent", "ink", "l1", "l2", "l3", "l4"]
 Shape = Literal["dot", "stroke", "ring", "tick"]
+MOST = 300
+"""Marks of a line of a picture for a notebook; of more, every so many-th is drawn."""
 
 
 @dataclass(frozen=True)
@@ -150,7 +152,8 @@ def strips(
     names = [f"{name} {low:.4g} .. {high:.4g} {unit}".rstrip() for name, (low, high, unit) in ends.items()]
     layers = []
     for k, (name, (low, high, _)) in enumerate(ends.items()):
-        x = (np.asarray(values[name], dtype=float) - low) / ((high - low) or 1.0)
+        step = max(1, -(-len(values[name]) // MOST))
+        x = (np.asarray(values[name], dtype=float)[::step] - low) / ((high - low) or 1.0)
         layers.append(Marks(x, np.full(len(x), k + 0.3), "after", shape="tick"))
     axes = Axis("share of the range [1]", -0.02, 1.02), Axis("", names=names)
     return [Chart(title, *axes, layers, height=62.0 + 17.0 * len(names))]

@@ -32,14 +32,12 @@ def first_screen(document: Document, most: int = LINES, *, notes: bool = False) 
     head = [*_cautions(document.cautions), *wrapped(document.headline or document.title, "", HEAD_LINES)]
     foot = [] if notes else [line for step in document.steps for line in _step(step)]
     room = most - len(head) - len(foot)
-    more = f": {printable(document.more)}" if document.more else ""
+    more = f": {document.more}" if document.more else ""
     for items, each, rows in _ROOM:
         body = _body(document, items, each, rows, more, notes=notes)
         if len(body) <= room:
             left = room - len(body)
-            body = (
-                _body(document, items, each, rows + left, more, notes=notes) if left else body
-            )
+            body = _body(document, items, each, rows + left, more, notes=notes) if left else body
             break
     if len(body) > room:
         body = [*body[: max(room - 1, 0)], _clipped(f"{GAP}... {len(body) - room + 1} more lines{more}")][
@@ -93,7 +91,7 @@ def _table(table: Table, most: int, more: str) -> list[str]:
     if not table.rows:
         return []
     shown = table.rows[: max(most, 0)]
-    cells = [[_clipped(printable(cell), CELL) for cell in row] for row in (table.head, *shown)]
+    cells = [[_clipped(cell, CELL) for cell in row] for row in (table.head, *shown)]
     widths = [max(len(row[k]) for row in cells) for k in range(len(table.head))]
     out = [_clipped(GAP + GAP.join(_set(row, widths)).rstrip()) for row in cells]
     left = len(table.rows) - len(shown)
@@ -121,6 +119,7 @@ def wrapped(text: str, indent: str = GAP, most: int = 2) -> list[str]:
 
 
 def _clipped(text: str, width: int = WIDTH) -> str:
+    text = printable(text)
     return text if len(text) <= width else text[: width - len(CUT)].rstrip() + CUT
 
 

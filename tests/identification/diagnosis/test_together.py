@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
+from support.reports import diagnosis_lines
 from truepose.identification.diagnosis.engine import diagnose
 from truepose.identification.report.results import diagnosis_json
 from truepose.models.load import load_machine

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from support import MACHINES
+from support.reports import said_of
 from support.short_arm import JOINTS, POSITION, arm, status, written
 from truepose.cli import app
 from truepose.errors import InputError
@@ -169,7 +170,7 @@ def test_without_any_tolerance_nothing_decides(tmp_path: Path) -> None:
         "base.y": "determined",
         "base.z": "nothing decides",
     }
-    said = " ".join(identifiability_lines(found))
+    said = " ".join(said_of(found))
     assert "nothing decides, they stay at the drawing" in said
 
 

@@ -15,7 +15,8 @@ from truepose.identification.leaves.check.words import (
     refusal,
 )
 from truepose.identification.signatures.untestable import Missing
-from truepose.shown.result import frame
+from truepose.shown.document import Items, Table
+from truepose.shown.result import document, frame
 
 SLIP = Found("sign", ("q2", "q3"), "q2 counts backwards", "turn its sign", "wrong", 12.0, 0.03)
 DOUBT = replace(SLIP, kind="sigma", verdict="suspect", says="sigma is twice as large")
@@ -74,24 +75,18 @@ def test_a_refusal_names_the_first_that_is_wrong_and_counts_the_others() -> None
     assert refusal(check(SLIP, DOUBT, SLIP)) == f"{one} (and 1 more){tail}"
 
 
-def test_three_cautions_stand_above_a_result() -> None:
+def test_a_caution_says_what_may_be_wrong() -> None:
     assert caution(check(DOUBT)) == ["SUSPECT: sigma: sigma is twice as large; turn its sign"]
     assert caution(check()) == [] and checked(check()) == {}
     assert checked(check(DOUBT)) == {"check": check(DOUBT).document()}
-    three = caution_lines(caution(check(DOUBT, DOUBT, DOUBT)))
-    assert len(three) == 3 and all(not line.startswith(" ") for line in three)
-    for more in (1, 2):
-        some = caution_lines(caution(check(*[DOUBT] * (3 + more))))
-        assert some[:3] == three and some[3:] == [f"and {more} more: see report.html"]
-    long = replace(DOUBT, says=" ".join(["word"] * 90))
-    assert len(caution_lines(caution(check(long)))) == 2
 
 
 def test_what_there_is_to_see_of_a_check() -> None:
-    shown = view(check(SLIP))
-    assert shown.title == "Check: wrong: the recording does not belong to the machine file as it stands"
-    assert shown.rows == (("sign", "q2, q3", "wrong", "q2 counts backwards"),)
-    assert shown.facts == tuple(line.strip() for line in check_lines(check(SLIP))[1:])
+    shown = document(check(SLIP))
+    facts, rows = shown.summary
+    assert shown.headline == "Check: wrong: the recording does not belong to the machine file as it stands"
+    assert isinstance(rows, Table) and list(rows.rows) == [("sign", "q2, q3", "wrong", "q2 counts backwards")]
+    assert isinstance(facts, Items) and facts.items == [line.strip() for line in check_lines(check(SLIP))[1:]]
     table = frame(check(SLIP, DOUBT))
     assert table["where"].tolist() == ["q2, q3", "q2, q3"] and table["before"].tolist() == [12.0, 12.0]
     assert frame(check()).empty and list(frame(check()).columns) == list(table.columns)

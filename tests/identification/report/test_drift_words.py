@@ -13,7 +13,6 @@ from truepose.identification.leaves.drift.durability import Check
 from truepose.identification.leaves.drift.words import (
     advice,
     drift_json,
-    drift_lines,
     drift_notes,
     durability_sentences,
     headline,
@@ -232,16 +231,6 @@ def test_advice_without_a_clock_names_sessions() -> None:
     told = told_drift(times=None, carried=(GOOD, BAD), frames=(GOOD, GOOD))
     assert advice(told).startswith("recalibrate frames and sensor constants before s2;")
     assert advice(told_drift(times=None)) == "no recalibration is due up to s2"
-
-
-def test_lines_set_what_moved_apart_from_what_perhaps_did() -> None:
-    sure, perhaps = movement("a", "moved", **CHANGED), movement("b", "perhaps", probability=0.6)
-    lines = drift_lines(told_drift(sure, perhaps))
-    assert lines[lines.index("  moved:") + 1].startswith("    a: 60.0 ± 1.0 µm up to ")
-    assert lines[lines.index("  perhaps moved:") + 1] == "    b: not in the likeliest set, probability 60 %"
-    calm = drift_lines(told_drift(movement("d", "still", hidden=0.001)))
-    assert not [line for line in calm if line.endswith("moved:")]
-    assert calm[0] == headline(told_drift()) and all(line.startswith("  ") for line in calm[1:])
 
 
 def test_the_document_has_every_session_with_what_it_read_and_when() -> None:

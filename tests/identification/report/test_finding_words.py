@@ -41,6 +41,7 @@ from truepose.identification.report.verdict import headline, untestable_lines
 from truepose.identification.signatures.untestable import Untestable
 
 NAN = float("nan")
+LOADED = "at q2 follows the weight carried"
 LOAD = Levels(0.99, "load", 0.95)
 RIVAL = Alternative("friction-hysteresis", ("q2",), 0.1, 38.0, "reverse slowly")
 NAMELESS = Alternative(UNNAMED, ("q2",), 0.01, 36.0)
@@ -148,8 +149,8 @@ def own(
     ("law", "driver", "place", "told"),
     [
         (0.95, 0.99, 1.0, ("compliant joint at q2", "95.0 %")),
-        (0.899, 0.95, 1.0, ("something at q2 follows the weight carried", "95.0 %; which law is open, compliant joint with 90 %")),
-        (0.007, 0.9995, 1.0, ("something at q2 follows the weight carried", "over 99.9 %; which law is open")),
+        (0.899, 0.95, 1.0, (f"something {LOADED}", "95.0 %; which law is open, compliant joint with 90 %")),
+        (0.007, 0.9995, 1.0, (f"something {LOADED}", "over 99.9 %; which law is open")),
         (0.4, 0.0, 0.0, ("compliant joint at q2", "40 %")),
     ],
 )  # fmt: skip

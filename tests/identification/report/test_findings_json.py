@@ -140,7 +140,7 @@ def test_miscounted_fringes_are_a_finding_beside_other_rows(
 ) -> None:
     # an interferometer's machine would have to be fitted for this: which rows are fringes is tried elsewhere
     counted = {7: -2}
-    module = "truepose.identification.report.findings_json.fringes_by_row"
+    module = "truepose.identification.report.results.fringes_by_row"
     monkeypatch.setattr(module, lambda fit, recording, rows: counted)
     found = left_out(machine, 3, 7)
     fringes, others = outliers_json(found)

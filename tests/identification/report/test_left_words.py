@@ -38,14 +38,3 @@ def test_columns_are_told_where_no_row_stands_out(tmp_path: Path) -> None:
     found = leaving(found, list(range(len(found.recording))), 1, 6.0)
     assert left_words(found).startswith(f"{found.nominal.channels[1].name} is off by ")
     assert "(6 sigma)" in left_words(found)
-
-
-@pytest.mark.parametrize("calibrated", [True, False])
-def test_nobody_is_sent_back_to_a_check_that_was_made(calibrated: bool, tmp_path: Path) -> None:
-    found = leaving(synthetic(arm(tmp_path)), [3], 0, 300.0)
-    sent = after_diagnosis(found, OUT, calibrated=calibrated)
-    told = after_diagnosis(found, OUT, calibrated=calibrated, checked=True)
-    assert "truepose check" in sent[0] and "truepose check" not in " ".join(told)
-    assert told[0].startswith("next: compare with the source: row ")
-    page = str(diagnosis_opening(found, checked=True).steps)
-    assert left_words(found) in page and "truepose check" not in page

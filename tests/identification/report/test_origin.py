@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
-from support.reports import of, recorded, rows, synthetic
+from support.reports import of, recorded, rows
 from truepose.identification.report.closing import origin_section
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
-from truepose.shown.document import Fold, Section, Table
+from truepose.shown.document import Section, Table
 from truepose.version import VERSION
 
 TWO = ("/far/off/a.csv", "day 2/b c.csv")
@@ -77,9 +77,3 @@ def test_every_sensor_is_told_with_what_it_states(tmp_path: Any, machine: Machin
         origin(both)[-1][1].count(" columns), stated 1 sigma: ") == 2
         and "each; position (3" in origin(both)[-1][1]
     )
-
-
-def test_a_diagnosis_explains_the_words_of_its_report(machine: Machine) -> None:
-    section = diagnosis_origin(synthetic(machine))
-    assert told(section)[1][1] == "truepose diagnose arm.yaml a&b.csv"
-    assert [fold.title for fold in of(section.blocks, Fold)] == ["Words of this report"]

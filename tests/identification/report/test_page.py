@@ -10,7 +10,7 @@ import pytest
 import truepose
 import truepose.models
 from support.browser import browser, tried
-from support.reports import arm, synthetic
+from support.reports import arm, report_html, synthetic
 from support.results import diagnosis
 
 pytestmark = pytest.mark.skipif(browser() is None, reason="no chromium to show a page in")

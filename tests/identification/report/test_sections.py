@@ -9,27 +9,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from support.reports import NAN, gear_finding, of, rows, summary
+from support.reports import NAN, gear_finding, of, rows
 from truepose.identification.diagnosis.alarm import Alarm
 from truepose.identification.diagnosis.result import (
     UNNAMED,
     Alternative,
-    Applied,
     Diagnosis,
     Finding,
-    Form,
     Lead,
     Levels,
-    PoseError,
-    Proof,
     Quantity,
-    Remainder,
-    Together,
 )
 from truepose.identification.fit.tolerance_classes import PartClass
-from truepose.identification.report.finding_cards import finding_card, findings_section
-from truepose.identification.signatures.untestable import Missing, Untestable
-from truepose.shown.document import Block, Card, Charts, Fold, Items, Table, Text
+from truepose.identification.report.finding_cards import finding_card, findings_section, matrix
+from truepose.identification.report.weighing import weighing_section
+from truepose.shown.chart import Cells
+from truepose.shown.document import Block, Card, Fold, Items, Table, Text
 
 LEVELS = Levels(0.99, "load", 0.95)
 
@@ -59,77 +54,8 @@ def test_what_has_no_name_is_a_row_with_its_number_and_what_leads_a_line(plain: 
     ]
     (card,) = of(blocks, Card)
     assert card.number == 2
-    (list_,) = [items for items in of(blocks, Items) if items.title == "Leading, less probable than not"]
-    assert len(list_.items) == 12
     assert not of(found(plain), Table)
     assert [items.title for items in of(found(plain), Items)][:1] == ["Why we say so"]
-
-
-def test_texts_of_the_verdict_stand_where_they_have_something_to_say(plain: Diagnosis) -> None:
-    warned = [text.text for text in of(found(plain), Text) if text.tone == "warn"]
-    assert len(warned) == 1 and warned[0].startswith(
-        "Concealed: an ordinary fit would have looked good (chi2/dof 1.02)"
-    )
-    assert not [text for text in of(found(replace(plain, concealed=False)), Text) if text.tone == "warn"]
-    free = {key: fit for key, fit in plain.fits.items() if key != "free"}
-    assert not [text for text in of(found(replace(plain, fits=free)), Text) if text.tone == "warn"]
-    titles = [items.title for items in of(found(plain), Items)]
-    worth = "What improved.yaml is worth to the tool"
-    assert worth not in titles
-    error = PoseError(0.5, 0.2)
-    applied = Applied("whole", "role", error, 0.4, error, 0.4)
-    assert worth in [items.title for items in of(found(replace(plain, applied=applied)), Items)]
-    adequate = replace(plain, applied=applied, verdict="adequate", findings=())
-    assert worth not in [items.title for items in of(found(adequate), Items)]
-    lack = Missing(("joint-compliance",), "no `gravity:`", "add it")
-    lists = of(found(replace(plain, missing=(lack,))), Items)
-    (told,) = [
-        one for one in lists if one.title == "What could not be tested, and what would make it testable"
-    ]
-    assert (
-        list(told.items) == ["compliant joint (joint-compliance): no `gravity:`; add it"]
-        and told.tone == "warn"
-    )
-    assert "What else could not be tested" in [one.title for one in lists]
-    assert "What else could not be tested" not in [
-        one.title for one in of(found(replace(plain, untestable=())), Items)
-    ]
-    outliers = [text.text for text in of(found(plain), Text) if text.text.startswith("Outliers")]
-    assert len(outliers) == 1
-    assert not [
-        text for text in of(found(replace(plain, outlier_rows=())), Text) if text.text.startswith("Outliers")
-    ]
-
-
-def test_rows_set_aside_are_named_thirty_at_most() -> None:
-    assert outlier_words([7]).startswith("Outliers: 1 row excluded as an outlier: row 7 (the first line")
-    assert outlier_words([7]).endswith("put it so far from all others.")
-    assert "3 rows excluded as outliers: rows 1, 2, 3 (" in outlier_words([1, 2, 3])
-    assert ", 29, 30 and 1 more (the" in outlier_words(range(1, 32))
-    assert "30 and" not in outlier_words(range(1, 31))
-    assert fringe_words({3: -2, 7: 1}).endswith("whole half wavelengths: row 3 by -2, row 7 by +1.")
-
-
-@pytest.mark.parametrize(
-    ("gain", "said"),
-    [
-        ({}, ""),
-        ({"position": 0.004}, " Modelling it lowers the rms of held-out rows by 4.00 µm (position) more."),
-    ],
-)
-def test_what_remains_is_told_by_its_size_and_form(
-    plain: Diagnosis, gain: dict[str, float], said: str
-) -> None:
-    left = Remainder(("q2",), "q2", Form("curve"), 2.1, gain)
-    (text,) = [
-        one.text
-        for one in of(found(replace(plain, remainder=left)), Text)
-        if one.text.startswith("What remains")
-    ]
-    assert text == (
-        "What remains unexplained: residuals of 2.10 sigma rms, which seem to follow q2 (a hypothesis)."
-        f" Form: q2 errs as a smooth curve in q2; hypothesised.{said}"
-    )
 
 
 def card(plain: Diagnosis, finding: Finding) -> Card:
@@ -160,7 +86,7 @@ def test_a_card_says_what_it_is_how_large_how_sure_and_what_would_tell(plain: Di
     silent = card(plain, replace(own, experiment="", equivalents=()))
     assert not [text for text in of(silent.blocks, Text) if text.text.startswith("To ")]
     unsure = card(plain, replace(own, probability=0.2, levels=LEVELS))
-    assert unsure.title == "q1 gives way under the load that it carries"
+    assert unsure.title == "Something at q1 follows the weight carried"
     assert of(unsure.blocks, Text)[0].text.startswith("If it is ") and of(unsure.blocks, Text)[
         0
     ].text.endswith(": The gear of joint q1 turns unevenly.")
@@ -211,7 +137,7 @@ def test_forms_of_an_explanation_are_one_line_with_their_summed_probability(plai
         Alternative("backlash", ("q1",), 0.2, 5.0), Alternative("backlash", ("q1",), 0.1, 7.0),
         Alternative("backlash", ("q2",), 0.4, 6.0), Alternative("latency", ("q2",), 0.3, NAN),
     )  # fmt: skip
-    blocks = evidence_section(replace(plain, candidates=forms)).blocks
+    blocks = weighing_section(replace(plain, candidates=forms)).blocks
     (fold,) = of(blocks, Fold)
     (table,) = of(fold.blocks, Table)
     assert rows(table) == [
@@ -220,23 +146,10 @@ def test_forms_of_an_explanation_are_one_line_with_their_summed_probability(plai
     ]
     assert table.caption.startswith("The best 2 of 2 explanations")
     many = tuple(Alternative("backlash", (f"q{k}",), 0.0, float(k)) for k in range(17))
-    (fold,) = of(evidence_section(replace(plain, candidates=many)).blocks, Fold)
+    (fold,) = of(weighing_section(replace(plain, candidates=many)).blocks, Fold)
     (table,) = of(fold.blocks, Table)
     assert len(table.rows) == 15 and table.caption.startswith("The best 15 of 17 explanations")
-    assert not of(evidence_section(replace(plain, candidates=())).blocks, Fold)
-
-
-def test_places_beyond_those_drawn_are_counted(plain: Diagnosis) -> None:
-    for count, said in (
-        (24, ""),
-        (25, " The 1 weakest places are not shown."),
-        (27, " The 3 weakest places are not shown."),
-    ):
-        own = replace(plain, evidence_map={f"q{k}": float(k) for k in range(count)})
-        (charts,) = of(evidence_section(own).blocks, Charts)
-        assert charts.caption.partition("partly imitate it.")[2] == said
-    nothing = evidence_section(replace(plain, evidence_map={})).blocks
-    assert not of(nothing, Charts) and of(nothing, Text)[0].text == "No explanation could be weighed."
+    assert not of(weighing_section(replace(plain, candidates=())).blocks, Fold)
 
 
 @pytest.mark.parametrize(
@@ -258,99 +171,38 @@ def test_what_became_of_an_alarm(
         alarms_after={} if after is None else {"residual": after}, terms=plain.terms if terms else (),
         inflation={PartClass("length", "a"): 1.5, PartClass("length", "b"): 2.5},
     )  # fmt: skip
-    table = of(evidence_section(own).blocks, Table)[-1]
+    table = of(weighing_section(own).blocks, Table)[-1]
     assert [row[1:] for row in rows(table)] == [
         ["x", state, "9.00", "1.0×10⁻⁴"],
         ["y", "quiet", "0.500", "0.30"],
     ]
 
 
-def test_the_posterior_is_told_by_sets_by_effects_and_by_places_together(plain: Diagnosis) -> None:
+def test_an_ordinary_fit_that_would_have_looked_good_is_told(plain: Diagnosis) -> None:
+    (warned,) = [text for text in of(found(plain), Text) if text.tone == "warn"]
+    assert warned.text.startswith("Concealed: an ordinary fit would have looked good (chi2/dof 1.02)")
+    free = {key: fit for key, fit in plain.fits.items() if key != "free"}
+    for calm in (replace(plain, concealed=False), replace(plain, fits=free)):
+        assert not [text for text in of(found(calm), Text) if text.tone == "warn"]
+
+
+def test_the_posterior_is_told_by_sets_and_by_effects(plain: Diagnosis) -> None:
     sets = (plain.sets * 3)[:7]
     inclusion = tuple(Alternative("backlash", (f"q{k}",), 0.5, 0.0) for k in range(11))
-    together = (Together("load", ("q1", "q2"), 0.98),)
-    first, second, third = posterior_tables(replace(plain, sets=sets, inclusion=inclusion, together=together))
+    first, second, _ = of(weighing_section(replace(plain, sets=sets, inclusion=inclusion)).blocks, Table)
     assert len(first.rows) == 5 and rows(first)[2] == ["no effect", "1.0 %"]
     assert len(second.rows) == 10 and rows(second)[0] == ["backlash", "q0", "50 %"]
     assert second.caption.endswith(" 1 less probable one left out.")
-    assert rows(third) == [["q1 or q2", "the weight carried", "98.0 %"]]
-    assert [table.text_columns for table in (first, second, third)] == [1, 2, 2]
-    (ten,) = posterior_tables(replace(plain, sets=(), inclusion=inclusion[:10]))
+    ten, _ = of(weighing_section(replace(plain, sets=(), inclusion=inclusion[:10])).blocks, Table)
     assert ten.caption.endswith("together.")
-    assert posterior_tables(replace(plain, sets=(), inclusion=())) == []
 
 
-# -- the first screen ----------------------------------------------------------------------------------
-
-
-def sure(diagnosis: Diagnosis) -> list[str]:
-    (items,) = [one for one in diagnosis_opening(diagnosis).lists if one.title == "How sure"]
-    return list(items.items)
-
-
-def test_how_sure_findings_are_alike_ones_together(plain: Diagnosis) -> None:
-    law = replace(gear_finding(), equivalents=())
-    assert sure(replace(plain, findings=(law,)))[0].startswith("93.0 % that it is ")
-    weak = replace(gear_finding(), probability=0.5, levels=LEVELS)
-    (line,) = sure(replace(plain, findings=(weak, replace(weak, place=("q2",), probability=0.7))))
-    assert line.endswith(
-        "at q1 and q2: place 99.0 %, driver (the weight carried) 95.0 %, law 50 % to 70 %."
-        " It could also be eccentric encoder disc (encoder-eccentricity)."
-    )
-    (bare,) = sure(replace(plain, findings=(replace(weak, levels=Levels()),)))
-    assert bare.endswith(" at q1: 50 %. It could also be eccentric encoder disc (encoder-eccentricity).")
-    unknown = replace(weak, levels=Levels(0.4, "load", 0.0))
-    (half,) = sure(replace(plain, findings=(unknown, replace(weak, place=("q2",)))))
-    assert ": place 40 % to 99.0 %, driver (the weight carried) " in half  # of one of them it is known
-    (two,) = sure(replace(plain, findings=(law, replace(law, place=("q2",)))))
-    assert two == "Transmission error of a geared joint (transmission-error) at q1 and q2: 93.0 %."
-    (certain,) = sure(
-        replace(plain, findings=(replace(weak, probability=0.95), replace(weak, probability=0.96)))
-    )
-    assert "It could also be" not in certain
-    (left,) = sure(replace(plain, findings=(nameless(2),)))
-    assert left == "Something without a name at q2: place 99.0 %, driver (the weight carried) 95.0 %."
-    kinds = [nameless(2), weak, replace(weak, effect="backlash"), replace(weak, effect="latency", place=())]
-    lines = sure(replace(plain, findings=tuple(kinds)))
-    assert len(lines) == 4 and lines[-1] == "1 more below, in part 1."
-    assert sure(replace(plain, findings=(), verdict="adequate"))[0].startswith("Nothing of the catalogue")
-    assert sure(replace(plain, findings=(), verdict="unknown"))[0].startswith(
-        "Something is missing; no place and no driver"
-    )
-    off = replace(plain, fits={**plain.fits, "after": summary(4.0, 1.2)})
-    assert sure(off)[-1].startswith("Chi2 per degree of freedom 4.00, which speaks for ")
-
-
-def test_lists_of_the_first_screen_are_short(plain: Diagnosis) -> None:
-    proof = Proof("role", (), 0.9, (0.9, 1.05), 8.0, 0.8, False)
-    own = replace(plain, proof=proof, untestable=tuple(Untestable(f"e{k}", f"reason {k}") for k in range(5)))
-    lists = {one.title: list(one.items) for one in diagnosis_opening(own).lists}
-    assert (
-        len(lists["What speaks against it"]) == 3
-        and lists["What speaks against it"][-1] == "2 more below, in part 1."
-    )
-    assert lists["What could not be tested"][-1] == "1 more below, in What the data cannot tell."
-    calm = {one.title for one in diagnosis_opening(replace(plain, untestable=(), proof=None)).lists}
-    assert calm == {"How sure"}
-
-
-def steps(diagnosis: Diagnosis) -> list[str]:
-    return [getattr(step, "command", "text") for step in diagnosis_opening(diagnosis).steps]
-
-
-def test_steps_of_the_first_screen(plain: Diagnosis) -> None:
-    error = PoseError(0.5, 0.2)
-    applied = Applied("whole", "role", error, 0.4, error, 0.4)
-    use = [
-        "truepose codegen improved.yaml -o controller",
-        "truepose compensate improved.yaml PATH -o commands.csv",
-    ]
-    check = "truepose check arm.yaml a&b.csv"
-    plan = "truepose plan arm.yaml -n 40 -o poses.csv --diagnosis diagnosis.json"
-    open_one = replace(gear_finding(), probability=0.8)
-    assert steps(replace(plain, findings=(open_one,), applied=applied)) == [plan, "text", *use]
-    assert steps(replace(plain, applied=applied)) == use
-    assert steps(replace(plain, findings=(replace(open_one, equivalents=()),))) == []
-    assert steps(replace(plain, findings=(), verdict="unknown")) == [check]
-    assert steps(replace(plain, findings=(), verdict="adequate")) == use
-    assert steps(replace(plain, applied=replace(applied, model="plain"))) == []
+def test_a_matrix_has_its_numbers_where_there_is_room() -> None:
+    for columns, numbers in ((8, True), (9, False)):
+        values = np.arange(2.0 * columns).reshape(2, columns)
+        chart = matrix(values, ["a", "b"], [f"q{k}" for k in range(columns)])
+        (cells,) = of(chart.layers, Cells)
+        np.testing.assert_array_equal(cells.values, values)
+        assert [list(line) for line in cells.texts] == (
+            [[f"{v:.2g}" for v in line] for line in values] if numbers else []
+        )

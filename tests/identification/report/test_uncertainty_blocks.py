@@ -23,6 +23,7 @@ from truepose.identification.fit.tool_spread import (
     ToolSpread,
 )
 from truepose.identification.recording.recording import Recording
+from truepose.identification.report import uncertainty
 from truepose.identification.report.uncertainty import uncertainty_section
 from truepose.shown.chart import Marks
 from truepose.shown.document import Block, Charts, Table, Text

@@ -241,3 +241,10 @@ def summary_items(found: Shown, title: str) -> list[str]:
         if isinstance(block, Items) and block.title == title
         for item in block.items
     ]
+
+
+def said_of(found: Shown) -> list[str]:
+    """All sentences of the first screen, with the titles of their lists."""
+    told = document(found)
+    lists = [block for block in told.summary if isinstance(block, Items)]
+    return [told.headline, *(text for block in lists for text in (block.title, *block.items))]
