@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from truepose.arrays import Array, Index
-from truepose.identification.diagnosis.result import Diagnosis, Finding
+from truepose.identification.diagnosis.result import UNNAMED, Alternative, Diagnosis, Finding
 from truepose.identification.report import finding_words as words
 from truepose.identification.report import verdict
 from truepose.identification.report.curves import Curve, all_curves
@@ -124,15 +124,16 @@ def _settings(one: Mapping[str, float]) -> str:
 
 
 def _class_table(finding: Finding) -> Table:
+    every: list[Finding | Alternative] = [finding, *finding.equivalents]
     rows = [
         [
-            "something without a name" if other.effect == "unknown" else effect_title(other.effect),
+            "something without a name" if other.effect == UNNAMED else effect_title(other.effect),
             ", ".join(other.place),
             "(named above)" if other is finding else other.experiment,
             percent(other.probability),
             significant(other.log_bayes_factor),
         ]
-        for other in (finding, *finding.equivalents)
+        for other in every
     ]
     caption = "Explanations that these readings cannot tell apart, each with the probability that it is there at all."
     head = ["explanation", "place", "what would tell", "probability", "log Bayes factor"]

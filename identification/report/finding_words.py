@@ -8,13 +8,13 @@ from truepose.identification.diagnosis.naming import CERTAIN
 from truepose.identification.diagnosis.result import NAMED, Finding, Lead, Remainder, Replication, Together
 from truepose.identification.report.naming import (
     coefficient_words,
+    law_words,
     named,
     place_words,
     several,
     spanned,
     title,
     told,
-    with_article,
 )
 from truepose.identification.report.numbers import known, percent, significant
 from truepose.models.effects.empirical_sources import LOAD, MOMENT
@@ -173,20 +173,17 @@ def sure_words(finding: Finding) -> str:
     """How sure a finding is, at each level and of its class."""
     levels = finding.levels
     alike = [other for other in finding.equivalents if not other.nameless]
-    law = f"{percent(finding.probability)} that it is {with_article(finding.effect)} ({finding.effect})"
-    if not levels.driver:
-        said = f"Probability {law.replace(f' ({finding.effect})', '') if title(finding.effect) == finding.effect else law}"
-    elif _untested(finding):
+    law = f"{percent(finding.probability)} that it is {law_words(finding.effect)}"
+    if _untested(finding):
         return f"Probability {percent(levels.place)} that {_untested(finding)}."
-    else:
-        where, _ = _where(finding)
-        said = (
-            f"Probability {percent(levels.place)} that something is at {where}, {percent(levels.driver)} that it follows"
-            f" {NAMES[levels.kind]}"
-        )
+    said = f"Probability {law}"
+    if levels.driver:
+        where = f"Probability {percent(levels.place)} that something is at {_where(finding)[0]}"
+        driver = f"{where}, {percent(levels.driver)} that it follows {NAMES[levels.kind]}"
         if finding.nameless:
-            return f"{said}; no law of the catalogue stands for it."
-        said += f", {law}{'' if finding.tested else ' (whether its form is another could not be tested)'}"
+            return f"{driver}; no law of the catalogue stands for it."
+        untested = "" if finding.tested else " (whether its form is another could not be tested)"
+        said = f"{driver}, {law}{untested}"
     if not alike:
         return f"{said}."
     return f"{said}; {percent(finding.certainty)} that it is one of the {several(len(alike) + 1, 'explanation')} below."

@@ -12,7 +12,7 @@ from truepose.identification.diagnosis.result import Diagnosis, Proof
 from truepose.identification.fit.estimate import Estimate
 from truepose.identification.fit.summary import FitSummary
 from truepose.identification.report.numbers import measure, significant
-from truepose.shown.document import Block, Section, Table, Text
+from truepose.shown.document import Section, Table, Text
 
 NAMES = {
     "free": "ordinary fit, parameters free",
@@ -40,7 +40,7 @@ def fit_section(diagnosis: Diagnosis) -> Section:
 
 
 def fit_table(fits: Mapping[str, Estimate], summaries: Mapping[str, FitSummary], validation: Mask) -> Table:
-    """Misfit of each fit, in stated sigmas and as the length or angle of the whole error vector; validation (n,): rows held out."""
+    """Misfit of each fit, in stated sigmas and by kind of reading; validation (n,): rows held out."""
     keys = [key for key in fits if key in summaries]
     units = fits[keys[0]].nominal.residual_units
     rows: list[list[str]] = []
@@ -76,7 +76,7 @@ def _rms(residual: Array) -> float | None:
     return float(np.sqrt(np.mean(values**2))) if values.size else None
 
 
-def proof_table(proof: Proof) -> Block:
+def proof_table(proof: Proof) -> Table:
     """Held-out ratio, placebo, black box and injection, each with what it should be."""
     low, high = proof.ratio_interval
     held = VALIDATION if proof.held_out == ROLE else proof.held_out

@@ -17,8 +17,8 @@ from truepose.shown.document import Gain
 
 HELD_OUT, FITTED = "on held-out rows", "on the fitted rows"
 _BASELINES = {
-    "free": "ordinary fit",
-    "ordinary": "ordinary fit",
+    "free": "with the ordinary fit",
+    "ordinary": "with the ordinary fit",
     "before": "held to the drawing",
     "drawing": "held to the drawing",
 }
@@ -70,7 +70,11 @@ def _applied_gain(diagnosis: Diagnosis) -> list[Gain]:
     if applied is None or applied.pose is None or applied.model == "plain":
         return []
     return [
-        pose_gain(applied.baselines or {"plain": applied.pose.plain}, applied.pose.model, rows_words(applied))
+        pose_gain(
+            applied.baselines or {"plain calibration": applied.pose.plain},
+            applied.pose.model,
+            rows_words(applied),
+        )
     ]
 
 
@@ -91,11 +95,11 @@ def _gain(
     def told(value: float) -> str:
         return f"{significant(value * factor)} {unit_symbol(name)}".rstrip() if known(value) else NONE
 
-    each = [f"{told(v)} {_BASELINES.get(k, k)}" for k, v in before.items()] if len(before) > 1 else []
+    each = [f"{told(v)} {_BASELINES.get(k, f'with {k}')}" for k, v in before.items()]
     shares = tuple(v / largest if v is not None and math.isfinite(v) else 0.0 for v in (was, after, floor))
     alone = "" if floor is None else f"the instrument alone: {told(floor)}"
-    note = "; ".join([where, *([f"before: {', '.join(each)}"] if each else [])])
-    return Gain(kind, told(was) if before else "", told(after), note, alone, shares)  # type: ignore[arg-type]
+    first = told(was) if before else ""
+    return Gain(kind, first, told(after), where, alone, shares, ", ".join(each))  # type: ignore[arg-type]
 
 
 def sensor_unit(size: float, unit: str) -> tuple[float, str]:

@@ -58,11 +58,15 @@ def named(item: Finding | Alternative) -> str:
     return f"{effect_title(item.effect)} {place_words(item.place)}".strip()
 
 
+def law_words(slug: str) -> str:
+    """An effect as a sentence has it, with its slug: ``a compliant joint (joint-compliance)``."""
+    name = with_article(slug)
+    return name if name == slug else f"{name} ({slug})"
+
+
 def told(item: Finding | Alternative) -> str:
     """An effect and its place as a sentence has them: ``a platform that bends (platform-deformation) at platform``."""
-    name = with_article(item.effect)
-    slug = f" ({item.effect})" if name != item.effect else ""
-    return f"{name}{slug} {place_words(item.place)}".strip()
+    return f"{law_words(item.effect)} {place_words(item.place)}".strip()
 
 
 def several(count: int, one: str) -> str:

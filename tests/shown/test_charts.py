@@ -44,7 +44,6 @@ BEGIN = {
     "stroke": (-3.0, 0.0),
     "tick": (0.0, 0.0),
     "ring": (-2.5, 0.0),
-    "ring": (0, -4.5),
 }
 """Where the path of a mark begins, from the mark, in pixels."""
 NUMBER = r"-?\d+(?:\.\d+)?"

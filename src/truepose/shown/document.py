@@ -110,7 +110,7 @@ Block = Text | Items | Table | Charts | Command | Fold | Card
 class Gain:
     """Error of one kind of reading before (empty where one model was fitted) and after, as texts with their unit.
 
-    note: on which rows, and what else there is to compare with; floor: what the dashed mark is, such as what the instrument
+    note: on which rows; each: what was before, by name; floor: what the dashed mark is, such as what the instrument
     alone makes; shares: before, after and floor as shares of the largest, for bars.
     """
 
@@ -120,6 +120,7 @@ class Gain:
     note: str
     floor: str
     shares: tuple[float, float, float]
+    each: str = ""
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,7 @@ def first_screen(document: Document, most: int = LINES, *, notes: bool = False) 
 
 
 def _body(document: Document, items: int, each: int, rows: int, more: str, *, notes: bool) -> list[str]:
-    out = [line for gain in document.gains for line in wrapped(_gain(gain), GAP, min(each, 2))]
+    out = [line for gain in document.gains for line in wrapped(_gain(gain), GAP, max(each, 2))]
     listed = [Items(document.notes, label="note")] if notes else []
     tables = []
     for block in (*document.summary, *listed):
@@ -69,7 +69,8 @@ def _items(block: Items, most: int, each: int, more: str) -> list[str]:
 
 
 def _gain(gain: Gain) -> str:
-    was = f"{gain.before} before, {gain.after} after" if gain.before else gain.after
+    before = gain.each or (f"{gain.before} before" if gain.before else "")
+    was = f"{before}, {gain.after} after" if before else gain.after
     return "; ".join(part for part in (f"{gain.kind}: {was}", gain.note, gain.floor) if part)
 
 

@@ -187,8 +187,8 @@ def test_a_diagnosis_is_told_in_this_order(plain: Diagnosis) -> None:
     )
     starts = [
         "The model of arm misses that something at q1 follows the weight carried (95.0 %)",
-        "  tool position error, rms: 0.500 mm before, 0.200 mm after; on the validation rows, after a rigid refit; before:",
-        "  position error, rms: 13.0 µm before, 13.0 µm after; on held-out rows; before: 13.0 µm ordinary fit,",
+        "  tool position error, rms: 0.900 mm with the ordinary fit, 0.500 mm held to the drawing, 0.200 mm after; on",
+        "  position error, rms: 13.0 µm with the ordinary fit, 13.0 µm held to the drawing, 13.0 µm after; on",
         "  something at q1 follows the weight carried: 95.0 %; which law is open",
         "  together: q1 or q2: at least one follows",
         "  remainder: 1.50 sigma rms, q1 errs as a smooth curve in temperature.air; hypothesised; modelling it",
@@ -351,18 +351,19 @@ def test_what_was_gained_is_told_on_rows_held_out_where_there_are_any(plain: Dia
     fell = Proof("blocks", (), 0.42, (0.3, 0.5), None, None, None)
     (one,) = diagnosis_gains(judged(plain, 0.3, 0.2, proof=None))
     assert (one.before, one.after, one.floor) == ("0.270 mm", "0.200 mm", "the instrument alone: 0.0173 mm")
-    assert one.note == "on the fitted rows; before: 0.270 mm ordinary fit, 0.300 mm held to the drawing"
+    assert (one.note, one.each) == (
+        "on the fitted rows",
+        "0.270 mm with the ordinary fit, 0.300 mm held to the drawing",
+    )
     (turn,) = diagnosis_gains(judged(plain, 0.3, 0.2, proof=fell))
-    assert "; held out in turn, rms falls to 0.420 of plain calibration's; before: " in turn.note
+    assert turn.note.endswith("; held out in turn, rms falls to 0.420 of plain calibration's")
     for ratio in (1.0, NAN):
         assert (
             "in turn"
             not in diagnosis_gains(judged(plain, 0.3, 0.2, proof=replace(fell, ratio=ratio)))[0].note
         )
     (held,) = diagnosis_gains(judged(plain, 0.3, 0.2, 2.0, proof=fell))
-    assert (held.before, held.after) == ("0.540 mm", "0.400 mm") and held.note.startswith(
-        "on held-out rows; before"
-    )
+    assert (held.before, held.after, held.note) == ("0.540 mm", "0.400 mm", "on held-out rows")
     (alone,) = diagnosis_gains(judged(plain, 0.3, 0.2, terms=()))
     assert (alone.before, alone.after, alone.note) == ("", "0.200 mm", "on the fitted rows")
     (lost,) = diagnosis_gains(judged(plain, NAN, 0.02))

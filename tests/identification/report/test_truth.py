@@ -68,6 +68,11 @@ def test_the_verdict_says_what_was_missed_and_what_was_named_beyond_it(
 
 def test_one_effect_or_several_may_be_stated() -> None:
     one = {"effect": "backlash", "place": ["q1"]}
-    for truth in ({"effect": one}, {"effects": [one, "no mapping"]}, {"effects": [], "effect": one}):
+    truths: tuple[dict[str, object], ...] = (
+        {"effect": one},
+        {"effects": [one, "no mapping"]},
+        {"effects": [], "effect": one},
+    )
+    for truth in truths:
         (text,) = blocks(told(PLAY), truth)
         assert isinstance(text, Text) and text.tone == "good"
