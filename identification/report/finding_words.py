@@ -115,7 +115,7 @@ def unreplicated_words(halves: Replication) -> str:
 
 
 def finding_item(finding: Finding) -> str:
-    """A finding in a line: what it is, how sure that is, its size, and what it could be instead."""
+    """A finding in a line: what it is, how sure that is, its size, what it could be instead, and what it does."""
     what, sure = known_words(finding)
     slug = f" ({finding.effect})" if is_law_known(finding) and title(finding.effect) != finding.effect else ""
     rivals = dict.fromkeys(
@@ -127,7 +127,8 @@ def finding_item(finding: Finding) -> str:
         parts.append(f"its driver ({NAMES[finding.levels.kind]}) {percent(finding.levels.driver)}")
     parts.append(coefficient_words(finding.parameters))
     parts.append(f"could also be {shortened(list(rivals), RIVALS)}" if rivals else "")
-    return "; ".join(part for part in parts if part)
+    said = "; ".join(part for part in parts if part)
+    return f"{said}. {finding.explanation}" if finding.explanation else said
 
 
 def fault_words(findings: Sequence[Finding]) -> str:

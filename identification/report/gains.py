@@ -69,13 +69,9 @@ def _applied_gain(diagnosis: Diagnosis) -> list[Gain]:
     applied = diagnosis.applied
     if applied is None or applied.pose is None or applied.model == "plain":
         return []
-    return [
-        pose_gain(
-            applied.baselines or {"plain calibration": applied.pose.plain},
-            applied.pose.model,
-            rows_words(applied),
-        )
-    ]
+    before = {name: applied.baselines[name] for name in ("ordinary", "drawing") if name in applied.baselines}
+    plain = {"plain calibration": applied.pose.plain}
+    return [pose_gain(before or plain, applied.pose.model, rows_words(applied))]
 
 
 def pose_gain(before: Mapping[str, float], after: float, rows: str) -> Gain:
