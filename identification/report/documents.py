@@ -210,6 +210,7 @@ def calibration_document(
         found.notes,
         more="see report.html",
         charts=partial(farthest_chart, fit),
+        tables=lambda: [farthest_table(fit)],
         sections=lambda: _calibration_sections(found, told, drawn),
         scene=lambda: scene_of(fit, None, recording, []),
         rows=rows.tolist(),

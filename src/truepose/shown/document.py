@@ -164,7 +164,8 @@ class Document:
     """A result as it is told.
 
     ``headline`` is the result in a sentence, below ``cautions``; ``notes`` are remarks beside it; ``more`` says where the rest
-    is. Charts, sections and the scene are made when somebody looks: they may take a while.
+    is. What may take a while is made when somebody looks: ``charts`` and ``tables`` of a notebook (a session shows the
+    tables), the page's ``sections`` and its ``scene``.
     """
 
     title: str
@@ -178,6 +179,7 @@ class Document:
     cautions: Sequence[str] = ()
     more: str = ""
     charts: Callable[[], Sequence[Chart]] = _nothing
+    tables: Callable[[], Sequence[Table]] = _nothing
     sections: Callable[[], Sequence[Section]] = _nothing
     scene: Callable[[], Scene | None] = _no_scene
     rows: Sequence[int] = ()

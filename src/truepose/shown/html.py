@@ -45,7 +45,8 @@ def page(document: Document) -> str:
 
 def fragment(document: Document) -> str:
     """The first screen for a notebook, small enough for its file, in the notebook's own colours."""
-    blocks = [*document.summary, *([Items(document.notes, title="Notes")] if document.notes else [])]
+    notes = [Items(document.notes, title="Notes")] if document.notes else []
+    blocks: list[Block] = [*document.summary, *notes, *document.tables()]
     left = sum(len(block.rows[ROWS:]) for block in blocks if isinstance(block, Table))
     more = f"... {left} more rows{f': {document.more}' if document.more else ''}" if left else ""
     return _template("fragment.html.j2").render(
