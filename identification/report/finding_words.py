@@ -58,10 +58,18 @@ def pooled(finding: Finding) -> tuple[list[str], float]:
 def _where(finding: Finding) -> tuple[str, float]:
     """Where the error is, of coupled joints the first, which is driven; and the probability of its driver there."""
     places, probability = pooled(finding)
-    if finding.levels.driver < SAID <= probability and len(finding.place) == 1:
+    if _is_pooled(finding):
         return joined(places, "or"), probability
-    place = finding.place[:1] if finding.levels.kind == "coupling" else finding.place
-    return _places(place), finding.levels.driver
+    return _places(_erring(finding)), finding.levels.driver
+
+
+def _is_pooled(finding: Finding) -> bool:
+    """Whether its driver is known at one of several places, and at none of them by itself."""
+    return finding.levels.driver < SAID <= pooled(finding)[1] and len(finding.place) == 1
+
+
+def _erring(finding: Finding) -> Sequence[str]:
+    return finding.place[:1] if finding.levels.kind == "coupling" else finding.place
 
 
 def _places(place: Sequence[str]) -> str:
@@ -148,16 +156,13 @@ def fault_words(findings: Sequence[Finding]) -> str:
 def driver_clauses(findings: Sequence[Finding]) -> list[str]:
     """Findings whose law is not known, as clauses after ``that``: places of one driver together."""
     out = [said for f in findings if (said := _untested(f))]
-    groups: dict[tuple[DriverKind, bool], list[Finding]] = {}
+    groups: dict[tuple[DriverKind, str], list[Finding]] = {}
     for f in sorted((f for f in findings if not _untested(f)), key=lambda f: -f.levels.driver):
-        groups.setdefault((f.levels.kind, " or " in _where(f)[0]), []).append(f)
-    for (kind, several_places), group in groups.items():
-        for some in [[f] for f in group] if several_places else [group]:
-            where = [_where(f) for f in some]
-            places = (
-                where[0][0] if len(some) == 1 else _places(list(dict.fromkeys(place for place, _ in where)))
-            )
-            out.append(f"something at {places} follows {NAMES[kind]} ({spanned([p for _, p in where])})")
+        groups.setdefault((f.levels.kind, _where(f)[0] if _is_pooled(f) else ""), []).append(f)
+    for (kind, either), group in groups.items():
+        places = either or _places(list(dict.fromkeys(part for f in group for part in _erring(f))))
+        sure = spanned([_where(f)[1] for f in group])
+        out.append(f"something at {places} follows {NAMES[kind]} ({sure})")
     return out
 
 

@@ -241,12 +241,12 @@ def test_a_finding_in_a_line_has_its_size_and_four_rivals_each_once() -> None:
     line = finding_item(replace(own(0.95, 0.98, 0.99), equivalents=(rivals[0], *rivals, NAMELESS)))
     assert line == (
         "compliant joint at q2 (joint-compliance): 95.0 %; its driver (the weight carried) 98.0 %; a0 = 0 +- 0.01;"
-        " could also be e0 at q1, e1 at q1, e2 at q1, e3 at q1 and 3 more"
+        " could also be e0 at q1, e1 at q1, e2 at q1, e3 at q1 and 3 more. They have play."
     )
     bare = finding_item(replace(own(0.5, 0.98, 0.99), equivalents=(NAMELESS,), parameters={}))
     assert bare.endswith(
         "(98.0 %; which law is open; could also be something without a name"
-    ) or bare.endswith(": 98.0 %; which law is open; could also be something without a name")
+    ) or bare.endswith(": 98.0 %; which law is open; could also be something without a name. They have play.")
 
 
 def test_what_leads_and_what_acts_at_one_of_several_places() -> None:
