@@ -374,7 +374,7 @@ def test_no_progress_display_where_output_is_no_terminal(recording: Path, tmp_pa
         "writing",
     )  # a line each, where the work takes over two seconds
     assert done.returncode == 0 and all(line.startswith(stages) for line in done.stderr.splitlines())
-    assert "\x1b" not in done.stdout + done.stderr and "arm: converged" in done.stdout
+    assert "\x1b" not in done.stdout + done.stderr and "arm is calibrated" in done.stdout
 
 
 def test_the_library_is_short_names_imported_when_used() -> None:
