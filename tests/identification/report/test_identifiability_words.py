@@ -62,7 +62,7 @@ def test_constants_stand_in_columns_with_what_is_said_of_each() -> None:
     ]
     assert [" ".join(line.split()) for line in told_lines[-3:]] == [
         "gain unknown unknown nothing decides",
-        "q1.theta 1 deg 0.498 deg partly; trades with base.rz, to ...",
+        "q1.theta 1 deg 0.498 deg partly; trades with base.rz, t ...",
         "q1.r 0.2 mm 0.005 mm determined",
     ]
 
