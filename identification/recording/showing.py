@@ -13,16 +13,16 @@ import pandas as pd
 from truepose.arrays import Array
 from truepose.identification.recording.recording import Recording
 from truepose.models.units import convert
-from truepose.shown.drawing import strips
-from truepose.shown.result import frame, view
-from truepose.shown.view import View
-from truepose.wording import joined, shortened
+from truepose.shown.chart import Chart, strips
+from truepose.shown.document import Document, Items, Table
+from truepose.shown.result import document, frame
+from truepose.wording import shortened
 
 MOST = 12
 
 
-@view.register
-def _view(recording: Recording) -> View:
+@document.register
+def _document(recording: Recording) -> Document:
     """How many rows of which files, what was recorded, and over which ranges."""
     columns = _numbers(recording)
     held_out = int(recording.validation.sum())
@@ -33,19 +33,20 @@ def _view(recording: Recording) -> View:
     files = shortened([Path(name).name for name in recording.files], 3)
     read = [*recording.observations, *recording.labels]
     logged = recording.logged
-    return View(
-        title=f"Recording of {len(recording)} rows{validation}, {sessions} session{'s' if sessions != 1 else ''}"
+    facts = [
+        f"joints: {shortened(list(recording.joints), MOST)}",
+        f"readings: {shortened(read, MOST) or 'none'}",
+        f"logged beside: {shortened(list(logged), MOST) or 'nothing'}",
+    ]
+    rows = [_range_row(name, values, unit) for name, (values, unit) in columns.items()]
+    return Document(
+        "Recording",
+        f"Recording of {len(recording)} rows{validation}, {sessions} session{'s' if sessions != 1 else ''}"
         f"{repeated}; from {files}",
-        facts=(
-            f"joints: {shortened(list(recording.joints), MOST)}",
-            f"readings: {shortened(read, MOST) or 'none'}",
-            f"logged beside: {shortened(list(logged), MOST) or 'nothing'}",
-            *(f"note: {note}" for note in recording.notes),
-        ),
-        head=("column", "least", "greatest", "unit"),
-        rows=tuple(_range_row(name, values, unit) for name, (values, unit) in columns.items()),
+        summary=[Items(facts), Table(["column", "least", "greatest", "unit"], rows)],
+        notes=recording.notes,
         more="to_frame() has every row",
-        picture=partial(_picture, recording, columns) if len(recording) else None,
+        charts=partial(_ranges, recording, columns),
     )
 
 
@@ -97,10 +98,8 @@ def _range_row(name: str, values: Array, unit: str) -> tuple[str, ...]:
     return name, *ends, "" if unit == "1" else unit
 
 
-def _picture(recording: Recording, columns: Mapping[str, tuple[Array, str]]) -> str:
-    drawn = {name: columns[name][0] for name in recording.joints[:MOST]}
-    ends = {name: (float(values.min()), float(values.max())) for name, values in drawn.items()}
-    units = joined(list(dict.fromkeys(columns[name][1] for name in drawn)))
-    return strips(
-        {name: values.tolist() for name, values in drawn.items()}, ends, title=f"joints ({units}), row by row"
-    )
+def _ranges(recording: Recording, columns: Mapping[str, tuple[Array, str]]) -> list[Chart]:
+    """Where the rows lie in the ranges of the joints."""
+    drawn = {name: columns[name] for name in recording.joints[:MOST]}
+    ends = {n: (float(v.min()), float(v.max()), unit) for n, (v, unit) in drawn.items() if len(v)}
+    return strips({n: v.tolist() for n, (v, _) in drawn.items()}, ends, "joints, row by row") if ends else []

@@ -1,9 +1,9 @@
-"""What improved.yaml holds, and what it is worth to the tool, in plain sentences."""
+"""What improved.yaml holds, and what a machine file says of the tool's position, in plain sentences."""
 
 from __future__ import annotations
 
 from truepose.errors import InputError
-from truepose.identification.diagnosis.result import WHOLE, Applied, PoseError
+from truepose.identification.diagnosis.result import WHOLE, Applied
 from truepose.identification.report.numbers import known, measure, significant
 from truepose.models.file.machine_file import ExpectedPose
 from truepose.models.machine.machine import Machine
@@ -20,23 +20,27 @@ _ROWS = {"role": "the validation rows", "blocks": "rows held out in turn", "none
 
 
 def applied_words(applied: Applied | None) -> list[str]:
-    """How far the tool is from where plain calibration and improved.yaml have it, and what was left out for its sake."""
+    """Whether the tool's position was judged, and what improved.yaml leaves out for its sake, with the reason."""
     if applied is None:
         return []
-    where = f"on {_ROWS.get(applied.held_out, applied.held_out)}, after a rigid refit"
     out = []
     if applied.pose is None:
         out.append(
             "Whether the tool's pose gains is not judged: no sensor reads its position, or not in enough rows."
         )
-    elif applied.model != "plain":
-        model = measure(applied.pose.model, "mm")
-        out.append(
-            f"Error of the tool's position, {where}: {_baselines(applied)}, {model} with improved.yaml."
-        )
-    if applied.model != WHOLE and (applied.whole_pose or known(applied.whole_ratio)):
-        out += _left_out(applied, where)
-    return out
+    whole, pose = applied.whole_pose, applied.pose
+    nothing_else = whole == pose and applied.whole_ratio == applied.ratio
+    if applied.model == WHOLE or nothing_else or not (whole or known(applied.whole_ratio)):
+        return out
+    if whole is not None and whole.model > whole.plain:
+        worse = f"the tool would be worse: {measure(whole.model, 'mm')}, {measure(whole.plain, 'mm')} with plain calibration"
+    elif applied.whole_ratio > 1.0:
+        worse = f"held-out readings get worse (rms {significant(applied.whole_ratio)} of plain calibration's)"
+    elif applied.model != "plain" and whole is not None and pose is not None and whole.model > pose.model:
+        worse = f"the tool's position is {measure(whole.model, 'mm')} off on held-out rows"
+    else:
+        worse = "geometry leaves its tolerances, or predicts held-out rows less well"
+    return [*out, f"improved.yaml holds {_HOLDS[applied.model]}. With all that was found {worse}."]
 
 
 def rows_words(applied: Applied) -> str:
@@ -48,9 +52,8 @@ def expected_pose(applied: Applied | None) -> ExpectedPose | None:
     """What improved.yaml says of itself; None where the tool's position was not judged."""
     if applied is None or applied.pose is None:
         return None
-    rows = _ROWS.get(applied.held_out, applied.held_out)
     before = applied.baselines.get("drawing", applied.pose.plain)
-    return ExpectedPose("plain calibration", before, applied.pose.model, rows)
+    return ExpectedPose("plain calibration", before, applied.pose.model, rows_words(applied))
 
 
 def expected_words(machine: Machine) -> str:
@@ -87,36 +90,3 @@ def check_applicable(machine: Machine) -> None:
             f"{machine.name}: pose_error: found {told.after:.4g} mm with this file, expected no more than the"
             f" {told.before:.4g} mm with {told.than}; --anyway applies it all the same"
         )
-
-
-def _left_out(applied: Applied, where: str) -> list[str]:
-    if applied.whole_pose == applied.pose and applied.whole_ratio == applied.ratio:
-        return []  # nothing else was found
-    held = f"improved.yaml holds {_HOLDS[applied.model]}"
-    if applied.whole_pose is not None and applied.whole_pose.model > applied.whole_pose.plain:
-        return [
-            f"With all that was found the tool would be worse ({where}: {_pose(applied.whole_pose)}): {held}."
-        ]
-    if applied.whole_ratio > 1.0:
-        return [
-            f"With all that was found, readings that were not fitted get worse (rms {significant(applied.whole_ratio)}"
-            f" of plain calibration's): {held}."
-        ]
-    whole, pose = applied.whole_pose, applied.pose
-    if applied.model != "plain" and whole is not None and pose is not None and whole.model > pose.model:
-        return [f"Held out, that is {measure(whole.model, 'mm')} with all that was found: {held}."]
-    return [
-        f"With all that was found geometry leaves its tolerances, or predicts held-out rows less well: {held}."
-    ]
-
-
-def _baselines(applied: Applied) -> str:
-    """Return the error with the ordinary fit and with the one held to the drawing, where both were tried."""
-    if applied.pose is not None and not applied.baselines:
-        return f"{measure(applied.pose.plain, 'mm')} with plain calibration"
-    ordinary, drawing = (measure(applied.baselines[name], "mm") for name in ("ordinary", "drawing"))
-    return f"{ordinary} with the ordinary fit, {drawing} held to the drawing"
-
-
-def _pose(error: PoseError) -> str:
-    return f"{measure(error.plain, 'mm')} with plain calibration, {measure(error.model, 'mm')}"

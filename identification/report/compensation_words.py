@@ -1,13 +1,17 @@
-"""What corrected commands change and reach: lines for a terminal, and JSON."""
+"""What corrected commands change and reach: a document, and JSON."""
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from truepose.arrays import Array
 from truepose.identification.compensation.compensate import Compensation
+from truepose.shown.chart import Axis, Chart, Marks, Tone
+from truepose.shown.document import Document, Table, Text
+from truepose.shown.result import document
 
 
 def compensation_json(found: Compensation) -> dict[str, object]:
@@ -29,6 +33,30 @@ def compensation_json(found: Compensation) -> dict[str, object]:
         "largest_error": {"before": largest(found.before), "after": largest(found.after), **partial},
         "largest_correction": dict(zip(found.readings, change.tolist(), strict=True)),
     }
+
+
+@document.register
+def _(found: Compensation) -> Document:
+    change = np.abs(found.command - found.nominal).max(axis=0, initial=0.0)
+    rows = [[name, f"{value:.4g}"] for name, value in zip(found.readings, change, strict=True)]
+    return Document(
+        "Compensation",
+        f"Compensation of {len(found.command)} rows, solved by {found.solved_by}",
+        summary=[
+            *([Text(error_sentence(found))] if len(found.command) else []),
+            Table(["joint", "largest correction (mm, rad)"], rows),
+        ],
+        more="to_frame() has every row",
+        charts=partial(_path_errors, found),
+    )
+
+
+def _path_errors(found: Compensation) -> list[Chart]:
+    """Position errors along the path, before and after."""
+    rows = np.arange(1.0, len(found.command) + 1.0)
+    errors: tuple[tuple[Tone, Array], ...] = (("before", found.before), ("after", found.after))
+    layers = [Marks(rows, np.linalg.norm(twist[:, :3], axis=1), tone, tone) for tone, twist in errors]
+    return [Chart("position error along the path", Axis("row [1]"), Axis("[mm]", 0.0), layers)]
 
 
 def compensation_lines(found: Compensation, output: Path) -> list[str]:

@@ -1,41 +1,46 @@
-"""Results written down: a report alone, or what the command of the same name writes, whole or not at all."""
+"""Results written down, whole or not at all; their machine as its file would be read, and their residuals."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import singledispatch
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pandas as pd
+
+from truepose.errors import InputError
 from truepose.files import FILES_SHA256, atomic_directory, atomic_write_text, sha256_of
 from truepose.identification.diagnosis.null_fits import far_rows
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.calibrate import Calibration
+from truepose.identification.fit.estimated import (
+    Estimate,
+    Fitted,
+    machine_of,
+    predicted_frame,
+    residual_figure,
+    residual_frame,
+)
 from truepose.identification.fit.tool_pose import calibrated_pose
-from truepose.identification.fit.write_machine import write_calibrated
+from truepose.identification.fit.write_machine import calibrated_text, write_calibrated
 from truepose.identification.gate import Caution
-from truepose.identification.report import pages
-from truepose.identification.report.fitted import file_of
+from truepose.identification.prediction.predict import predict
+from truepose.identification.recording.load import as_recording
+from truepose.identification.report.applied_words import expected_pose
+from truepose.identification.report.documents import calibration_document, diagnosis_document
 from truepose.identification.report.json_text import json_text
-from truepose.identification.report.results import calibration_json, diagnosis_json
-from truepose.identification.report.row_words import far_row_words
+from truepose.identification.report.results import calibration_json, diagnosis_json, diagnosis_judgement
 from truepose.models.file.machine_file import ExpectedPose
 from truepose.models.load import DIAGNOSIS
-from truepose.shown.result import files, html
+from truepose.models.machine.machine import Machine
+from truepose.models.units import convert
+from truepose.shown.html import page
+from truepose.shown.result import files
 
 REPORT = "report.html"
-
-
-@html.register
-def _(result: Calibration) -> str:
-    far = far_row_words(calibration_json(result, far_rows(result))["rows_that_do_not_fit"])
-    return pages.calibration_html(
-        result, far, pose=calibrated_pose(result.fit, result.recording, result.began)
-    )
-
-
-@html.register
-def _(result: Diagnosis) -> str:
-    return pages.report_html(result)
 
 
 @files.register
@@ -51,20 +56,19 @@ def _(result: Diagnosis, output: Path) -> list[str]:
 
 def write_calibration(
     result: Calibration,
-    document: Mapping[str, Any],
+    fit: Mapping[str, Any],
     output: Path,
     pose: ExpectedPose | None,
     cautions: Sequence[str] = (),
 ) -> list[str]:
-    """``calibrated.yaml``, ``fit.json`` (its ``document``) and ``report.html``; their names.
+    """``calibrated.yaml``, ``fit.json`` (its content ``fit``) and ``report.html``; their names.
 
     ``pose``: what the fit is worth to the tool; ``cautions`` stand above the report.
     """
-    far = far_row_words(document["rows_that_do_not_fit"])
+    told = calibration_document(result, fit["rows_that_do_not_fit"], pose)
     with atomic_directory(output) as partial:
-        _calibration_files(result, document, partial, pose)
-        page = pages.calibration_html(result, far, cautions, pose)
-        atomic_write_text(partial / REPORT, page)
+        _calibration_files(result, fit, partial, pose)
+        atomic_write_text(partial / REPORT, page(replace(told, cautions=cautions)))
         return sorted(file.name for file in partial.iterdir())
 
 
@@ -76,9 +80,15 @@ def write_diagnosis(
     A ``caution`` stands above all.
     """
     with atomic_directory(output, last=DIAGNOSIS) as partial:
-        page = pages.report_html(result, truth, caution.sentences if caution else None)
+        page = diagnosis_page(result, truth, caution)
         _diagnosis_files(result, partial, caution, page)
         return sorted(file.name for file in partial.iterdir())
+
+
+def diagnosis_page(result: Diagnosis, truth: Mapping[str, Any] | None, caution: Caution | None) -> str:
+    """The report as HTML, below what a check of the files found."""
+    told = diagnosis_document(result, truth=truth, checked=caution is not None)
+    return page(replace(told, cautions=caution.sentences if caution else ()))
 
 
 def put_both(
@@ -88,18 +98,17 @@ def put_both(
 
     ``brief``: without the report.
     """
-    document = {**calibration_json(calibration, far_rows(calibration)), **caution.document}
+    fit = {**calibration_json(calibration, far_rows(calibration)), **caution.document}
     pose = calibrated_pose(calibration.fit, calibration.recording, calibration.began)
-    _calibration_files(calibration, document, partial, pose)
-    page = None if brief else pages.report_html(diagnosis, None, caution.sentences)
-    _diagnosis_files(diagnosis, partial, caution, page)
+    _calibration_files(calibration, fit, partial, pose)
+    _diagnosis_files(diagnosis, partial, caution, None if brief else diagnosis_page(diagnosis, None, caution))
 
 
 def _calibration_files(
-    result: Calibration, document: Mapping[str, Any], partial: Path, pose: ExpectedPose | None
+    result: Calibration, fit: Mapping[str, Any], partial: Path, pose: ExpectedPose | None
 ) -> None:
     write_calibrated(partial / "calibrated.yaml", result.fit, result.recording, pose, kept=result.kept)
-    atomic_write_text(partial / "fit.json", json_text(document))
+    atomic_write_text(partial / "fit.json", json_text(fit))
 
 
 def _diagnosis_files(result: Diagnosis, partial: Path, caution: Caution | None, page: str | None) -> None:
@@ -110,3 +119,84 @@ def _diagnosis_files(result: Diagnosis, partial: Path, caution: Caution | None, 
         atomic_write_text(partial / REPORT, page)
     digests = {FILES_SHA256: sha256_of(partial)}
     atomic_write_text(partial / DIAGNOSIS, json_text({**diagnosis_json(result), **found, **digests}))
+
+
+@singledispatch
+def file_of(result: Fitted) -> dict[str, Any]:
+    """Return what ``write_calibrated`` takes to write the machine of a result, by name."""
+    raise TypeError(f"found a {type(result).__name__}, expected an estimate, a calibration or a diagnosis")
+
+
+@file_of.register
+def _(result: Estimate) -> dict[str, Any]:
+    return {"estimate": result, "recording": result.recording}
+
+
+@file_of.register
+def _(result: Calibration) -> dict[str, Any]:
+    pose = calibrated_pose(result.fit, result.recording, result.began)
+    return {"estimate": result.fit, "recording": result.recording, "pose": pose, "kept": result.kept}
+
+
+@file_of.register
+def _(result: Diagnosis) -> dict[str, Any]:
+    pose, judgement = expected_pose(result.applied), diagnosis_judgement(result)
+    return {"estimate": result.after, "recording": result.recording, "pose": pose, "judgement": judgement}
+
+
+@predicted_frame.register
+def _(result: Fitted, rows: Any) -> pd.DataFrame:
+    """Return what the machine of a result predicts for rows."""
+    return predict(result.machine, as_recording(result.machine, rows, need_observations=False))
+
+
+@machine_of.register
+def _(result: Fitted) -> Machine:
+    """Return the machine of a result as its file would be read. Raises InputError where the machine has no file."""
+    told = file_of(result)
+    file = told["estimate"].nominal.file
+    return calibrated_text(file.path if file else "", **told)[1]
+
+
+@residual_frame.register
+def _(result: Fitted) -> pd.DataFrame:
+    """Return the residuals (n, m) of a result's fit in the machine file's units, and which rows were fitted."""
+    fit: Estimate = file_of(result)["estimate"]
+    units, index = fit.nominal.units, fit.recording.to_frame().index
+    values = fit.residual * [channel.sigma for channel in fit.nominal.channels]
+    columns = {
+        channel.name: convert(values[:, k], channel.unit, units.written(channel.unit))
+        for k, channel in enumerate(fit.nominal.channels)
+    }
+    return pd.DataFrame({**columns, "fitted": fit.used}, index=index)
+
+
+@residual_figure.register
+def _(result: Fitted) -> Any:
+    """Return a figure with a panel for each kind of reading: the size of each row's residual, before and after."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise InputError(
+            "plot: found no matplotlib, expected it installed: pip install 'truepose[plot]'"
+        ) from None
+    fits = _drawn(result)
+    machine = next(iter(fits.values())).nominal
+    kinds = list(machine.residual_units.items())
+    figure = Figure(figsize=(8.0, 2.5 * len(kinds)), layout="constrained")
+    for axes, (kind, unit) in zip(figure.subplots(len(kinds), squeeze=False)[:, 0], kinds, strict=True):
+        at = [k for k, channel in enumerate(machine.channels) if channel.kind == kind]
+        sigma = np.array([machine.channels[k].sigma for k in at])
+        written = machine.units.written(unit)
+        for name, fit in fits.items():
+            size = np.linalg.norm(fit.residual[:, at] * sigma, axis=1)
+            axes.plot(np.arange(1, len(size) + 1), convert(size, unit, written), ".", label=name)
+        axes.set(xlabel="row", ylabel=f"{kind} residual [{written}]")
+        axes.legend()
+    return figure
+
+
+def _drawn(result: Fitted) -> Mapping[str, Estimate]:
+    if isinstance(result, Diagnosis):
+        return {"before": result.before, "after": result.after}
+    return {"fit": file_of(result)["estimate"]}

@@ -12,7 +12,7 @@ from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.identifiability.analysis import Identifiability
 from truepose.identification.identifiability.observability import identifiable
-from truepose.identification.report.diagnosis_words import explanation, separating_experiment
+from truepose.identification.report.finding_words import explanation, separating_experiment
 from truepose.identification.report.results import drawing_of, unbounded
 from truepose.shown.result import frame
 

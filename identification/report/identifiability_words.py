@@ -1,81 +1,96 @@
-"""What poses can tell, as lines for a terminal and as JSON."""
+"""What poses can tell, as a document and as JSON."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 
 from truepose.identification.identifiability.analysis import Identifiability, ParameterSight
 from truepose.identification.identifiability.observability import Direction
+from truepose.identification.report.constants import bar_chart
 from truepose.identification.report.json_text import Json, finite
 from truepose.identification.report.notes import worded
 from truepose.identification.report.unseen_words import grouped, terms, unseen_sentences
+from truepose.shown.chart import Chart
+from truepose.shown.document import Document, Items, Table
+from truepose.shown.result import document
 from truepose.wording import shortened
 
 SCHEMA = "truepose/identifiability/1"
-SHOWN = 8
+SHOWN, BARS = 8, 12
+HEAD = ("least known", "tolerance", "1-sigma to expect", "status")
 
 
-def identifiability_lines(found: Identifiability, *, every: bool = False) -> list[str]:
-    """Plain lines: what was looked at, rank, unseen directions, nearly unseen ones, parameters.
-
-    ``every``: all parameters and directions, else the first few of each kind.
-    """
-    most = None if every else SHOWN
-    lines = [poses_line(found), *rank_lines(found)]
-    lines += _titled("no reading sees:", unseen_sentences(found.unseen), most)
-    lines += _titled(_as_built_title(found), [terms(found.known, d) for d in found.unseen_at_drawing], most)
+@document.register
+def identifiability_document(found: Identifiability, every: bool = False) -> Document:
+    """What was looked at, rank, unseen directions, nearly unseen ones, parameters; ``every`` names all of an alike group."""
+    i, left = found.indices, found.subset.relations
+    seen = f"the readings see {found.rank} of {found.free} directions of the free parameters"
+    exactly = (
+        f" ({found.rank_at_drawing} exactly at the drawing)" if found.rank > found.rank_at_drawing else ""
+    )
+    indices = ", ".join(f"O{k} {v:.3g}" for k, v in enumerate((i.o1, i.o2, i.o3, i.o4, i.o5), start=1))
+    facts = [
+        f"{seen}{exactly}",
+        f"condition number {i.condition:.3g}; observability {indices}"
+        " (seen directions; columns in tolerances, readings in sigmas)",
+    ]
+    built = [terms(found.known, d) for d in found.unseen_at_drawing]
     nearly = [
-        f"{terms(found.known, d)} (readings alone: {_short(1 / d.size)} tolerances)"
+        f"{terms(found.known, d)} (readings alone: {1 / d.size:.3g} tolerances)"
         for d in found.nearly
         if d.size > 0
     ]
-    lines += _titled("seen worse than the tolerances say, so that tolerances decide:", nearly, most)
-    lines += status_lines(found)
-    left = len(found.subset.relations)
-    if left:
-        lines.append(
-            f"  {len(found.subset.kept)} parameters can be told apart from each other; "
-            f"left out as alike: {shortened(list(found.subset.relations), most or left)}"
-        )
-    return [*lines, *_table(found, every)]
+    alike = (
+        f"{len(found.subset.kept)} parameters can be told apart from each other; left out as alike:"
+        f" {shortened(list(left), len(left) if every else SHOWN)}"
+    )
+    size = f"(at best {found.as_built_size:.3g} sigmas a tolerance)"
+    lists = [
+        Items(facts),
+        Items(unseen_sentences(found.unseen), "What no reading sees", label="no reading sees"),
+        Items(built, f"Unseen at the drawing, hardly seen on a machine as built {size}", label="hardly seen"),
+        Items(
+            nearly, "Seen worse than the tolerances say, so that tolerances decide", label="tolerances decide"
+        ),
+        Items(status_lines(found), "Parameters"),
+        Items([alike] if left else []),
+    ]
+    order = sorted(found.parameters, key=lambda p: -_left(p.std, p.tolerance))
+    rows = [[p.name, quantity(p.tolerance, p.unit), quantity(p.std, p.unit), _remark(p)] for p in order]
+    return Document(
+        f"Identifiability of {found.machine}",
+        poses_line(found),
+        summary=[
+            *(one for one in lists if one.items),
+            Table(HEAD, rows),
+        ],
+        notes=worded(found.notes),
+        more="to_frame(), or --json, has all",
+        charts=partial(_sights, found),
+    )
+
+
+def _sights(found: Identifiability) -> list[Chart]:
+    """Which constants the readings say least about."""
+    left = {p.name: p.std / p.tolerance for p in found.parameters if 0.0 < p.tolerance < np.inf}
+    most = dict(sorted(left.items(), key=lambda item: -round(item[1], 6))[:BARS])
+    return bar_chart(most, "1-sigma to expect [tolerances]; 1: the readings tell nothing")
+
+
+def _left(std: float, tolerance: float) -> float:
+    """What is left of a tolerance, to what is no rounding; more than anything where nothing decides."""
+    return round(std / tolerance, 6) if np.isfinite(tolerance) else float(np.inf if np.isinf(std) else 0.0)
 
 
 def poses_line(found: Identifiability) -> str:
     if found.seed is not None:
         source = f"{found.poses} poses drawn over the joints' ranges (seed {found.seed})"
     else:
-        source = f"{found.poses} poses of {', '.join(found.files)}"
+        source = f"{found.poses} poses of {', '.join(Path(name).name for name in found.files)}"
     return f"{found.machine}: {source}, {found.n_observations} readings"
-
-
-def rank_lines(found: Identifiability) -> list[str]:
-    i = found.indices
-    seen = f"  the readings see {found.rank} of {found.free} directions of the free parameters"
-    if found.rank > found.rank_at_drawing:
-        seen += f" ({found.rank_at_drawing} exactly at the drawing)"
-    indices = ", ".join(f"O{k} {_short(v)}" for k, v in enumerate((i.o1, i.o2, i.o3, i.o4, i.o5), start=1))
-    return [
-        seen,
-        f"  condition number {_short(i.condition)}; observability {indices} "
-        "(seen directions; columns in tolerances, readings in sigmas)",
-    ]
-
-
-def _as_built_title(found: Identifiability) -> str:
-    return (
-        "unseen at the drawing, hardly seen on a machine as built "
-        f"(at best {_short(found.as_built_size)} sigmas a tolerance):"
-    )
-
-
-def _titled(title: str, items: Sequence[str], most: int | None) -> list[str]:
-    if not items:
-        return []
-    shown = list(items[:most])
-    more = [f"    and {len(items) - len(shown)} more (--json has all)"] if len(items) > len(shown) else []
-    return [f"  {title}", *(f"    {item}" for item in shown), *more]
 
 
 def status_lines(found: Identifiability) -> list[str]:
@@ -83,23 +98,8 @@ def status_lines(found: Identifiability) -> list[str]:
     for status in ("determined", "partly", "tolerance decides", "nothing decides"):
         names = [p.name for p in found.parameters if p.status == status]
         if names:
-            out.append(f"  {status} ({len(names)}): {', '.join(grouped(names))}")
+            out.append(f"{status} ({len(names)}): {', '.join(grouped(names))}")
     return out
-
-
-def _table(found: Identifiability, every: bool) -> list[str]:
-    """Expected 1-sigma of every parameter; without ``every`` of machines of a few parameters only."""
-    if not every and len(found.parameters) > 40:
-        return [f"  --json has the 1-sigma to expect of each of the {len(found.parameters)} parameters"]
-    rows = [("parameter", "tolerance", "1-sigma to expect", "")]
-    rows += [
-        (p.name, quantity(p.tolerance, p.unit), quantity(p.std, p.unit), _remark(p)) for p in found.parameters
-    ]
-    widths = [max(len(row[k]) for row in rows) for k in range(3)]
-    return [
-        f"  {row[0]:<{widths[0]}}  {row[1]:>{widths[1]}}  {row[2]:>{widths[2]}}  {row[3]}".rstrip()
-        for row in rows
-    ]
 
 
 def _remark(parameter: ParameterSight) -> str:
@@ -113,10 +113,6 @@ def quantity(value: float, unit: str) -> str:
         return "unknown"
     factor, name = {"rad": (180.0 / np.pi, "deg")}.get(unit, (1.0, unit))
     return f"{value * factor:.3g} {'' if name == '1' else name}".rstrip()
-
-
-def _short(value: float) -> str:
-    return f"{value:.3g}"
 
 
 def identifiability_json(found: Identifiability) -> Json:

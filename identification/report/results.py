@@ -3,33 +3,44 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from types import MappingProxyType
 
+import numpy as np
+
 from truepose.errors import InputError
-from truepose.identification.diagnosis.null_fits import FarRow
-from truepose.identification.diagnosis.result import Alarm, Applied, Diagnosis, PoseError, Proof, Remainder
+from truepose.identification.diagnosis.null_fits import FarRow, fringes_by_row
+from truepose.identification.diagnosis.result import (
+    Alarm,
+    Alternative,
+    Applied,
+    Diagnosis,
+    Finding,
+    Lead,
+    Levels,
+    PoseError,
+    Proof,
+    Remainder,
+    Replication,
+)
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.estimated import Estimate, check_estimate
-from truepose.identification.fit.summary import FitSummary, judged, summarise
+from truepose.identification.fit.summary import FitSummary, Judgement, judged, judged_diagnosis, summarise
 from truepose.identification.identifiability.observability import Knowledge, identifiable, unseen
 from truepose.identification.recording.recording import Recording
-from truepose.identification.report.diagnosis_words import form_words
-from truepose.identification.report.findings_json import (
-    alternative_json,
-    finding_json,
-    law_of,
-    levels_json,
-    outliers_json,
-    untestable_json,
-)
+from truepose.identification.report.finding_words import explanation, form_words, separating_experiment
 from truepose.identification.report.json_text import Json, finite
-from truepose.identification.report.judgement_words import diagnosis_judgement, judgement_json
 from truepose.identification.report.notes import diagnosis_notes
 from truepose.identification.report.unseen_words import meaning
+from truepose.identification.signatures.untestable import Missing, Untestable
+from truepose.models.effects.base import effects
+from truepose.models.effects.empirical import Empirical
 from truepose.models.machine.machine import Machine
 
 DIAGNOSIS_SCHEMA = "truepose/diagnosis/1"
 FIT_SCHEMA = "truepose/fit/1"
+_SURE = 0.999
+"""Probability of rows that were left out."""
 _FINE = {"mm": ("um", 1e3), "rad": ("urad", 1e6)}
 """Units that ``diagnosis.json`` gives residuals in; all others, as ``fit.json``, in their own."""
 
@@ -69,6 +80,16 @@ def diagnosis_json(diagnosis: Diagnosis) -> Json:
     return dict(finite(out))
 
 
+def diagnosis_summary(diagnosis: Diagnosis, command: str, files: Sequence[str]) -> Json:
+    """What ``--json`` prints of a diagnosis: its document's main parts, and the files."""
+    whole = diagnosis_json(diagnosis)
+    main = (
+        "judgement", "verdict", "concealed", "alarms", "findings", "leading", "sets", "remainder", "untestable", "fit",
+        "proof", "applied",
+    )  # fmt: skip
+    return {"command": command, **{key: whole[key] for key in main}, "files": list(files)}
+
+
 def _probabilities(diagnosis: Diagnosis) -> Json:
     """How likely effects are: the leading ones, sets of them, places of one driver together, each one alone."""
     return {
@@ -77,14 +98,8 @@ def _probabilities(diagnosis: Diagnosis) -> Json:
             | {"levels": levels_json(one.levels, law_of(one))}
             for one in diagnosis.leading
         ],
-        "sets": [
-            {"effects": [[slug, list(place)] for slug, place in s.effects], "probability": s.probability}
-            for s in diagnosis.sets
-        ],
-        "together": [
-            {"driver": one.driver, "places": list(one.places), "probability": one.probability}
-            for one in diagnosis.together
-        ],
+        "sets": [asdict(one) for one in diagnosis.sets],
+        "together": [asdict(one) for one in diagnosis.together],
         "inclusion": [
             {"effect": i.effect, "place": list(i.place), "probability": i.probability}
             for i in diagnosis.inclusion
@@ -261,3 +276,103 @@ def _rms(
         return None
     scaled = {kind: (value, *shown.get(units[kind], (units[kind], 1.0))) for kind, value in rms.items()}
     return {kind: {"value": factor * value, "unit": unit} for kind, (value, unit, factor) in scaled.items()}
+
+
+def judgement_json(judgement: Judgement) -> Json:
+    """Whether it may be called a calibration, and why not."""
+    return {"calibrated": judgement.calibrated, "why": judgement.why}
+
+
+def diagnosis_judgement(diagnosis: Diagnosis) -> Judgement:
+    """The judgement of the model that a diagnosis ends with."""
+    named = any(not finding.nameless for finding in diagnosis.findings)
+    return judged_diagnosis(diagnosis.before, diagnosis.after, named=named)
+
+
+def finding_json(finding: Finding) -> Json:
+    """What was found at a place, with its rivals and how it was judged."""
+    return {
+        "effect": finding.effect,
+        "place": list(finding.place),
+        "probability": finding.probability,
+        "certainty": finding.certainty,
+        "log_bayes_factor": finding.log_bayes_factor,
+        "equivalents": [alternative_json(a) for a in finding.equivalents],
+        "parameters": {name: asdict(q) for name, q in finding.parameters.items()},
+        "settings": [dict(s) for s in finding.settings],
+        "levels": levels_json(finding.levels, law_of(finding)),
+        "law_tested": finding.tested,
+        "prior_dependent": finding.prior_dependent,
+        "flip_lambda": finding.flip_lambda,
+        "family": finding.family or None,
+        "replication": finding.replication and _replication(finding.replication),
+        "explanation": explanation(finding),
+        "separating_experiment": separating_experiment(finding),
+    }
+
+
+def law_of(one: Finding | Lead) -> float | None:
+    """The probability of a law; None where there is none."""
+    return None if one.effect == Empirical.slug else one.probability
+
+
+def levels_json(levels: Levels, law: float | None) -> Json:
+    """What is known of where something is, of what drives it, and of its law."""
+    driver = {"kind": levels.kind, "probability": levels.driver}
+    return {"place": levels.place, "driver": driver, "law": law}
+
+
+def outliers_json(diagnosis: Diagnosis) -> list[Json]:
+    """Rows that were left out, as findings of their own; they do not change the verdict."""
+    rows = fringes_by_row(diagnosis.after, diagnosis.recording, diagnosis.outlier_rows)
+    others = [row for row in diagnosis.outlier_rows if row not in rows]
+    told = ", ".join(f"row {row}: {count:+d}" for row, count in rows.items())
+    found = [_row_finding(diagnosis, "fringe-miscount", list(rows), f" Half wavelengths too many: {told}.")]
+    found.append(_row_finding(diagnosis, "outliers", others))
+    return [finding for finding in found if finding["place"]]
+
+
+def _row_finding(diagnosis: Diagnosis, slug: str, rows: Sequence[int], more: str = "") -> Json:
+    """A finding of rows."""
+    after, recording = diagnosis.after, diagnosis.recording
+    left_out = ~after.used & ~recording.validation & np.isfinite(after.residual).all(axis=1)
+    left_out &= np.isin(recording.source_row, rows)
+    far = after.residual[left_out] ** 2 / max(after.chi2_per_dof, 1.0)
+    effect, place = effects.get(slug, slug)(), tuple(str(row) for row in rows)
+    evidence = 0.5 * float(np.sum(far[far != 0.0] - 1.0))  # a lost reading says nothing
+    told = effect.explain(diagnosis.nominal, place) + more
+    levels = Levels(_SURE, "sensor", _SURE)
+    return finding_json(
+        Finding(
+            slug,
+            place,
+            _SURE,
+            _SURE,
+            evidence,
+            (),
+            {},
+            (),
+            None,
+            told,
+            effect.experiment,
+            levels=levels,
+            tested=False,
+        )
+    )
+
+
+def alternative_json(other: Alternative) -> Json:
+    """Another explanation of the same readings."""
+    out: Json = {"effect": other.effect, "place": list(other.place)}
+    out |= {"probability": other.probability, "log_bayes_factor": other.log_bayes_factor}
+    return out if other.tested else out | {"tested": False}
+
+
+def untestable_json(one: Untestable, missing: Sequence[Missing]) -> Json:
+    """Why an effect could not be tested, and what to ``add`` where a line or a column would change that."""
+    add = next((m.add for m in missing if one.effect in m.effects), None)
+    return {"effect": one.effect, "why": one.why} | ({} if add is None else {"add": add})
+
+
+def _replication(halves: Replication) -> Json:
+    return {"halves": list(halves.halves), "agree": halves.agree}

@@ -1,5 +1,7 @@
 """How results of the kernel show themselves: loaded for what these modules register."""
 
-from truepose.identification.report import files, fitted, frames, views
+from __future__ import annotations
 
-__all__ = ["files", "fitted", "frames", "views"]
+from truepose.identification.report import compensation_words, documents, files, frames, identifiability_words
+
+__all__ = ["compensation_words", "documents", "files", "frames", "identifiability_words"]

@@ -7,88 +7,41 @@ from collections import Counter
 from collections.abc import Sequence
 from functools import partial
 
-import numpy as np
 import pandas as pd
 
-from truepose.arrays import Array
-from truepose.errors import TrueposeError
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.machine_sketch import sketch
 from truepose.models.machine.mechanism import Actuator, element_of
-from truepose.models.machine.skeleton import Kind, at_home
 from truepose.models.units import convert
-from truepose.shown.drawing import Segment, lines
-from truepose.shown.result import frame, view
-from truepose.shown.view import View
+from truepose.shown.document import Document, Items, Table
+from truepose.shown.result import document, frame
 from truepose.wording import joined, shortened
-
-_TURN, _RISE = np.radians(-35.0), np.radians(20.0)
-_SHOWN: dict[str, tuple[Kind, ...]] = {
-    "links": ("link", "plate", "rail"),
-    "legs": ("leg",),
-    "tool": ("tool",),
-}
-
-
-def sketch(machine: Machine) -> str:
-    """SVG of the links, legs and tool; empty where the machine cannot be assembled at home."""
-    try:
-        ends = segments(machine)
-    except TrueposeError:
-        return ""
-    drawn = {name: [_seen(a, b) for a, b in found] for name, found in ends.items()}
-    return lines(drawn, title=f"{machine.name} at home")
-
-
-def segments(machine: Machine) -> dict[str, Array]:
-    """Ends (k, 2, 3), mm, in the base's frame, of ``links``, ``legs`` and the ``tool`` at the machine's home."""
-    found = at_home(machine)
-    out = {}
-    for name, kinds in _SHOWN.items():
-        pairs = [pair for kind in kinds for line in found.get(kind, []) for pair in _pairs(kind, line)]
-        out[name] = np.array(pairs).reshape(-1, 2, 3)
-    return out
-
-
-def _pairs(kind: Kind, line: Array) -> list[Array]:
-    """The segments of a line, each once, without those of no length."""
-    closed = np.vstack([line, line[:1]]) if kind == "plate" else line
-    return [pair for pair in np.stack([closed[:-1], closed[1:]], axis=1) if np.ptp(pair, axis=0).any()]
-
-
-def _seen(a: Array, b: Array) -> Segment:
-    return _projected(a), _projected(b)
-
-
-def _projected(point: Array) -> tuple[float, float]:
-    x, y, z = (float(value) for value in point)
-    across, away = (x * np.cos(_TURN) - y * np.sin(_TURN), x * np.sin(_TURN) + y * np.cos(_TURN))
-    return float(across), float(z * np.cos(_RISE) + away * np.sin(_RISE))
-
 
 MOST = 8
 
 
-@view.register
-def _view(machine: Machine) -> View:
+@document.register
+def _document(machine: Machine) -> Document:
     """What it is, what measures it, how many constants are free, what else acts on it."""
     parameters = machine.parameters
     free = [p for p in parameters if p.free]
     kind = str(machine.file.mechanism.get("type", "")) if machine.file else ""
     actuators = machine.mechanism.actuators
     seen = joined([sensor.type for sensor in machine.sensors]) or "no sensor"
-    return View(
-        title=f"Machine {machine.name}: {kind or 'mechanism'} with {len(actuators)} joints, sensor {seen}; "
+    facts = [
+        *_sensor_facts(machine),
+        f"free: {_grouped([p.name for p in free]) or 'nothing'}",
+        *_physics_facts(machine),
+        *([f"file: {machine.file.path}"] if machine.file else []),
+    ]
+    rows = [_joint_row(machine, actuator) for actuator in actuators]
+    return Document(
+        f"Machine {machine.name}",
+        f"Machine {machine.name}: {kind or 'mechanism'} with {len(actuators)} joints, sensor {seen}; "
         f"{len(parameters)} constants, {len(free)} of them free",
-        facts=(
-            *_sensor_facts(machine),
-            f"free: {_grouped([p.name for p in free]) or 'nothing'}",
-            *_physics_facts(machine),
-            *([f"file: {machine.file.path}"] if machine.file else []),
-        ),
-        head=("joint", "kind", "range", "unit"),
-        rows=tuple(_joint_row(machine, actuator) for actuator in actuators),
+        summary=[Items(facts), Table(["joint", "kind", "range", "unit"], rows)],
         more="to_frame() has every constant",
-        picture=partial(sketch, machine),
+        charts=partial(sketch, machine),
     )
 
 

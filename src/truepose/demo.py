@@ -45,10 +45,11 @@ def demo(
     """
     from truepose.identification.diagnosis.diagnose import diagnose
     from truepose.identification.recording.load import load_recording
-    from truepose.identification.report.files import write_diagnosis
-    from truepose.identification.report.notes import diagnosis_notes
-    from truepose.identification.report.terminal import diagnosis_lines, diagnosis_summary
+    from truepose.identification.report.documents import diagnosis_document
+    from truepose.identification.report.files import REPORT, write_diagnosis
+    from truepose.identification.report.results import diagnosis_summary
     from truepose.models.load import load_machine
+    from truepose.shown.text import first_screen
 
     if name not in bundled():
         raise InputError(f"demo: found {name!r}, expected one of {', '.join(bundled())}")
@@ -63,7 +64,9 @@ def demo(
         say("writing the report")
         names = write_diagnosis(result, output, truth=_truth(bundle / TRUTH))
     summary = diagnosis_summary(result, "demo", written(output, names))
-    finish(summary, diagnosis_lines(result, output), diagnosis_notes(result), as_json=as_json)
+    told = diagnosis_document(result, output)
+    lines = [*first_screen(told), f"report: {output / REPORT}"]
+    finish(summary, lines, told.notes, as_json=as_json)
 
 
 def _truth(path: Path) -> dict[str, object] | None:

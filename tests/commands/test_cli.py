@@ -211,12 +211,12 @@ def test_demo_shows_the_truth_on_the_report_alone(
         seen.update(name=machine.name, rows=len(recording))
         return tiny.diagnosis
 
-    def report_html(diagnosis: Any, truth: Any = None, cautions: Any = ()) -> str:
+    def page(diagnosis: Any, truth: Any, caution: Any) -> str:
         seen["truth"] = truth
         return "<html></html>"
 
     monkeypatch.setattr(engine, "diagnose", diagnose)
-    monkeypatch.setattr("truepose.identification.report.pages.report_html", report_html)
+    monkeypatch.setattr("truepose.identification.report.files.diagnosis_page", page)
     monkeypatch.chdir(tmp_path)
     done = run("demo")
     assert done.exit_code == 0, done.output
@@ -310,7 +310,7 @@ def test_a_failure_while_writing_leaves_nothing(
     def fails(*_: Any) -> str:
         raise ConvergenceError("late\nand long")
 
-    monkeypatch.setattr("truepose.identification.report.pages.calibration_html", fails)
+    monkeypatch.setattr("truepose.identification.report.files.page", fails)
     before = sorted(tmp_path.rglob("*"))
     refused(run("calibrate", SERIAL, recording, "-o", tmp_path / "out"), 3, "late and long")
     assert sorted(tmp_path.rglob("*")) == before
@@ -358,7 +358,7 @@ def test_no_progress_display_where_output_is_no_terminal(recording: Path, tmp_pa
         "writing",
     )  # a line each, where the work takes over two seconds
     assert done.returncode == 0 and all(line.startswith(stages) for line in done.stderr.splitlines())
-    assert "\x1b" not in done.stdout + done.stderr and "arm: converged" in done.stdout
+    assert "\x1b" not in done.stdout + done.stderr and "arm is calibrated" in done.stdout
 
 
 def test_the_library_is_short_names_imported_when_used() -> None:

@@ -33,8 +33,8 @@ DATA = {
     "truepose/models/machines/telescope/machine.yaml",
     "truepose/models/machines/telescope/recording.csv",
     "truepose/models/machines/telescope/truth.json",
-    "truepose/identification/report/templates/page.html.j2",
-    "truepose/identification/report/templates/scene.js",
+    "truepose/shown/templates/page.html.j2",
+    "truepose/shown/templates/scene.js",
     "truepose/codegen/templates/kin.c.j2",
 }
 

@@ -31,7 +31,6 @@ from truepose.shown.chart import (
     Span,
     legend,
 )
-from truepose.shown.chart_axes import WIDTH
 from truepose.shown.chart_svg import svg
 from truepose.shown.scale import Scale, ends, ticks
 
@@ -39,13 +38,12 @@ Array = NDArray[np.float64]
 LAWS = settings(deadline=None, max_examples=examples(150))
 ANY = st.floats(allow_nan=True, allow_infinity=True)
 TAME = st.floats(-1e6, 1e6).map(lambda v: round(v, 6))
-SHAPES: tuple[Shape, ...] = ("dot", "stroke", "ring", "tick", "diamond")
+SHAPES: tuple[Shape, ...] = ("dot", "stroke", "ring", "tick")
 BEGIN = {
     "dot": (0.0, 0.0),
     "stroke": (-3.0, 0.0),
     "tick": (0.0, 0.0),
     "ring": (-2.5, 0.0),
-    "diamond": (0, -4.5),
 }
 """Where the path of a mark begins, from the mark, in pixels."""
 NUMBER = r"-?\d+(?:\.\d+)?"
@@ -68,8 +66,7 @@ def layers(draw: st.DrawFn) -> Layer:
         Marks(x, y, "before", text, draw(st.sampled_from(SHAPES)), error, draw(st.booleans())),
         Line(x, y, "after", text, draw(st.booleans())),
         Band(x, y, z, "free", text),
-        Bars(y, "accent", text, edges=draw(several(n + 1))),
-        Bars(y, "accent", text, at=at, texts=[text] * n),
+        Bars(y, at, "accent", text, texts=[text] * n),
         Level(one, draw(st.sampled_from(["x", "y"])), text),
         Span(one, two, "ink", text),
         Cells(cells, [[text, text], [text, text]]),
@@ -223,23 +220,6 @@ def test_a_band_is_closed_about_each_known_stretch(y: Array) -> None:
     assert len(parts) == stretches
     assert sum(len(re.findall("[Ml]", part)) for part in parts) == 2 * int(known.sum())
     assert all(part.count("M") == 1 for part in parts)
-
-
-@given(st.lists(st.floats(-9.0, 9.0) | st.just(np.nan), min_size=1, max_size=6))
-@LAWS
-def test_bars_are_as_long_as_their_numbers(lengths: list[float]) -> None:
-    values = np.array(lengths)
-    root = ET.fromstring(
-        svg(Chart("", Axis(""), Axis(""), [Bars(values, "accent", edges=np.arange(len(values) + 1.0))]))
-    )
-    known = [v for v in lengths if np.isfinite(v)]
-    left, top, floor, right = frame_of(root)
-    up = Scale(*ends([values, np.zeros(1)], None, None), floor, top)
-    found = re.findall(rf"M{NUMBER} ({NUMBER})V({NUMBER})H", path_of(root, "bar").get("d", ""))
-    assert len(found) == len(known)
-    for (zero, end), value in zip(found, known, strict=True):
-        np.testing.assert_allclose([float(zero), float(end)], [up.at(0.0), up.at(value)], atol=0.11)
-    assert 0 < left < right < WIDTH
 
 
 @pytest.mark.parametrize("bad", [float("nan"), float("inf"), float("-inf")])

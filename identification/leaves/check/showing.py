@@ -6,16 +6,17 @@ import pandas as pd
 
 from truepose.identification.leaves.check.result import Check
 from truepose.identification.leaves.check.words import VERDICTS, check_lines
-from truepose.shown.result import frame, view
-from truepose.shown.view import View
+from truepose.shown.document import Document, Items, Table
+from truepose.shown.result import document, frame
 
 
-@view.register
-def _view(check: Check) -> View:
+@document.register
+def _document(check: Check) -> Document:
     """What there is to see of a check: the lines of the command, and its findings as a table."""
-    rows = tuple((f.kind, ", ".join(f.where), f.verdict, f.says) for f in check.found)
-    facts = tuple(line.strip() for line in check_lines(check)[1:])
-    return View(f"Check: {VERDICTS[check.verdict]}", facts, ("kind", "where", "verdict", "what"), rows)
+    rows = [(f.kind, ", ".join(f.where), f.verdict, f.says) for f in check.found]
+    facts = [line.strip() for line in check_lines(check)[1:]]
+    table = Table(["kind", "where", "verdict", "what"], rows)
+    return Document("Check", f"Check: {VERDICTS[check.verdict]}", summary=[Items(facts), table])
 
 
 @frame.register

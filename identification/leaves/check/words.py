@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from truepose.identification.leaves.check.result import Check, Found
-from truepose.identification.report.lines import wrapped
-from truepose.identification.report.untestable_words import missing_words
+from truepose.identification.report.verdict import missing_words
+from truepose.shown.text import wrapped
 
 VERDICTS = {
     "ok": "ok: the recording fits the machine file",

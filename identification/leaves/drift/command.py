@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -53,9 +54,10 @@ def drift(
     Example: truepose drift machine.yaml day0.csv day1.csv day8.csv
     """
     from truepose.identification.leaves.drift.analysis import drift as run
+    from truepose.identification.leaves.drift.page import drift_document
     from truepose.identification.leaves.drift.showing import write_drift
-    from truepose.identification.leaves.drift.words import drift_json, drift_lines, drift_notes
-    from truepose.identification.report.lines import caution_lines
+    from truepose.identification.leaves.drift.words import drift_json
+    from truepose.shown.text import first_screen
 
     if output is not None:
         check_directory(output, DRIFT)
@@ -69,8 +71,8 @@ def drift(
         found = run(loaded, recording, accuracy=accepted, progress=say)
         files = [] if output is None else written(output, write_drift(found, output, caution))
     summary = {"command": "drift", **drift_json(found), **caution.document, "files": files}
-    lines = [*caution_lines(caution.sentences), *drift_lines(found), *files]
-    finish(summary, lines, drift_notes(found), as_json=as_json)
+    told = replace(drift_document(found), cautions=caution.sentences)
+    finish(summary, [*first_screen(told), *files], told.notes, as_json=as_json)
 
 
 def _wanted(texts: Sequence[str]) -> dict[str, float]:

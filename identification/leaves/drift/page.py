@@ -1,4 +1,4 @@
-"""The report of a comparison of sessions: one self-contained HTML page; nothing is estimated here."""
+"""A comparison of sessions as a document: its first screen, and the page below it; nothing is estimated here."""
 
 from __future__ import annotations
 
@@ -19,20 +19,7 @@ from truepose.identification.leaves.drift.words import (
     rate_unit,
     still_sentences,
 )
-from truepose.identification.report import render
-from truepose.identification.report.document import (
-    Block,
-    Charts,
-    Command,
-    Document,
-    Gain,
-    Items,
-    Opening,
-    Section,
-    Table,
-    Text,
-    Tone,
-)
+from truepose.identification.report.closing import origin_section
 from truepose.identification.report.numbers import (
     finer,
     measure,
@@ -42,98 +29,110 @@ from truepose.identification.report.numbers import (
     uncertain,
     unit_symbol,
 )
-from truepose.identification.report.opening import file_name, recording_names
-from truepose.identification.report.scene.guilt import Guilty
 from truepose.identification.report.scene.scene import scene_of
-from truepose.identification.report.sections.origin import origin_section
+from truepose.identification.report.steps import machine_name, recording_names
 from truepose.shown.chart import Axis, Chart, Layer, Level, Line, Marks
+from truepose.shown.document import (
+    Block,
+    Charts,
+    Command,
+    Document,
+    Gain,
+    Guilty,
+    Items,
+    Scene,
+    Section,
+    Table,
+    Text,
+)
+from truepose.shown.result import document
 
-MOST_PANELS = 12
-MOST_LINES = 4
+MOST_PANELS, GUILTY = 12, 4
+_ORDER = ("moved", "perhaps", "anew", "still", "masked", "unseen")
+_HEAD = (
+    "parameter",
+    "status",
+    "change to the last session",
+    "probability",
+    "log Bayes factor",
+    "would show from",
+)
 
 
-def drift_html(found: Drift, cautions: Sequence[str] = ()) -> str:
-    """The page as text; ``cautions`` stand above all."""
-    facts = [
-        ("sessions", ", ".join(found.labels)),
-        ("readings", str(sum(found.n_observations))),
-        ("noise", f"{significant(found.noise)} times the stated"),
+@document.register
+def drift_document(found: Drift) -> Document:
+    """What moved, what did not or could not be told, how long a calibration lasts, and every parameter."""
+    shown = [m for m in found.movements if m.status in ("moved", "perhaps")]
+    sentences = [f"{m.status}: {movement_sentence(found, m)}" for m in shown]
+    lists = [
+        Items([*moved_sentences(found), *sentences], "What moved", weight=3),
+        Items(still_sentences(found), "What did not move, or could not be told"),
+        Items(durability_sentences(found), "How long a calibration lasts", weight=3),
     ]
-    sections = [
-        Section("moved", "What moved", _moved_blocks(found)),
-        Section("lasting", "How long a calibration lasts", _lasting_blocks(found)),
-        Section("parameters", "Every parameter", [_parameter_table(found)]),
-    ]
-    notes = drift_notes(found)
-    if notes:
-        sections.append(Section("notes", "Notes", [Items(notes)]))
-    tone: Tone = "warn" if found.moved else "good"
-    if found.recording is not None and found.fits:
-        sections.append(origin_section(found.fits[0].nominal, found.recording, "drift"))
-    title = f"truepose: drift of {found.machine}"
-    opening = _opening(found)
-    return render.html(Document(title, headline(found), tone, facts, sections, cautions, opening))
+    return Document(
+        f"truepose: drift of {found.machine}",
+        headline(found),
+        "warn" if found.moved else "good",
+        [("sessions", ", ".join(found.labels)), ("readings", str(sum(found.n_observations)))],
+        _gains(found),
+        [one for one in lists if one.items],
+        _steps(found),
+        drift_notes(found),
+        more="to_frame(), drift.json and report.html have all",
+        charts=lambda: _change_charts(found, [m for m in shown if m.change][:MOST_PANELS]),
+        sections=lambda: _sections(found, shown),
+        scene=lambda: _scene(found, shown[:GUILTY]),
+    )
 
 
-def _opening(found: Drift) -> Opening:
-    """How sure, what could not be told, what to do next, and the machine with what moved."""
-    gains = _gains(found)
-    lists = [Items(said, title="How sure") for said in [_sure(found)] if said]
-    open_ended = still_sentences(found)
-    if open_ended:
-        lists.append(Items(open_ended[:MOST_LINES], title="What did not move, or could not be told"))
-    lists.append(Items(durability_sentences(found)[:MOST_LINES], title="How long a calibration lasts"))
+def _steps(found: Drift) -> list[Command | Text]:
+    if not found.fits or found.recording is None or not found.moved:
+        return []
+    machine, files = machine_name(found.fits[0].nominal), recording_names(found.recording.files)
+    line = f"truepose calibrate {machine} {files.split()[-1]} -o fit"
+    return [Command(line, "calibrate on the last session:")]
+
+
+def _scene(found: Drift, moved: Sequence[Movement]) -> Scene | None:
     if not found.fits or found.recording is None:
-        return Opening(gains, lists)
-    fit = found.fits[0]
-    machine, files = file_name(fit.nominal), recording_names(found.recording.files)
-    steps = [
-        Command(f"truepose calibrate {machine} {files.split()[-1]} -o fit", "Calibrate on the last session:")
-    ]
+        return None
     first = found.recording.subset(found.recording.session == found.recording.session[0])
-    moved = [m for m in found.movements if m.status in ("moved", "perhaps")][:MOST_LINES]
     guilty = [Guilty(f"{m.name} {m.status}", "", percent(m.probability), (m.name,)) for m in moved]
-    scene = scene_of(fit, None, first, guilty) if len(first) == len(fit.residual) else None
-    return Opening(gains, lists, steps if found.moved else (), scene)
+    return scene_of(found.fits[0], None, first, guilty) if len(first) == len(found.fits[0].residual) else None
 
 
 def _gains(found: Drift) -> list[Gain]:
     """What the first calibration misses in the last session, beside what it would if nothing had moved."""
     check = found.durability.carried[-1] if found.durability.carried else None
-    if check is None:
-        return []
     out = []
-    for kind, value in check.rms.items():
+    for kind, value in {} if check is None else check.rms.items():
+        assert check is not None
         expected, unit = check.expected[kind], check.units[kind]
         largest = max(value, expected) or 1.0
         note = f"the calibration of {found.labels[0]} on {found.labels[-1]}, rms"
-        floor = f"if nothing had moved (dashed): {measure(expected, unit)}"
+        floor = f"if nothing had moved: {measure(expected, unit)}"
         shares = (0.0, value / largest, expected / largest)
         out.append(
-            Gain(f"{kind} error of the first calibration", "", measure(value, unit), floor, "", note, shares)
+            Gain(f"{kind} error of the first calibration", "", measure(value, unit), note, floor, shares)
         )
     return out
 
 
-def _sure(found: Drift) -> list[str]:
-    return [f"{m.name}: {percent(m.probability)} that it moved." for m in found.moved][:MOST_LINES]
-
-
-def _moved_blocks(found: Drift) -> list[Block]:
-    shown = [m for m in found.movements if m.status in ("moved", "perhaps")]
-    blocks: list[Block] = [
-        Text("Every parameter is common to all sessions unless the evidence asks otherwise.")
-    ]
-    if shown:
-        blocks.append(Items([*moved_sentences(found), *(movement_sentence(found, m) for m in shown)]))
+def _sections(found: Drift, shown: Sequence[Movement]) -> list[Section]:
     sized = [m for m in shown if m.change]
-    if sized:
-        charts = _change_charts(found, sized[:MOST_PANELS])
-        blocks.append(Charts(charts, "Change since the first session, with 1-sigma."))
-    if len(sized) > MOST_PANELS:
-        blocks.append(Text(f"{len(sized) - MOST_PANELS} more are in the table.", tone="muted"))
-    said = still_sentences(found)
-    return [*blocks, Items(said, title="What did not move, or cannot be told")] if said else blocks
+    more = f" {len(sized) - MOST_PANELS} more are in the table." if len(sized) > MOST_PANELS else ""
+    caption = f"Change since the first session, with 1-sigma.{more}"
+    charts: list[Block] = [Charts(_change_charts(found, sized[:MOST_PANELS]), caption)] if sized else []
+    common = Text("Every parameter is common to all sessions unless the evidence asks otherwise.")
+    notes = drift_notes(found)
+    sections = [
+        Section("moved", "What moved", [common, *charts, _parameter_table(found)]),
+        Section("lasting", "How long a calibration lasts", [_lasting_table(found)]),
+        *([Section("notes", "Notes", [Items(notes)])] if notes else []),
+    ]
+    if found.recording is not None and found.fits:
+        sections.append(origin_section(found.fits[0].nominal, found.recording, "drift"))
+    return sections
 
 
 def _clock(found: Drift) -> tuple[list[float], str]:
@@ -160,22 +159,20 @@ def _change_charts(found: Drift, shown: Sequence[Movement]) -> list[Chart]:
     return out
 
 
-def _lasting_blocks(found: Drift) -> list[Block]:
+def _lasting_table(found: Drift) -> Table:
     durable = found.durability
     head = ["session", "what is kept", "kind", "rms", "expected", "p", "suffices"]
-    ways: list[tuple[str, Sequence[Check | None]]] = [
-        ("everything", durable.carried),
-        ("the mechanism", durable.frames),
-        ("nothing", durable.full),
+    ways = {"everything": durable.carried, "the mechanism": durable.frames, "nothing": durable.full}
+    rows = [
+        row
+        for k, label in enumerate(found.labels[1:])
+        for name, checks in ways.items()
+        for row in _check_rows(label, name, checks[k])
     ]
-    rows = []
-    for k, label in enumerate(found.labels[1:]):
-        for name, checks in ways:
-            rows += _check_rows(label, name, checks[k])
     caption = (
         "Expected: what noise and the first calibration's own uncertainty leave if nothing kept has moved."
     )
-    return [Items(durability_sentences(found)), Table(head, rows, caption=caption, text_columns=3)]
+    return Table(head, rows, caption=caption, text_columns=3)
 
 
 def _check_rows(label: str, name: str, check: Check | None) -> list[list[str]]:
@@ -196,16 +193,8 @@ def _check_rows(label: str, name: str, check: Check | None) -> list[list[str]]:
 
 
 def _parameter_table(found: Drift) -> Table:
-    head = [
-        "parameter",
-        "status",
-        "change to the last session",
-        "probability",
-        "log Bayes factor",
-        "would show from",
-    ]
     rows = []
-    for m in found.movements:
+    for m in sorted(found.movements, key=lambda m: _ORDER.index(m.status)):
         change = uncertain(m.change[-1], m.std[-1], m.unit) if m.change else "-"
         hidden = "-" if m.change else measure(2 * m.hidden, m.unit, 2)
         rows.append(
@@ -214,4 +203,4 @@ def _parameter_table(found: Drift) -> Table:
     caption = (
         "The last column: two sigmas of a movement from the first session to the last, if it moved alone."
     )
-    return Table(head, rows, caption=caption, text_columns=2)
+    return Table(_HEAD, rows, caption=caption, text_columns=2)

@@ -43,15 +43,6 @@ def drift_notes(found: Drift) -> list[str]:
     return out
 
 
-def drift_lines(found: Drift) -> list[str]:
-    """Plain lines for a terminal."""
-    lines = [headline(found), *(f"  {text}" for text in moved_sentences(found))]
-    for title, kind in (("moved:", "moved"), ("perhaps moved:", "perhaps")):
-        chosen = [m for m in found.movements if m.status == kind]
-        lines += [f"  {title}", *(f"    {movement_sentence(found, m)}" for m in chosen)] if chosen else []
-    return [*lines, *(f"  {text}" for text in (*still_sentences(found), *durability_sentences(found)))]
-
-
 def headline(found: Drift) -> str:
     """Recordings, span, and how many parameters moved."""
     over = f" over {span(found, len(found.labels) - 1)}" if found.times else ""

@@ -88,9 +88,11 @@ def fleet(
     """
     from truepose.identification.leaves.fleet.ending import FILES, Folders
     from truepose.identification.leaves.fleet.files import PAGE
+    from truepose.identification.leaves.fleet.page import fleet_document
     from truepose.identification.leaves.fleet.run import run_fleet
-    from truepose.identification.leaves.fleet.words import fleet_json, fleet_lines, headline
+    from truepose.identification.leaves.fleet.words import fleet_json, headline
     from truepose.identification.leaves.fleet.work import Options
+    from truepose.shown.text import first_screen
 
     check_directory(output, FLEET)
     if limit is not None and not limit > 0:
@@ -102,7 +104,8 @@ def fleet(
     with counted("fleet") as hear, _pool(workers, dask) as pool:
         found = run_fleet(folders, pool, options, progress=hear)
     summary = {"command": "fleet", **fleet_json(found), "files": written(output, FILES)}
-    finish(summary, fleet_lines(found, str(output / PAGE)), (), as_json=as_json)
+    lines = [*first_screen(fleet_document(found)), f"report: {output / PAGE}"]
+    finish(summary, lines, (), as_json=as_json)
     if not found.diagnosed:
         fail(f"{folder}: {headline(found)} {output / FILES[0]} says why", BAD_INPUT)
 

@@ -1,4 +1,4 @@
-"""The page of a fleet: one self-contained HTML file; nothing is estimated here."""
+"""A run over a fleet as a document: its first screen, and the page below it; nothing is estimated here."""
 
 from __future__ import annotations
 
@@ -25,19 +25,16 @@ from truepose.identification.leaves.fleet.words import (
     status_sentences,
     tolerance_sentence,
 )
-from truepose.identification.report import render
-from truepose.identification.report.document import (
+from truepose.identification.report.numbers import NONE, significant, unit_symbol
+from truepose.shown.document import (
     Block,
     Command,
     Document,
     Items,
-    Opening,
     Section,
     Table,
     Text,
-    Tone,
 )
-from truepose.identification.report.numbers import NONE, significant, unit_symbol
 
 OPENING = 5
 """Most lines of a list on the first screen."""
@@ -47,39 +44,50 @@ _HEAD = (
 )  # fmt: skip
 
 
-def fleet_html(fleet: Fleet) -> str:
-    """The page as text."""
-    sections = [
+def fleet_document(fleet: Fleet) -> Document:
+    """What became of the machines, what occurs, which tolerances are in doubt, who is odd, what changed."""
+    told = fleet.statistics
+    odd = [f"{r.name}: {r.odd_because}" for r in fleet.unusual]
+    doubtful = [tolerance_sentence(t) for t in told.tolerances if t.met < MET]
+    lists = [
+        Items(status_sentences(fleet), "Not all went well", "warn"),
+        Items(_few([effect_sentence(e) for e in told.anywhere if often(e)]), "What occurs", label="occurs"),
+        Items(_few(doubtful), "Tolerances in doubt", label="tolerance"),
+        Items(_few(odd, fleet.odd), "Unlike the others", label="odd"),
+        Items(change_sentences(fleet.changes), "Since last time", label="since last time"),
+    ]
+    command = "truepose diagnose MACHINE RECORDING --prior prior.yaml -o DIR"
+    facts = [("machines", str(fleet.machines)), ("diagnosed", str(fleet.diagnosed)), ("odd", str(fleet.odd))]
+    facts += [(name, str(count)) for name, count in sorted(fleet.verdicts.items())]
+    return Document(
+        f"truepose: fleet {fleet.name}",
+        f"{fleet.name}: {headline(fleet)}",
+        "good" if fleet.diagnosed == fleet.machines and not fleet.odd else "warn",
+        facts,
+        summary=[one for one in lists if one.items],
+        steps=[Command(command, "use what this fleet has taught:")] if fleet.diagnosed else (),
+        more="see fleet.html",
+        sections=lambda: _sections(fleet),
+    )
+
+
+def _few(texts: Sequence[str], there: int | None = None) -> list[str]:
+    left = (len(texts) if there is None else there) - len(texts[:OPENING])
+    return [*texts[:OPENING], *([f"and {left} more: see fleet.html"] if left > 0 else [])]
+
+
+def _sections(fleet: Fleet) -> list[Section]:
+    undone = (
+        [Section("undone", "Machines without a diagnosis", _undone_blocks(fleet))] if fleet.undone else []
+    )
+    return [
+        *undone,
         Section("effects", "What occurs, how often and how large", effect_blocks(fleet)),
         Section("tolerances", "Which tolerances are met", tolerance_blocks(fleet)),
         Section("odd", "Machines unlike the others", _odd_blocks(fleet)),
         Section("changes", "What changed since last time", _change_blocks(fleet)),
         Section("machines", "The machines", _machine_blocks(fleet)),
     ]
-    if fleet.undone:
-        sections.insert(0, Section("undone", "Machines without a diagnosis", _undone_blocks(fleet)))
-    facts = [("machines", str(fleet.machines)), ("diagnosed", str(fleet.diagnosed)), ("odd", str(fleet.odd))]
-    facts += [(name, str(count)) for name, count in sorted(fleet.verdicts.items())]
-    tone: Tone = "good" if fleet.diagnosed == fleet.machines and not fleet.odd else "warn"
-    name = f"truepose: fleet {fleet.name}"
-    return render.html(Document(name, headline(fleet), tone, facts, sections, opening=_opening(fleet)))
-
-
-def _opening(fleet: Fleet) -> Opening:
-    told = fleet.statistics
-    lists = [
-        Items(status_sentences(fleet), title="Not all went well", tone="warn"),
-        Items([effect_sentence(e) for e in told.anywhere if often(e)][:OPENING], title="What occurs"),
-        Items(
-            [tolerance_sentence(t) for t in told.tolerances if t.met < MET][:OPENING],
-            title="Tolerances in doubt",
-        ),
-        Items([f"{r.name}: {r.odd_because}" for r in fleet.unusual[:OPENING]], title="Unlike the others"),
-        Items(change_sentences(fleet.changes), title="Since last time"),
-    ]
-    command = "truepose diagnose MACHINE RECORDING --prior prior.yaml -o DIR"
-    steps = [Command(command, "Diagnose the next machine with what this fleet has taught:")]
-    return Opening(lists=[one for one in lists if one.items], steps=steps if fleet.diagnosed else ())
 
 
 def _odd_blocks(fleet: Fleet) -> list[Block]:
@@ -116,9 +124,9 @@ def _undone_blocks(fleet: Fleet) -> list[Block]:
 
 def _change_blocks(fleet: Fleet) -> list[Block]:
     changes = fleet.changes
-    blocks: list[Block] = [Items(change_sentences(changes))]
-    if changes is None:
-        return blocks
+    blocks: list[Block] = []
+    if changes is None or not changes.any:
+        return [Items(change_sentences(changes))]
     if changes.said:
         rows = [said_words(one) for one in changes.said[:LISTED]]
         head = ["machine", "what", "before", "after"]
@@ -178,4 +186,4 @@ def _links(fleet: Fleet, rows: Sequence[Row]) -> list[str]:
     ]
 
 
-__all__ = ["fleet_html"]
+__all__ = ["fleet_document"]

@@ -7,34 +7,27 @@ import io
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from truepose.identification.leaves.fleet.result import Fleet
-from truepose.identification.leaves.fleet.statistics import EffectInFleet, Interval, ToleranceInFleet
+from truepose.identification.leaves.fleet.statistics import EffectInFleet, ToleranceInFleet
 from truepose.identification.leaves.fleet.words import off_drawing, often, percent_range
-from truepose.identification.report.document import Block, Charts, Table, Text
-from truepose.identification.report.level_words import title
+from truepose.identification.report.naming import title
 from truepose.identification.report.numbers import NONE, percent, significant, unit_symbol
-from truepose.shown.chart import Axis, Chart, Layer, Level, Line, Marks
+from truepose.shown.document import Block, Table, Text
 
-DRAWN, LISTED = 20, 200
-"""Most intervals of a chart, and rows of a table of what is off."""
+LISTED = 200
+"""Most rows of a table of what is off."""
 
 
 def effect_blocks(fleet: Fleet) -> list[Block]:
     told = fleet.statistics
     if not told.anywhere:
         return [Text("No machine was diagnosed, so there is nothing to say of effects.")]
-    shown = [one for one in told.anywhere if often(one)]
     blocks: list[Block] = [
         Text(
             "Frequencies come from the evidence of all machines together, not from counts of names: a machine whose"
             " recording could not show an effect counts for neither side. Intervals are 90 %."
         )
     ]
-    if shown:
-        caption = "Share of machines that have an effect at any place, with its 90 % interval; rings: what was expected before."
-        blocks.append(Charts([_often_chart(shown[:DRAWN])], caption))
     blocks.append(_effect_table(told.anywhere, "Each effect at any of its places, most frequent first."))
     places = [one for one in told.places if often(one)]
     if places:
@@ -42,40 +35,6 @@ def effect_blocks(fleet: Fleet) -> list[Block]:
             _effect_table(places, "Effects by place, where at least one machine probably has them.")
         )
     return blocks
-
-
-def _often_chart(shown: Sequence[EffectInFleet]) -> Chart:
-    names = [_called(one) for one in shown]
-    usual = 100 * np.array([one.usual for one in shown])
-    before = Marks(usual, np.arange(len(shown), dtype=float), "free", "expected before", "ring")
-    return _intervals(names, [_scaled(one.frequency, 100.0) for one in shown], "machines [%]", [before])
-
-
-def _scaled(interval: Interval, factor: float) -> Interval:
-    return Interval(factor * interval.value, factor * interval.low, factor * interval.high)
-
-
-def _intervals(
-    names: Sequence[str], intervals: Sequence[Interval], axis: str, below: Sequence[Layer] = ()
-) -> Chart:
-    """One line a name, with its value and interval."""
-    at = np.arange(len(names), dtype=float)
-    ends = np.array([[one.low, one.high, np.nan] for one in intervals]).ravel()
-    values = np.array([one.value for one in intervals])
-    layers: list[Layer] = [
-        *below,
-        Line(ends, np.repeat(at, 3), "after", "90 % interval"),
-        Marks(values, at, "after", "value"),
-    ]
-    top = float(np.nanmax(ends)) if len(names) else 1.0
-    return Chart(
-        "", Axis(axis, 0.0, 1.05 * top), Axis("", names=list(names)), layers, height=62.0 + 17.0 * len(names)
-    )
-
-
-def _called(one: EffectInFleet) -> str:
-    where = f" at {' + '.join(one.place)}" if one.place else ""
-    return f"{title(one.effect)}{where}"
 
 
 def _effect_table(effects: Sequence[EffectInFleet], caption: str) -> Table:
@@ -131,12 +90,6 @@ def tolerance_blocks(fleet: Fleet) -> list[Block]:
             " unsure of taken out. Above 1 the tolerance is not met."
         )
     ]
-    level = Level(1.0, "x", "as stated")
-    names = [one.parts for one in told[:DRAWN]]
-    chart = _intervals(
-        names, [one.ratio for one in told[:DRAWN]], "true spread over stated tolerance", [level]
-    )
-    blocks.append(Charts([chart], "Values and 90 % intervals; dashed: the stated tolerance."))
     head = ["parts", "constants", "spread / tolerance", "from", "to", "met with"]
     rows = [_tolerance_row(one) for one in told]
     return [*blocks, Table(head, rows, csv=csv_text(head, rows)), *_drawing_blocks(fleet)]

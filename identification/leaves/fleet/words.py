@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict
 
 from truepose.identification.leaves.fleet.changes import Change, Changes, Moved
@@ -15,15 +15,14 @@ from truepose.identification.leaves.fleet.statistics import (
 )
 from truepose.identification.leaves.fleet.table import Row
 from truepose.identification.report.json_text import Json
-from truepose.identification.report.level_words import title
-from truepose.identification.report.lines import wrapped
+from truepose.identification.report.naming import title
 from truepose.identification.report.numbers import percent, significant, unit_symbol
 from truepose.wording import joined, shortened
 
 SCHEMA = "truepose/fleet/1"
 MET, UNMET = 0.9, 0.1
 """Probabilities from, and up to, which a tolerance is said to be met, or not to be: the level at which reports speak."""
-FEW, NAMED = 5, 6
+NAMED = 6
 _STATUSES: Mapping[str, str] = {
     "done": "diagnosed",
     "refused": "diagnosed, but no calibration",
@@ -154,27 +153,9 @@ def said_words(one: Change) -> tuple[str, str, str, str]:
     return one.machine, one.what, one.before or "-", one.after or "-"
 
 
-def fleet_lines(fleet: Fleet, page: str) -> list[str]:
-    """Lines for a terminal: what occurs, which tolerances are met, who is odd, what changed, what to do next."""
-    told = fleet.statistics
-    lines = [f"{fleet.name}: {headline(fleet)}"]
-    lines += _listed(status_sentences(fleet), "", 3)
-    lines += _listed([effect_sentence(one) for one in told.anywhere if often(one)], "occurs", FEW)
-    lines += _listed([tolerance_sentence(one) for one in told.tolerances if one.met < MET], "tolerance", FEW)
-    lines += _listed([f"{one.name}: {one.odd_because}" for one in fleet.unusual], "odd", FEW, fleet.odd)
-    lines += _listed(change_sentences(fleet.changes), "since last time", FEW)
-    return [*lines, f"report: {page}"]
-
-
 def often(one: EffectInFleet) -> bool:
     """Whether an effect is there in a machine, rather than not: surely, or likelier than was expected of it."""
     return one.frequency.low * one.machines >= 0.5 or (one.found >= 0.5 and one.frequency.value > one.usual)
-
-
-def _listed(texts: Sequence[str], label: str, most: int, total: int | None = None) -> list[str]:
-    lines = [line for text in texts[:most] for line in wrapped(f"{label}: {text}" if label else text)]
-    left = (len(texts) if total is None else total) - len(texts[:most])
-    return [*lines, f"  {label}: and {left} more: see fleet.html"] if left > 0 else lines
 
 
 __all__ = [
@@ -183,7 +164,6 @@ __all__ = [
     "change_sentences",
     "effect_sentence",
     "fleet_json",
-    "fleet_lines",
     "headline",
     "moved_words",
     "off_drawing",

@@ -169,8 +169,7 @@ def _told(task: Task, value: object) -> object:
 def _record(task: Task, result: _Result) -> Record:
     from truepose.identification.leaves.fleet.evidence import kept
     from truepose.identification.report.json_text import finite
-    from truepose.identification.report.judgement_words import diagnosis_judgement
-    from truepose.identification.report.results import diagnosis_json
+    from truepose.identification.report.results import diagnosis_json, diagnosis_judgement
 
     document, judgement = diagnosis_json(result.diagnosis), diagnosis_judgement(result.diagnosis)
     return replace(

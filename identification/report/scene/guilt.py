@@ -3,22 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import element_of
 from truepose.models.machine.skeleton import Piece
-
-
-@dataclass(frozen=True)
-class Guilty:
-    """A place that is to stand out: what is there in plain words, its slug in small type, how probable it is, and the names
-    of the place."""
-
-    what: str
-    slug: str
-    probability: str
-    place: tuple[str, ...]
 
 
 def pieces_of(place: Sequence[str], pieces: Sequence[Piece], machine: Machine) -> list[int]:

@@ -19,24 +19,16 @@ from truepose.identification.fit.estimated import Estimate
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.drivers import reading_unit
 from truepose.identification.report.numbers import measure
-from truepose.identification.report.scene.guilt import Guilty, pieces_of
+from truepose.identification.report.scene.guilt import pieces_of
 from truepose.identification.report.scene.sights import Sights, sights
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.skeleton import Skeleton, skeleton
+from truepose.shown.document import Guilty, Scene
 
 POSES, POINTS = 150, 1500
 """Most poses in which the whole machine is drawn, and most points."""
 STEPS = 4000
 """From the middle of a drawing to its edge."""
-
-
-@dataclass(frozen=True)
-class Scene:
-    """What is drawn (``data``, for the script), what is guilty, and a sentence that says what is to be seen."""
-
-    data: dict[str, Any]
-    guilty: Sequence[Guilty]
-    told: str
 
 
 def scene_of(

@@ -53,10 +53,11 @@ def identifiability(
     from truepose.identification.identifiability.analysis import identifiability as run
     from truepose.identification.recording.load import load_recording
     from truepose.identification.report.identifiability_words import (
+        identifiability_document,
         identifiability_json,
-        identifiability_lines,
     )
     from truepose.models.load import load_machine
+    from truepose.shown.text import LINES, first_screen
 
     single = output is not None and output.suffix.lower() == ".json"
     if output is not None:
@@ -68,7 +69,9 @@ def identifiability(
         document = identifiability_json(found)
         files = [] if output is None else _write(document, output, single)
     summary = {"command": "identifiability", **document, "files": files}
-    finish(summary, [*identifiability_lines(found, every=every), *files], document["notes"], as_json=as_json)
+    told = identifiability_document(found, every)
+    lines = [*first_screen(told, 10_000 if every else LINES), *files]
+    finish(summary, lines, document["notes"], as_json=as_json)
 
 
 def _write(document: dict[str, Any], output: Path, single: bool) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import signal
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -116,10 +117,10 @@ def _calibration_written(
     """Write the results into ``output``; what is told of them, for --json and in lines."""
     from truepose.identification.diagnosis.null_fits import far_rows
     from truepose.identification.fit.tool_pose import calibrated_pose
+    from truepose.identification.report.documents import calibration_document
     from truepose.identification.report.files import write_calibration
-    from truepose.identification.report.lines import caution_lines
     from truepose.identification.report.results import calibration_json
-    from truepose.identification.report.terminal import calibration_lines
+    from truepose.shown.text import first_screen
 
     say("looking for rows that do not fit")
     fit = calibration_json(result, far_rows(result))
@@ -127,7 +128,9 @@ def _calibration_written(
     say("writing the report")
     files = write_calibration(result, {**fit, **caution.document}, output, pose, caution.sentences)
     summary = {**{k: fit[k] for k in _BRIEF}, "files": written(output, files), **caution.document}
-    return summary, [*caution_lines(caution.sentences), *calibration_lines(result, fit, output, pose)]
+    told = calibration_document(result, fit["rows_that_do_not_fit"], pose, output)
+    lines = first_screen(replace(told, cautions=caution.sentences))
+    return summary, [*lines, f"calibrated machine: {output / 'calibrated.yaml'}"]
 
 
 _BRIEF = (
@@ -156,8 +159,8 @@ def diagnose(
     """
     from truepose.identification.diagnosis.diagnose import diagnose as run
     from truepose.identification.learned_prior import read_prior
-    from truepose.identification.report.judgement_words import diagnosis_judgement
     from truepose.identification.report.notes import diagnosis_notes
+    from truepose.identification.report.results import diagnosis_judgement
 
     learned = None if prior is None else read_prior(prior)
     check_directory(output, DIAGNOSIS)
@@ -196,11 +199,12 @@ def first_interrupt(text: str) -> Iterator[Callable[[], bool]]:
 
 def _diagnosis_written(result: Diagnosis, caution: Caution, output: Path) -> tuple[dict[str, Any], list[str]]:
     """Write the results into ``output``; what is told of them, for --json and in lines."""
-    from truepose.identification.report.files import write_diagnosis
-    from truepose.identification.report.lines import LINES, caution_lines
-    from truepose.identification.report.terminal import diagnosis_lines, diagnosis_summary
+    from truepose.identification.report.documents import diagnosis_document
+    from truepose.identification.report.files import REPORT, write_diagnosis
+    from truepose.identification.report.results import diagnosis_summary
+    from truepose.shown.text import first_screen
 
     files = written(output, write_diagnosis(result, output, caution=caution))
-    warned = caution_lines(caution.sentences)
-    lines = [*warned, *diagnosis_lines(result, output, LINES - len(warned), checked=True)]
+    told = diagnosis_document(result, output, checked=True)
+    lines = [*first_screen(replace(told, cautions=caution.sentences)), f"report: {output / REPORT}"]
     return {**diagnosis_summary(result, "diagnose", files), **caution.document}, lines

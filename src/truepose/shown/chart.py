@@ -6,25 +6,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
+
+import numpy as np
 
 from truepose.arrays import Array
 
 Tone = Literal["before", "after", "free", "accent", "ink", "l1", "l2", "l3", "l4"]
-Shape = Literal["dot", "stroke", "ring", "tick", "diamond"]
+Shape = Literal["dot", "stroke", "ring", "tick"]
+MOST = 300
+"""Marks of a line of a picture for a notebook; of more, every so many-th is drawn."""
 
 
 @dataclass(frozen=True)
 class Axis:
-    """An axis: title with unit, ends (None: those of the data), names in place of numbers, or ticks of one's own."""
+    """An axis: title with unit, ends (None: those of the data), or names in place of numbers."""
 
     title: str
     low: float | None = None
     high: float | None = None
     names: Sequence[str] = ()
-    ticks: Sequence[tuple[float, str]] = ()
 
 
 @dataclass(frozen=True)
@@ -64,13 +67,12 @@ class Band:
 
 @dataclass(frozen=True)
 class Bars:
-    """Bars from zero: upright ones between edges (n + 1,), or level ones at the names of the y axis (``at``, n)."""
+    """Level bars from zero, at the names of the y axis (``at``, n), with texts at their ends."""
 
     length: Array
+    at: Array
     tone: Tone
     name: str = ""
-    edges: Array | None = None
-    at: Array | None = None
     texts: Sequence[str] = ()
 
 
@@ -141,3 +143,17 @@ def _glyph(layer: Layer) -> str:
     if isinstance(layer, (Line, Level)):
         return "dash" if layer.dashed else "line"
     return "bar" if isinstance(layer, Bars) else "area"
+
+
+def strips(
+    values: Mapping[str, Sequence[float]], ends: Mapping[str, tuple[float, float, str]], title: str
+) -> list[Chart]:
+    """A line for each name with a tick for each value, between the ends of its range (with their unit)."""
+    names = [f"{name} {low:.4g} .. {high:.4g} {unit}".rstrip() for name, (low, high, unit) in ends.items()]
+    layers = []
+    for k, (name, (low, high, _)) in enumerate(ends.items()):
+        step = max(1, -(-len(values[name]) // MOST))
+        x = (np.asarray(values[name], dtype=float)[::step] - low) / ((high - low) or 1.0)
+        layers.append(Marks(x, np.full(len(x), k + 0.3), "after", shape="tick"))
+    axes = Axis("share of the range [1]", -0.02, 1.02), Axis("", names=names)
+    return [Chart(title, *axes, layers, height=62.0 + 17.0 * len(names))]

@@ -11,7 +11,7 @@ import numpy as np
 from truepose.arrays import Array
 from truepose.shown.chart import Axis, Band, Bars, Chart, Layer, Level, Line, Marks
 from truepose.shown.scale import Scale, ends, ticks
-from truepose.shown.view import printable
+from truepose.shown.text import printable
 
 WIDTH = 380.0
 LETTER = 6.6
@@ -59,10 +59,7 @@ def _values(layers: Sequence[Layer], axis: str) -> list[Array]:
         elif isinstance(layer, Band):
             out += [layer.x] if axis == "x" else [layer.low, layer.high]
         elif isinstance(layer, Bars):
-            upright = layer.edges is not None
-            out.append(layer.edges if axis == "x" and layer.edges is not None else np.zeros(1))
-            if upright == (axis == "y"):
-                out.append(layer.length)
+            out += [np.zeros(1), layer.length] if axis == "x" else []
         elif isinstance(layer, Level) and layer.axis == axis:
             out.append(np.array([layer.value]))
     return out
@@ -71,7 +68,7 @@ def _values(layers: Sequence[Layer], axis: str) -> list[Array]:
 def _y_ticks(axis: Axis, low: float, high: float, height: float) -> list[tuple[float, str]]:
     if axis.names:
         return [(float(k), _short(name)) for k, name in enumerate(axis.names)]
-    return list(axis.ticks) or ticks(low, high, max(3, int(height / 45)))
+    return ticks(low, high, max(3, int(height / 45)))
 
 
 def _turned(axis: Axis) -> bool:
@@ -113,7 +110,7 @@ def _below(axis: Axis, frame: Frame) -> list[str]:
             for k, name in enumerate(axis.names)
         ]
     found = [(float(k), name) for k, name in enumerate(axis.names)]
-    marks = found or list(axis.ticks) or _fitting(x)
+    marks = found or _fitting(x)
     out = []
     for value, text in marks:
         at = x.at(value)

@@ -15,9 +15,17 @@ import numpy as np
 from truepose.arrays import Array
 from truepose.shown.chart import Band, Bars, Cells, Chart, Level, Line, Marks, Span
 from truepose.shown.chart_axes import LETTER, WIDTH, Frame, axes, frame_of, label
-from truepose.shown.marks_svg import POINTS, SIZE
-from truepose.shown.view import printable
+from truepose.shown.text import printable
 
+SIZE = {"dot": 4.5, "stroke": 2.0, "ring": 1.3, "tick": 1.2}
+"""Width of the stroke that draws a mark, pixels."""
+POINTS: dict[str, Callable[[float, float], str]] = {
+    "dot": lambda x, y: f"M{x:.1f} {y:.1f}h0",
+    "stroke": lambda x, y: f"M{x - 3:.1f} {y:.1f}h6",
+    "tick": lambda x, y: f"M{x:.1f} {y:.1f}v-7",
+    "ring": lambda x, y: f"M{x - 2.5:.1f} {y:.1f}a2.5 2.5 0 1 0 5 0a2.5 2.5 0 1 0-5 0",
+}
+"""Path of a mark at a place, pixels."""
 FAR = 1e5
 """Pixels beyond which a point is drawn no farther away."""
 
@@ -103,14 +111,6 @@ def _band(layer: Band, frame: Frame) -> list[str]:
 
 def _bars(layer: Bars, frame: Frame) -> list[str]:
     out = []
-    if layer.edges is not None:
-        edges, floor = frame.x.all(layer.edges), frame.y.at(0.0)
-        for a, b, top in zip(edges[:-1], edges[1:], frame.y.all(layer.length), strict=True):
-            if not np.isfinite([a, b, top]).all():
-                continue
-            out.append(f"M{a + 0.5:.1f} {floor:.1f}V{top:.1f}H{b - 0.5:.1f}V{floor:.1f}Z")
-        return [f'<path class="bar t-{layer.tone}" d="{"".join(out)}"/>']
-    assert layer.at is not None
     zero, texts = frame.x.at(0.0), []
     for k, (place, long) in enumerate(zip(frame.y.all(layer.at), frame.x.all(layer.length), strict=True)):
         if not math.isfinite(long):

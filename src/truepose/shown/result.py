@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 from truepose.files import atomic_write_text
 from truepose.leaves import modules_named
-from truepose.shown.page import page
-from truepose.shown.view import View, screen
+from truepose.shown.document import Document
+from truepose.shown.text import screen
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -41,9 +41,8 @@ class Declared(Generic[T]):
         return self._implemented(result, *arguments)
 
 
-view: Declared[View] = Declared("a result")
+document: Declared[Document] = Declared("a result")
 frame: Declared[pd.DataFrame] = Declared("a result")
-html: Declared[str] = Declared("a result with a report")
 files: Declared[list[str]] = Declared("a result with files")
 """Writes the files of a result into a directory and returns their names."""
 
@@ -61,12 +60,14 @@ class Shown:
 
     def __repr__(self) -> str:
         try:
-            return screen(view(self))
+            return screen(document(self))
         except Exception as exc:  # debuggers and messages show objects that are half made, or made up
             return f"<{type(self).__name__}, which cannot be shown: {type(exc).__name__}>"
 
     def _repr_html_(self) -> str:
-        return page(view(self))
+        from truepose.shown.html import fragment
+
+        return fragment(document(self))
 
 
 class Written(Shown):
@@ -74,7 +75,9 @@ class Written(Shown):
 
     def report(self, path: Path | str) -> Path:
         """Write the report, one HTML file that loads nothing, whole or not at all; its path. Raises InputError."""
-        atomic_write_text(path, html(self))
+        from truepose.shown.html import page
+
+        atomic_write_text(path, page(document(self)))
         return Path(path)
 
     def save(self, directory: Path | str) -> list[Path]:

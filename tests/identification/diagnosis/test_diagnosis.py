@@ -22,7 +22,7 @@ from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import FREE_WIDENING, estimate
 from truepose.identification.fit.problem import prior_of
 from truepose.identification.recording.load import load_recording
-from truepose.identification.report.diagnosis_words import form_words
+from truepose.identification.report.finding_words import form_words
 from truepose.identification.signatures.candidates import catalogue
 from truepose.identification.signatures.signatures import Signatures
 

@@ -20,7 +20,7 @@ from truepose.identification.prediction.simulate import simulate
 from truepose.identification.prior import FORM_ERROR
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
-from truepose.identification.report.diagnosis_words import form_words
+from truepose.identification.report.finding_words import form_words
 from truepose.identification.signatures.candidates import catalogue, empirical_forms
 from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine

@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
+from support.reports import diagnosis_lines
 from truepose.api import diagnose
 from truepose.identification.report.results import diagnosis_json
-from truepose.identification.report.terminal import diagnosis_lines
 from truepose.models.load import load_machine
 
 ARM = """

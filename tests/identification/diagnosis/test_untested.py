@@ -22,8 +22,8 @@ from truepose.identification.diagnosis.search import Found
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
-from truepose.identification.report.level_words import driver_clauses
-from truepose.identification.report.untestable_words import untestable_lines
+from truepose.identification.report.finding_words import driver_clauses
+from truepose.identification.report.verdict import untestable_lines
 from truepose.identification.signatures.signatures import Signatures
 from truepose.identification.signatures.untestable import GRAVITY, Untestable, places_of
 from truepose.models.effect_text import parse_effect

@@ -19,10 +19,11 @@ from typer.testing import CliRunner
 
 from support import MACHINES
 from support.drifting_arm import HOUR, SIGMA, TURN_SIGMA, machine_text, tolerance, write_sequence
+from support.reports import said_of
 from truepose.cli import app
 from truepose.errors import InputError
 from truepose.identification.leaves.drift.analysis import Drift, drift
-from truepose.identification.leaves.drift.words import drift_json, drift_lines, drift_notes
+from truepose.identification.leaves.drift.words import drift_json, drift_notes
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 
@@ -127,7 +128,7 @@ def test_a_base_set_up_anew_is_found_and_frames_alone_mend_it(tmp_path: Path, se
     assert 0.3 < np.mean(np.square(off)) < 2.5
     assert not any(check.holds for check in found.durability.carried if check)
     assert all(check.holds for check in found.durability.frames if check)
-    said = " ".join(drift_lines(found))
+    said = " ".join(said_of(found))
     assert "of frames and sensors: base.x, base.y, base.z, base.rx, base.ry, base.rz" in said
     assert "of the mechanism: nothing" in said
     assert "recalibrate frames and sensor constants within 1 day; the mechanism's constants hold" in said
@@ -139,7 +140,7 @@ def test_frames_alone_do_not_mend_a_joint_that_moved(tmp_path: Path) -> None:
     assert moved(found) == set(moves)
     assert [check.holds for check in found.durability.carried if check] == [False, False, False]
     assert [check.holds for check in found.durability.frames if check] == [True, True, False]
-    (line,) = [text for text in drift_lines(found) if "re-identifying" in text]
+    (line,) = [text for text in said_of(found) if "re-identifying" in text]
     assert "suffices up to day2.csv (2 days); no longer at day3.csv (3 days): rms position" in line
     wide = drift(
         load_machine(tmp_path / "arm.yaml"),
@@ -183,7 +184,7 @@ def test_without_a_clock_sessions_are_as_given_and_rates_by_session(tmp_path: Pa
     assert found.times is None
     (own,) = found.moved
     assert own.rate is not None and own.rate == pytest.approx(2e-4, rel=0.1)
-    assert "a session" in " ".join(drift_lines(found))
+    assert "a session" in " ".join(said_of(found))
     backwards = case.drift([3, 2, 1, 0])
     assert backwards.labels[0] == "day3.csv"
     assert backwards.moved[0].rate == pytest.approx(-own.rate, rel=1e-3)
@@ -225,7 +226,7 @@ def test_what_no_recording_sees_stays_out_with_a_sentence(tmp_path: Path) -> Non
     found = case.drift()
     assert {m.name for m in found.movements if m.status == "unseen"} == {"tool.rx", "tool.ry", "tool.rz"}
     assert moved(found) == {"q3.theta"}
-    lines = " ".join(drift_lines(found))
+    lines = " ".join(said_of(found))
     assert "no recording sees tool.rx, tool.ry, tool.rz: a movement there cannot be told" in lines
     assert re.search(r"would not be noticed: [^;]*base\.rz[^;]*q1\.theta|q1\.theta[^;]*base\.rz", lines)
 
@@ -240,7 +241,7 @@ def test_movements_that_show_alike_are_named_together(tmp_path: Path) -> None:
     assert own.alike["q5.r"] < 3.0
     (joint,) = [m for m in found.movements if m.name == "q5.r"]
     assert joint.status == "masked"
-    assert "a movement of q5.r could not be told from those found" in " ".join(drift_lines(found))
+    assert "a movement of q5.r could not be told from those found" in " ".join(said_of(found))
 
 
 def test_rows_that_count_from_another_session_are_left_out(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from support import MACHINES
+from support.reports import said_of
 from support.short_arm import JOINTS, POSITION, arm, status, written
 from truepose.cli import app
 from truepose.errors import InputError
@@ -23,7 +24,6 @@ from truepose.identification.identifiability.analysis import drawn_poses, identi
 from truepose.identification.identifiability.observability import identifiable
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
-from truepose.identification.report.identifiability_words import identifiability_lines
 from truepose.identification.report.notes import worded
 from truepose.identification.report.unseen_words import unseen_sentences
 from truepose.models.load import load_machine
@@ -169,7 +169,7 @@ def test_without_any_tolerance_nothing_decides(tmp_path: Path) -> None:
         "base.y": "determined",
         "base.z": "nothing decides",
     }
-    said = " ".join(identifiability_lines(found))
+    said = " ".join(said_of(found))
     assert "nothing decides, they stay at the drawing" in said
 
 

@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from support import MACHINES, TESTS
+from support.reports import said_of
 from support.short_arm import POSITION, arm, status
 from truepose.api import calibrate
 from truepose.identification.fit.decomposition import Decomposition
@@ -26,7 +27,6 @@ from truepose.identification.identifiability.observability import (
 )
 from truepose.identification.identifiability.patterns import patterns
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.report.identifiability_words import identifiability_lines
 from truepose.identification.report.unseen_words import unseen_sentences
 from truepose.models.load import load_machine
 
@@ -56,7 +56,7 @@ def test_trades_of_frames_and_end_joints_are_named_with_their_coefficients(tmp_p
     assert about["tool.y"] / about["q4.theta"] == pytest.approx(-20.0, rel=1e-6)
     along = pairs[frozenset(("base.z", "q1.r"))]
     assert along["base.z"] / along["q1.r"] == pytest.approx(-1.0, abs=1e-6)
-    said = " ".join(identifiability_lines(found))
+    said = " ".join(said_of(found))
     assert re.search(
         "(base.z and q1.r|q1.r and base.z) trade with each other: only one combination of the two is", said
     )
@@ -143,7 +143,7 @@ def test_parallel_axes_hide_an_offset_at_the_drawing_only(tmp_path: Path) -> Non
     assert set(hidden.parts) == {"q2.r", "q3.r"}
     # a tilt of some 0.1 deg moves 0.2 mm by less than a um, a thirtieth of sigma, in 300 readings
     assert 0.0 < found.as_built_size < 3.0
-    assert "hardly seen on a machine as built" in " ".join(identifiability_lines(found))
+    assert "hardly seen on a machine as built" in " ".join(said_of(found))
     assert status(found) == {"q2.r": "partly", "q3.alpha": "determined", "q3.r": "partly"}
     exact = identifiability(arm(tmp_path, *free[:2], frames="", sensor=POSITION))
     assert (exact.rank_at_drawing, exact.rank) == (1, 1)

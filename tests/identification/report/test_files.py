@@ -96,7 +96,7 @@ def test_both_together_have_one_report(machine: Machine, tmp_path: Path, brief: 
 @pytest.mark.parametrize("other", [None, 3.0, "text"])
 def test_what_is_no_result_has_no_report(other: object, tmp_path: Path) -> None:
     name = type(other).__name__
-    with pytest.raises(TypeError, match=f"found a {name}, expected a result with a report"):
+    with pytest.raises(TypeError, match=f"found a {name}, expected a result"):
         Written.report(cast(Any, other), tmp_path / "page.html")
     with pytest.raises(TypeError, match=f"found a {name}, expected a result with files"):
         Written.save(cast(Any, other), tmp_path / "out")

@@ -8,8 +8,8 @@ import pytest
 
 from support.reports import NAN, gear_finding, synthetic
 from truepose.identification.diagnosis.result import Alternative, Diagnosis, Lead, Levels, Replication
-from truepose.identification.report.diagnosis_words import explanation, separating_experiment
-from truepose.identification.report.findings_json import (
+from truepose.identification.report.finding_words import explanation, separating_experiment
+from truepose.identification.report.results import (
     alternative_json,
     finding_json,
     law_of,
@@ -140,7 +140,7 @@ def test_miscounted_fringes_are_a_finding_beside_other_rows(
 ) -> None:
     # an interferometer's machine would have to be fitted for this: which rows are fringes is tried elsewhere
     counted = {7: -2}
-    module = "truepose.identification.report.findings_json.fringes_by_row"
+    module = "truepose.identification.report.results.fringes_by_row"
     monkeypatch.setattr(module, lambda fit, recording, rows: counted)
     found = left_out(machine, 3, 7)
     fringes, others = outliers_json(found)

@@ -19,13 +19,11 @@ import pytest
 
 from support import TESTS
 from support.golden_pages import as_committed, shown
-from support.reports import arm, fitted, recorded, synthetic
+from support.reports import arm, calibration_html, fitted, recorded, report_html, synthetic
 from support.results import RESULTS, drifting
-from support.told_fleet import fleet
+from support.told_drift import drift_html
+from support.told_fleet import fleet, fleet_html
 from truepose.identification.fit.calibrate import Calibration
-from truepose.identification.leaves.drift.page import drift_html
-from truepose.identification.leaves.fleet.page import fleet_html
-from truepose.identification.report.pages import calibration_html, report_html
 from truepose.models.machine.machine import Machine
 from truepose.version import VERSION
 

@@ -16,13 +16,13 @@ import yaml
 import truepose
 from support.browser import browser, tried
 from support.examples import by_day
+from support.reports import calibration_html, report_html
+from support.told_drift import drift_html
+from support.told_fleet import fleet_html
 from truepose.identification.compensation.inverse import PoseSolver
-from truepose.identification.leaves.drift.page import drift_html
-from truepose.identification.leaves.fleet.page import fleet_html
 from truepose.identification.leaves.fleet.result import Fleet
 from truepose.identification.leaves.fleet.statistics import FleetStatistics
 from truepose.identification.leaves.fleet.table import Row
-from truepose.identification.report.pages import calibration_html, report_html
 from truepose.models.machine.machine import Machine
 
 needs_browser = pytest.mark.skipif(browser() is None, reason="no chromium to show a page in")
@@ -105,7 +105,7 @@ def _diagnosis(folder: Path) -> str:
 def _calibration(folder: Path) -> str:
     made = machine(folder)
     found = truepose.calibrate(made, truepose.load_recording(made, [recorded(made, folder, 0)]))
-    return calibration_html(found, warnings=(FIRST,), cautions=(SECOND,))
+    return calibration_html(found, cautions=(FIRST, SECOND))
 
 
 def _drift(folder: Path) -> str:

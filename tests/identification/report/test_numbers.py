@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from support.reports import NAN, fitted, recorded, synthetic
+from support.reports import NAN, synthetic
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.report.curves import curves
-from truepose.identification.report.gauge import rank_words
 from truepose.identification.report.numbers import measure, p_value, percent, significant, times, uncertain
 from truepose.models.machine.machine import Machine
 
@@ -28,19 +24,6 @@ def test_identified_function_is_the_formula(diagnosis: Diagnosis) -> None:
     assert np.allclose(curve.y, expected)
     assert (curve.title, curve.y_title) == ("displacement of q1", "shift [µrad]")
     assert (curve.std > 0).all()
-
-
-def test_blind_directions_are_told_by_frame(machine: Machine) -> None:
-    fit = fitted(machine, recorded(machine))
-    free = [fit.prior.names[k] for k in fit.prior.free]
-    blind: NDArray[np.float64] = np.eye(len(free) + 1)
-    at = [free.index("tool.x"), free.index("q2.d")]
-    blind[:, at] = 0.0
-    blind[at[0], at] = (1.0, 1.0)  # their sum is seen, their difference is not
-    said = " ".join(rank_words(replace(fit, factor=blind)))
-    assert f"{len(free) - 1} of {len(free)} directions" in said
-    assert "tool frame can move against the mechanism in 1 way (of x)" in said
-    assert "q2.d" in said
 
 
 def test_numbers_read_well() -> None:

@@ -11,9 +11,8 @@ import truepose
 import truepose.models
 from support.browser import browser, tried
 from support.examples import by_day
-from support.reports import arm, synthetic
+from support.reports import arm, report_html, synthetic
 from support.results import diagnosis
-from truepose.identification.report.pages import report_html
 
 pytestmark = pytest.mark.skipif(browser() is None, reason="no chromium to show a page in")
 MACHINES = Path(truepose.models.__path__[0]) / "machines"

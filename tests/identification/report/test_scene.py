@@ -23,7 +23,7 @@ from support.reports import arm, fitted, recorded
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
-from truepose.identification.report.scene.guilt import Guilty, pieces_of
+from truepose.identification.report.scene.guilt import pieces_of
 from truepose.identification.report.scene.scene import STEPS, error_words, scene_of, thinned, upright
 from truepose.identification.report.scene.sights import base_pose, sights
 from truepose.models.effects.base import effects
@@ -32,6 +32,7 @@ from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import element_of
 from truepose.models.machine.skeleton import skeleton
+from truepose.shown.document import Guilty
 
 Array = NDArray[np.float64]
 BUNDLED = ("telescope", "nanopositioner", "polisher")

@@ -13,12 +13,13 @@ from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.fit.tool_pose import READINGS, TOLERANCES, tool_spread, workspace
 from truepose.identification.identifiability.observability import Note
 from truepose.identification.recording.recording import Recording
-from truepose.identification.report.document import Charts, Table, Text
-from truepose.identification.report.gauge import rank_words, weak_words
+from truepose.identification.report.closing import geometry_words
 from truepose.identification.report.notes import tolerance_notes, worded
-from truepose.identification.report.sections.uncertainty import uncertainty_section
+from truepose.identification.report.results import fit_json
+from truepose.identification.report.uncertainty import uncertainty_section
 from truepose.models.machine.machine import Machine
 from truepose.shown.chart import Marks
+from truepose.shown.document import Charts, Table, Text
 
 UNITS = {"nm": 1e-6, "µm": 1e-3, "mm": 1.0}
 
@@ -125,27 +126,20 @@ def test_poses_that_were_visited_three_times_are_tested(
 # -- what readings leave open, and notes ---------------------------------------------------------------
 
 
-def test_constants_that_readings_hardly_tell_are_named(fit: Estimate) -> None:
-    """Those whose 1-sigma is over nine tenths of the tolerance."""
+def test_constants_that_readings_hardly_tell_and_directions_that_none_sees_are_named(
+    machine: Machine, fit: Estimate
+) -> None:
+    """Those whose 1-sigma is over nine tenths of the tolerance; directions in the words of ``fit.json``."""
     free = [int(k) for k in fit.prior.free if np.isfinite(fit.prior.sigma[k])]
-    weak = [fit.prior.names[k] for k in free if fit.std[k] > 0.9 * fit.prior.sigma[k]]
-    (text,) = weak_words(fit)
-    if weak:
-        assert text.startswith(
-            f"For {len(weak)} of {len(free)} parameters with a tolerance the readings say next to nothing"
-        )
-    else:
-        assert text == "Every parameter is known better than its drawing said."
-    sharp = replace(fit, factor=1e6 * fit.factor)
-    assert weak_words(sharp) == ["Every parameter is known better than its drawing said."]
-    assert rank_words(sharp) == [
-        f"The readings alone determine all {len(fit.prior.free)} free parameters; how well, the next line says."
-    ]
-    dull = replace(fit, factor=1e-6 * fit.factor)
-    (text,) = weak_words(dull)
-    assert text.startswith(
-        f"For {len(free)} of {len(free)} parameters with a tolerance the readings say next to nothing"
-    )
+    sharp, dull = (replace(fit, factor=size * fit.factor) for size in (1e6, 1e-6))
+    assert geometry_words(sharp)[-1] == "Every parameter is known better than its drawing said."
+    assert geometry_words(dull)[-1].startswith(f"For {len(free)} of {len(free)} parameters with a tolerance")
+    blind = fitted(machine, recorded(machine))
+    rank, *unseen, _ = geometry_words(blind)
+    count = len(blind.prior.free)
+    assert rank == f"The readings alone determine {count - 1} of {count} directions of the free parameters."
+    said = [one["meaning"] for one in fit_json(blind, blind.recording)["unseen"]]
+    assert [text[1:].rstrip(".") for text in unseen] == [text[1:] for text in said] and len(said) == 1
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.write_machine import calibrated_text
-from truepose.identification.report.fitted import file_of
+from truepose.identification.report.files import file_of
 from truepose.models import lie
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import AXES

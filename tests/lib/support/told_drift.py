@@ -12,7 +12,9 @@ from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.identifiability.observability import Direction, Knowledge
 from truepose.identification.identifiability.patterns import Blind
 from truepose.identification.leaves.drift.analysis import Drift
+from truepose.identification.leaves.drift.page import drift_document
 from truepose.identification.leaves.drift.sizes import Check, Durability, Movement
+from truepose.shown.html import page
 
 DAY = 86400.0
 GOOD = Check({"position": 0.011}, {"position": 0.010}, {"position": "mm"}, 0.4, True)
@@ -70,3 +72,8 @@ CHANGED: dict[str, Any] = {
     "rate_std": 0.001 / DAY,
 }
 """Of a parameter that moved over three sessions."""
+
+
+def drift_html(found: Drift, cautions: Sequence[str] = ()) -> str:
+    """The page of a result."""
+    return page(replace(drift_document(found), cautions=cautions))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from truepose.identification.leaves.fleet.changes import Change, Changes, Moved
+from truepose.identification.leaves.fleet.page import fleet_document
 from truepose.identification.leaves.fleet.result import SHOWN, Fleet
 from truepose.identification.leaves.fleet.statistics import (
     ConstantInFleet,
@@ -14,6 +15,7 @@ from truepose.identification.leaves.fleet.statistics import (
     ToleranceInFleet,
 )
 from truepose.identification.leaves.fleet.table import Row
+from truepose.shown.html import page
 
 HOSTILE = '<script>alert("1")</script>&'
 SEEN = EffectInFleet(
@@ -50,3 +52,8 @@ def fleet(changes: Changes | None = CHANGES, rows: int = 1) -> Fleet:
     return Fleet(
         HOSTILE, rows + 1, counts, {"missing-physics": rows}, STATISTICS, 1, told[:1], [FAILED], told, changes
     )
+
+
+def fleet_html(found: Fleet) -> str:
+    """The page of a result."""
+    return page(fleet_document(found))
