@@ -57,7 +57,7 @@ def drift(
     from truepose.identification.leaves.drift.page import drift_document
     from truepose.identification.leaves.drift.showing import write_drift
     from truepose.identification.leaves.drift.words import drift_json
-    from truepose.shown.text import first_screen
+    from truepose.shown.text import LINES, first_screen
 
     if output is not None:
         check_directory(output, DRIFT)
@@ -72,7 +72,7 @@ def drift(
         files = [] if output is None else written(output, write_drift(found, output, caution))
     summary = {"command": "drift", **drift_json(found), **caution.document, "files": files}
     told = replace(drift_document(found), cautions=caution.sentences)
-    finish(summary, [*first_screen(told), *files], told.notes, as_json=as_json)
+    finish(summary, [*first_screen(told, 2 * LINES), *files], told.notes, as_json=as_json)
 
 
 def _wanted(texts: Sequence[str]) -> dict[str, float]:

@@ -92,7 +92,7 @@ def fleet(
     from truepose.identification.leaves.fleet.run import run_fleet
     from truepose.identification.leaves.fleet.words import fleet_json, headline
     from truepose.identification.leaves.fleet.work import Options
-    from truepose.shown.text import first_screen
+    from truepose.shown.text import LINES, first_screen
 
     check_directory(output, FLEET)
     if limit is not None and not limit > 0:
@@ -104,7 +104,7 @@ def fleet(
     with counted("fleet") as hear, _pool(workers, dask) as pool:
         found = run_fleet(folders, pool, options, progress=hear)
     summary = {"command": "fleet", **fleet_json(found), "files": written(output, FILES)}
-    lines = [*first_screen(fleet_document(found)), f"report: {output / PAGE}"]
+    lines = [*first_screen(fleet_document(found), 2 * LINES), f"report: {output / PAGE}"]
     finish(summary, lines, (), as_json=as_json)
     if not found.diagnosed:
         fail(f"{folder}: {headline(found)} {output / FILES[0]} says why", BAD_INPUT)

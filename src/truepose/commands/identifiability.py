@@ -70,7 +70,7 @@ def identifiability(
         files = [] if output is None else _write(document, output, single)
     summary = {"command": "identifiability", **document, "files": files}
     told = identifiability_document(found, every)
-    lines = [*first_screen(told, 10_000 if every else LINES), *files]
+    lines = [*first_screen(told, 10_000 if every else 2 * LINES), *files]
     finish(summary, lines, document["notes"], as_json=as_json)
 
 

@@ -15,7 +15,8 @@ CELL = 34
 GAP = "  "
 CUT = " ..."
 _ALL = 10**6
-_ROOM = ((_ALL, 3, _ALL), (12, 2, 8), (6, 2, 8), (4, 2, 6), (4, 1, 6), (2, 1, 4), (1, 1, 3))
+_WHOLE = (_ALL, _ALL, _ALL)
+_ROOM = (_WHOLE, (_ALL, 3, _ALL), (12, 2, 8), (6, 2, 8), (4, 2, 6), (4, 1, 6), (2, 1, 4), (1, 1, 3))
 """Most items of a list, lines of an item, and rows of a table: the first that lets everything stand on a screen."""
 
 
