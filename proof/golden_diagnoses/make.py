@@ -3,7 +3,7 @@
 The simulated machines of the examination (``challenge.simulator``, ``challenge.mujoco``) measure; nothing that diagnoses is
 used. Cases of MuJoCo's arms stay as they are where that is not installed. What is put into a case stands in ``cases.py``,
 ``rich.py`` and in ``tests/golden_diagnoses/README.md``, whose table is written from it; the files that a diagnosis reads do
-not say. Afterwards ``pytest tests/identification/diagnosis/test_golden_diagnoses.py --update-golden``.
+not say. Afterwards ``pytest tests/kernel/identification/diagnosis/test_golden_diagnoses.py --update-golden``.
 """
 
 from __future__ import annotations
