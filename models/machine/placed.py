@@ -111,7 +111,7 @@ class Observed(Protocol):
 class Physics(ABC):
     """A physics term. Class fields describe it to users; methods define it.
 
-    ``machine`` is a ``truepose.models.machine.Machine`` and ``site`` a ``truepose.models.machine.effect.Site``. Both hold
+    ``machine`` is a ``truepose.models.machine.machine.Machine`` and ``site`` a ``truepose.models.machine.effect.Site``. Both hold
     placed effects, so that their types have no name down here.
     """
 

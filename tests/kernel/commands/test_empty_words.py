@@ -42,4 +42,4 @@ def test_an_empty_word_behind_such_an_option_is_its_value(words: list[str], tmp_
 
 def test_an_option_that_names_no_file_may_be_empty(tmp_path: Path) -> None:
     words = ["export", MACHINE, f"--output={tmp_path / 'arm.urdf'}", "--format", ""]
-    assert "format: found '', expected urdf" in CliRunner().invoke(app, words).stderr
+    assert "format: found export format '', expected one of" in CliRunner().invoke(app, words).stderr

@@ -159,7 +159,7 @@ def test_what_is_said_of_a_program_reaches_its_correction(
         heard.append(arguments)
         return {"dialect": "kuka"}, ["a line"], ["a note"]
 
-    monkeypatch.setattr("truepose.commands.compensate.correct_program", corrected)
+    monkeypatch.setattr("truepose.identification.leaves.programs.command._correct_program", corrected)
     done = run(f"compensate arm.yaml job.src -o out.src {options}")
     assert (done.exit_code, done.stdout, done.stderr) == (0, "a line\n", "note: a note\n")
     ((machine, dialect, path, output, told),) = heard
