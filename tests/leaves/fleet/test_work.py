@@ -145,7 +145,7 @@ def test_files_that_do_not_belong_together_are_worked_with_where_it_is_asked_for
     wrong, *nothing = check_files(one.member.machine, one.member.recordings)
     given = (wrong, whole, read) if loaded else (wrong, *nothing)
     monkeypatch.setattr(DIAGNOSE, diagnose)
-    monkeypatch.setattr("truepose.identification.leaves.check.run.check_files", lambda *_, **__: given)
+    monkeypatch.setattr("truepose.identification.leaves.check.gate.check_files", lambda *_, **__: given)
     found = done(one)
     assert found.status == ("failed" if anyway and loaded else "wrong")
     assert (found.why == "reached, None") is (anyway and loaded)
