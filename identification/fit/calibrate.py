@@ -3,10 +3,10 @@
 ``map`` holds parameters by their tolerances; ``huber`` is ``map`` with a loss that bends for outliers.
 ``ols`` trusts readings alone (directions they do not see stay at the drawing); ``liu``, ``ridge`` and ``pcr``
 do so too, but give up a little of their unbiasedness where columns are nearly dependent
-(``truepose.identification.leaves.shrinking``).
+(the leaf ``shrinking``).
 
 ``gn`` starts undamped, ``lm`` damped; where one finds no minimum the other is tried, and a note says so.
-Solvers that keep bounds are leaves (``truepose.identification.leaves.ipopt``).
+Solvers that keep bounds are leaves (``ipopt``).
 """
 
 from __future__ import annotations

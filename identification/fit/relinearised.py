@@ -11,7 +11,7 @@ B sees it and follow by least squares.
 Estimators of a linear problem y = H b + noise whose columns are nearly dependent are plain functions of arrays.
 
 ``decompose`` makes one SVD of H; an estimate is then a share, between 0 and 1, of each coordinate of the least-squares
-solution along the right singular vectors: all of it (``ols``), or less (``truepose.identification.leaves.shrinking``).
+solution along the right singular vectors: all of it (``ols``), or less (the leaf ``shrinking``).
 
 The unit of the columns is part of a biased estimator (1 is compared with their squared singular values):
 ``raw`` takes them as they are, ``unit`` makes every column one long, an array states sizes of steps, such as

@@ -111,8 +111,8 @@ class Observed(Protocol):
 class Physics(ABC):
     """A physics term. Class fields describe it to users; methods define it.
 
-    ``machine`` is a ``truepose.models.machine.machine.Machine`` and ``site`` a ``truepose.models.machine.effect.Site``. Both hold
-    placed effects, so that their types have no name down here.
+    ``machine`` is a ``Machine`` (``models/machine/machine.py``) and ``site`` a ``Site`` (``effect.py``). Both hold placed
+    effects, so that their types have no name down here.
     """
 
     slug: ClassVar[str]

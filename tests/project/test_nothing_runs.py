@@ -22,7 +22,6 @@ OF_MODULES = {
     ("ElementTree", "parse"), ("ElementTree", "XML"), ("ElementTree", "fromstring"), ("importlib", "import_module"),
 }  # fmt: skip
 KNOWN = {
-    ("identification/signatures/chunks.py", "pickle.loads"),  # what this program sent to its own workers
     ("models/builders/urdf_file.py", "ElementTree.fromstring"),  # what this program wrote a moment ago
     ("models/registry.py", "importlib.import_module"),  # modules of this package
     ("src/truepose/leaves.py", "importlib.import_module"),  # modules of this package

@@ -84,7 +84,7 @@ def test_importing_the_package_imports_nothing_heavy() -> None:
         (
             "cli",
             (
-                "truepose.identification.recording",
+                "truepose.identification.recording.recording",
                 "truepose.models.load",
                 "truepose.codegen.c",
                 "truepose.pool",

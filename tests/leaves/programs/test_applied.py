@@ -82,7 +82,7 @@ def test_what_is_generated_is_what_was_asked_for(
     files = [Path("out/b.h"), Path("out/a.c")]
     monkeypatch.setattr("truepose.codegen.c.generate", called("plain", files))
     monkeypatch.setattr(
-        "truepose.codegen.leaves.embedded.command.generate_measured", called("measured", (files, []))
+        "truepose.codegen.leaves.embedded.write.generate_measured", called("measured", (files, []))
     )
     done = run(f"codegen arm.yaml -o out {options} --json")
     told = json.loads(done.stdout)
