@@ -31,7 +31,7 @@ HEAD, TAIL = 60, 10
 ELSEWHERE = ("recordings", "MJCF")
 """Kinds whose good files are those of another kind, or are read by a library that may not be there."""
 KIND = {kind.name: kind for kind in KINDS if kind.name not in ELSEWHERE}
-MACHINES = 9
+MACHINES = 10
 CASES = [(name, k) for name in KIND for k in (range(MACHINES) if name == "machine files" else [None])]
 """Each kind, and each machine by itself."""
 

@@ -214,7 +214,7 @@ def test_the_command_says_what_it_held_and_refuses_what_there_is_not(tmp_path: P
     done = run.invoke(app, ["calibrate", arm, rows, "--only", "base, tool", "-o", str(tmp_path / "out")])
     assert done.exit_code == 0
     assert "held as the machine file has it: all but base, tool" in done.output
-    assert "before (the machine file)" in done.output
+    assert "with the machine file" in done.output
     for name, said in (("bse", "did you mean 'base'"), ("q1.r", "exactly known")):
         refused = run.invoke(app, ["calibrate", arm, rows, "--only", name, "-o", str(tmp_path / "no")])
         assert refused.exit_code == 2
