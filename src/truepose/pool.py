@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
-from joblib.externals.loky import get_reusable_executor
+from joblib.externals.loky import ProcessPoolExecutor
 
 from truepose.errors import InputError
 from truepose.version import VERSION
@@ -53,13 +53,14 @@ class Cores:
 
     @contextlib.contextmanager
     def executor(self) -> Iterator[Executor]:
-        """Yield joblib's executor."""
-        executor = get_reusable_executor(self.at_once, env=dict.fromkeys(THREADS, "1"))
+        """Yield an executor of joblib's kind, but not the one that its own users share."""
+        executor = ProcessPoolExecutor(self.at_once, env=dict.fromkeys(THREADS, "1"))
         try:
             yield executor
         except BaseException:
             executor.shutdown(kill_workers=True)
             raise
+        executor.shutdown()
 
 
 @dataclass(frozen=True)

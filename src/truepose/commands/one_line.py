@@ -93,8 +93,11 @@ def describe(exc: Exception) -> str:
 
 def say(message: str) -> None:
     """Write one line on standard error, if anybody can read it."""
-    with contextlib.suppress(OSError):
+    try:
         typer.echo("error: " + " ".join(message.split("\n")), err=True)
+        sys.stderr.flush()
+    except OSError:
+        forget(sys.stderr)
 
 
 def forget(stream: Any) -> None:
