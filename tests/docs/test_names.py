@@ -36,7 +36,7 @@ DOTTED = re.compile(r"(?<!://)\btruepose(?:\.[A-Za-z_]\w*)+")
 RUN = re.compile(rf"python3? -m ((?:{'|'.join(IN_PROOF)}|examples|truepose)[\w.]*)")
 WRITTEN = re.compile(r"(?:^|/)NAME_|^travel_cubic\.py$|CASE")
 """Generated files, the reader's own, and words that stand for any name."""
-MADE_UP = {"tests/docs/test_names.py", "tests/project/test_imports.py", "tests/kernel/commands/test_cli.py"}
+MADE_UP = {"tests/docs/test_names.py", "tests/project/test_imports.py", "tests/whole/commands/test_cli.py"}
 """These ask for modules because they are not there."""
 
 
