@@ -142,15 +142,3 @@ def _report(exc: Exception) -> str:
             place = f"please send the report {report.name}"
     what = " ".join(f"{type(exc).__name__}: {exc}".split())[:200]
     return f"a fault of truepose {VERSION}, not of your files ({what}); {place}"
-
-
-__all__ = [
-    "BAD_INPUT",
-    "FAULT",
-    "NOT_CONVERGED",
-    "OneLineCommand",
-    "OneLineGroup",
-    "exit_code",
-    "forget",
-    "say",
-]
