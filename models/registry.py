@@ -138,12 +138,6 @@ def plugin_fault(exc: Exception) -> str | None:
     return f"{frames[-1].filename}: line {frames[-1].lineno}: the plug-in's {frames[-1].name} failed: {words}"
 
 
-def load_once(path: Path) -> None:
-    """The same, unless it was loaded before."""
-    if _module_name(path) not in sys.modules:
-        load_plugin(path)
-
-
 def loaded_plugins() -> tuple[Path, ...]:
     """Absolute paths of the files that were loaded, in their order."""
     files = [module.__file__ for name, module in sys.modules.items() if name.startswith(PREFIX)]
