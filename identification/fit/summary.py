@@ -66,9 +66,17 @@ def worst_allowed(fit: Estimate) -> float:
     if not known.any():
         return float("inf")
     scaled = fit.posterior_among(known) / np.outer(tolerance[known], tolerance[known])
-    values, vectors = np.linalg.eigh(np.eye(int(known.sum())) - scaled)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    sample = root @ np.random.default_rng(SEED).standard_normal((root.shape[1], DRAWS))
+    return largest_departure(np.eye(int(known.sum())) - scaled)
+
+
+def largest_departure(covariance: Array) -> float:
+    """Return what the largest of several normal numbers of this covariance (n, n) exceeds once in a hundred.
+
+    The symmetric root is one matrix; eigenvectors of equal eigenvalues are any, whatever rounding makes of them.
+    """
+    values, vectors = np.linalg.eigh(covariance)
+    root = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+    sample = root @ np.random.default_rng(SEED).standard_normal((len(root), DRAWS))
     return float(np.quantile(np.max(np.abs(sample), axis=0), LEVEL))
 
 

@@ -10,7 +10,6 @@ writes what has changed anew; what then differs is for the reviewer.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -32,8 +31,6 @@ HEAD, TAIL = 60, 10
 ELSEWHERE = ("recordings", "MJCF")
 """Kinds whose good files are those of another kind, or are read by a library that may not be there."""
 KIND = {kind.name: kind for kind in KINDS if kind.name not in ELSEWHERE}
-DRAWN = re.compile(r"within the [\d.]+ that")
-"""A limit from draws along eigenvectors, which another rounding turns where eigenvalues are alike."""
 MACHINES = 10
 CASES = [(name, k) for name in KIND for k in (range(MACHINES) if name == "machine files" else [None])]
 """Each kind, and each machine by itself."""
@@ -51,7 +48,7 @@ def _said(seeds: list[Seed], folder: Path) -> Iterator[str]:
             (folder / "out").mkdir()
             found = CliRunner().invoke(app, list(command))
             yield f"== {seed.file} {n}: truepose {' '.join(command)}: exit {found.exit_code}"
-            yield from DRAWN.sub("within what", found.output).splitlines()
+            yield from found.output.splitlines()
             for file in sorted((folder / "out").rglob("*")):
                 if (
                     file.suffix in WRITTEN and file.name != "fit.json"
