@@ -12,7 +12,7 @@ import pandas as pd
 
 from truepose.bounded import read_input
 from truepose.errors import InputError
-from truepose.identification.leaves.readers.bags import is_bag
+from truepose.identification.leaves.readers.bags import is_bag, read_bag
 from truepose.identification.leaves.readers.headings import (
     XYZ,
     asked_columns,
@@ -20,18 +20,17 @@ from truepose.identification.leaves.readers.headings import (
     is_asked,
     read_column,
 )
-from truepose.identification.leaves.readers.reading import bag_table
-from truepose.identification.leaves.readers.spreadsheet import MAGIC
+from truepose.identification.leaves.readers.points import PROGRAMS, is_marked, read_points
+from truepose.identification.leaves.readers.reading import MAGIC
 from truepose.identification.leaves.readers.tpoint import is_tpoint, machine_text, read_tpoint
-from truepose.identification.leaves.readers.tracker_text import ANY, DIALECTS, dialect_of, read_points
 from truepose.identification.recording.languages import refuse_languages
 from truepose.identification.recording.names import in_known_case
-from truepose.identification.recording.table import Column, Table, read_table
+from truepose.identification.recording.table import Column, Table, read_table, table_of
 from truepose.identification.recording.text import SI, decoded
 from truepose.models.units import parse_unit
 from truepose.wording import joined, shortened
 
-FORMATS: Final = ("auto", *DIALECTS, "tpoint", "excel", "bag", "table")
+FORMATS: Final = ("auto", *PROGRAMS, "tpoint", "excel", "bag", "table")
 _KEYS: Final = ("name", "point", "target", "pose")
 """Columns of a joints table that name each row's point."""
 _READ_ALONE: Final = (
@@ -72,7 +71,7 @@ def read_foreign(
                 raise asked_columns(table.names, table.file)
             return table
         if form == "bag":
-            return _with_choice(bag_table(path, topic, joints), chosen)
+            return _with_choice(table_of(str(path), read_bag(path, topic, joints)), chosen)
         text, notes = decoded(read_input(path), str(path))
     except OSError as exc:
         raise InputError(f"{path}: cannot read the file: {exc.strerror or exc}") from None
@@ -81,8 +80,8 @@ def read_foreign(
     others = [new for new in chosen if new not in XYZ]
     if others:
         raise InputError(f"--columns: found {others[0]!r}, expected x, y and z, which a list of points has")
-    dialect = DIALECTS.get(form) or dialect_of(text)
-    found = read_points(text, str(path), dialect, unit, chosen)
+    marked = form in PROGRAMS or is_marked(text)
+    found = read_points(text, str(path), unit, chosen, marked=marked)
     return replace(found, notes=(*notes, *found.notes))
 
 
@@ -110,7 +109,7 @@ def _form(path: Path, chosen: Mapping[str, str] | None = None) -> str:
     if is_tpoint(text):
         return "tpoint"
     refuse_languages(text[:_BEGINNING], str(path))
-    marked = dialect_of(text) is not ANY and not chosen
+    marked = is_marked(text) and not chosen
     return "points" if marked or not _is_table(path, chosen or {}) else "table"
 
 

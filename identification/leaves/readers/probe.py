@@ -12,7 +12,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from truepose.arrays import Array, Index, Mask
 from truepose.errors import InputError
-from truepose.identification.leaves.readers.clock_offset import MOVING, Clock, Motion
+from truepose.identification.leaves.readers.clock_offset import Clock, Motion
 from truepose.identification.recording.arrow_columns import ArrowCells
 from truepose.identification.recording.file import LOGGED, OF_JOINTS
 from truepose.identification.recording.joint_column import sized
@@ -21,7 +21,7 @@ from truepose.identification.recording.table import Column, Table
 from truepose.identification.recording.times import read_times
 from truepose.models.file.driver import TEMPERATURE, VELOCITY
 from truepose.models.machine.columns import OF_ROWS
-from truepose.models.units import compatible, convert
+from truepose.models.units import convert
 from truepose.wording import joined, shortened
 
 _TIMES: Final = ("time", "timestamp", "t", "stamp")
@@ -31,6 +31,8 @@ _DISAGREES: Final = 0.5
 """Share of a joint's velocity by which what was logged may differ from the slope of its positions."""
 _HELD: Final = ("session", "role", "approach")
 """What holds from one sample of the log to the next."""
+_MOVING: Final = 0.2
+"""Share of the usual top speed from which a sample says anything of the clocks."""
 _POINT: Final = re.compile(r"^(?P<head>(.*\.)?)x$")
 
 
@@ -94,13 +96,12 @@ class Pairing:
         place = np.column_stack([sized(probe, name, probe.readings(name)) for name in axes])
         order = np.unique(self.time, return_index=True)[1]
         order = order[np.isfinite(place[order]).all(axis=1)]
-        radians, slides = _internal(log)
 
         def joints(time: Array) -> Array:
-            return log.at(np.clip(time, log.time[0], log.time[-1]))[0] * radians
+            return log.at(np.clip(time, log.time[0], log.time[-1]))[0]
 
         span = (float(log.time[0]), float(log.time[-1]))
-        return Motion(self.time[order], place[order], joints, span, slides, log.step)
+        return Motion(self.time[order], place[order], joints, span, log.step)
 
     @property
     def files(self) -> str:
@@ -127,7 +128,7 @@ class Pairing:
         kept = _thinned(kept[np.argsort(at[kept], kind="stable")], at, every)
         if most:
             speed = np.linalg.norm(self.log.at(at[kept])[1], axis=1)
-            kept = kept[speed >= MOVING * np.quantile(speed, 0.9)]
+            kept = kept[speed >= _MOVING * np.quantile(speed, 0.9)]
             kept = kept[np.linspace(0, len(kept) - 1, min(len(kept), most)).astype(int)]
         notes = [*self.probe.notes, *self.log.table.notes]
         if not known.all():
@@ -198,17 +199,6 @@ def _checked(log: Table, name: str, logged: Array, slope: Array) -> Array:
         f"{log.where(f'{VELOCITY}.{name}')}: found an rms of {np.sqrt(np.mean(logged**2)):.4g}, but {name} changes "
         f"by {size:.4g} a second: expected its velocity, with its unit in the header, or no such column"
     )
-
-
-def _internal(log: Log) -> tuple[Array, Mask]:
-    """(nj,) factors to rad, and which joints slide; columns without a unit are in deg if one goes beyond a turn in rad."""
-    units = log.table.stated_units
-    bare = [k for k, name in enumerate(log.names) if units[name] is None]
-    usual = "deg" if bare and np.abs(log.joints[:, bare]).max() > 2.0 * np.pi else "rad"
-    said = [units[name] or usual for name in log.names]
-    slides = np.array([not compatible(unit, "rad") for unit in said])
-    factors = [1.0 if slide else convert(1.0, unit, "rad") for unit, slide in zip(said, slides, strict=True)]
-    return np.array(factors), slides
 
 
 def _thinned(rows: Index, at: Array, every: float) -> Index:
