@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from truepose.arrays import Array, Mask
+from truepose.arrays import Array, Index, Mask
 from truepose.identification.leaves.fringes.excursions import (
     Excursions,
     Fault,
@@ -33,7 +33,7 @@ from truepose.identification.leaves.fringes.levels import (
     rough_levels,
     tracked_levels,
 )
-from truepose.identification.leaves.fringes.turns import DECISIVE, Held, Verdict, Visit, judge
+from truepose.identification.leaves.fringes.turns import DECISIVE, Held, Light, Verdict, grouped_light, judge
 from truepose.models.sensors.irradiance import Reflectivities, coupling, folded_phase, fringe, phase_noise
 
 # -- Which excursions passed the end of their fringe: most at a glance, all at once; the others one by one
@@ -86,13 +86,14 @@ def passages(series: Series, *, everyone: bool = False) -> tuple[Array, list[tup
     doubtful = np.flatnonzero(~(even & in_time(series, even)) | everyone)
     if len(doubtful) > MOST_JUDGED:
         return None
-    verdicts = [(int(k), judge(visit_of(series, int(k), even))) for k in doubtful]
+    verdicts = [(int(k), judge(light_of(series, int(k), even))) for k in doubtful]
     for k, verdict in verdicts:
         out[k] = verdict.odds
     return out, verdicts
 
 
-def visit_of(series: Series, k: int, even: Mask) -> Visit:
+def light_of(series: Series, k: int, even: Mask) -> Light:
+    """Return the samples around excursion k, and where they lie from the end of the fringe that it visits."""
     found, last = series.found, len(series.found) - 1
     rows, high = window_of(series, k, even), bool(found.high[k])
     edges = (
@@ -100,15 +101,19 @@ def visit_of(series: Series, k: int, even: Mask) -> Visit:
         held_rest(series, series.rests[1], high) if k == last else None,
     )
     t = series.t[rows]
-    which = np.searchsorted(found.times, t, side="right")
     bounds = np.concatenate([[-np.inf], found.times, [np.inf]])
-    with np.errstate(invalid="ignore"):
-        middle = 0.5 * (bounds[which] + bounds[which + 1])
-    beyond = np.where(which == k, True, (t > middle) == (which > k))
-    kind = found.high[which]
-    return Visit(
-        t, series.v[rows], series.noise, high, series.g, series.slack, np.abs(which - k), beyond, kind, edges
-    )
+
+    def distance(v: Array, at: Index) -> Array:
+        """Return half fringes to the end that is next to each sample, and the phase from there."""
+        which = np.searchsorted(found.times, t[at], side="right")
+        with np.errstate(invalid="ignore"):
+            middle = 0.5 * (bounds[which] + bounds[which + 1])
+        beyond = (which == k) | ((t[at] > middle) == (which > k))
+        phase = folded_phase(v, series.g)
+        local = np.where(found.high[which], np.pi - phase, phase)
+        return np.asarray(np.pi * np.abs(which - k) + np.where(beyond, local, -local))
+
+    return grouped_light(t, series.v[rows], series.noise, distance, high, series.g, series.slack, edges)
 
 
 def held_rest(series: Series, rest: Rest, high: bool) -> Held:

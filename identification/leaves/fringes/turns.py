@@ -12,16 +12,16 @@ x is the phase from the end of the fringe, rad; v = low + size * fringe(x) with 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from truepose.arrays import Array, Index, Mask
+from truepose.arrays import Array, Index
 from truepose.identification.fit.leastsquares import minimise
 from truepose.identification.leaves.fringes.levels import Noise
-from truepose.models.sensors.irradiance import folded_phase, fringe, fringe_slope
+from truepose.models.sensors.irradiance import fringe, fringe_slope
 
 # -- Motions of the mirror near the end of a fringe, fitted to the light: x(t) smooth, or with one sudden change
 
@@ -203,27 +203,6 @@ _SURE = 1e3
 
 
 @dataclass(frozen=True)
-class Visit:
-    """Samples around the visit to the ``high`` or low end of a fringe, and how they lie from it.
-
-    t and v (n,) with their ``noise``; ``slack``: 1-sigma of the levels by which v was normalised. The end nearest to
-    a sample is ``halves`` (n,) half fringes away from the one that is visited, and high where ``kind`` (n,) is true;
-    ``beyond`` (n,): the sample lies past it. ``edges``: what else is known where the samples begin and stop.
-    """
-
-    t: Array
-    v: Array
-    noise: Noise
-    high: bool
-    g: float
-    slack: float
-    halves: Index
-    beyond: Mask
-    kind: Mask
-    edges: tuple[Held | None, Held | None] = (None, None)
-
-
-@dataclass(frozen=True)
 class Verdict:
     """``odds``: chi2 of turning less chi2 of passing, scaled so that the better motion fits; ``fits``: it does.
 
@@ -247,18 +226,13 @@ class Verdict:
         return self.odds > DECISIVE
 
 
-def judge(visit: Visit) -> Verdict:
-    """Passed or turned: the simplest motions that fit decide; odds are 0 when none does."""
-    light = light_of(visit)
-    fitting = (verdict for verdict in _attempts(light) if verdict is not None and verdict.fits)
-    return next(fitting, Verdict(0.0, False, float(visit.high), np.inf))
-
-
-def _attempts(light: Light) -> Iterator[Verdict | None]:
-    """One after another, as they are asked for: the first, which decides most visits, takes a fraction of the time of all."""
-    yield smooth_verdict(light, _SIMPLE)
-    yield _sudden(light)
-    yield smooth_verdict(light, _FREE)
+def judge(light: Light) -> Verdict:
+    """Return passed or turned: the simplest motions that fit decide; odds are 0 when none does."""
+    for attempt in (_SIMPLE, None, _FREE):
+        verdict = _sudden_verdict(light) if attempt is None else smooth_verdict(light, attempt)
+        if verdict is not None and verdict.fits:
+            return verdict
+    return Verdict(0.0, False, float(light.high), np.inf)
 
 
 def smooth_verdict(light: Light, degrees: tuple[int, ...]) -> Verdict | None:
@@ -275,7 +249,7 @@ def smooth_verdict(light: Light, degrees: tuple[int, ...]) -> Verdict | None:
                 np.insert(a, -2, [0.0] * (degree + 3 - len(a))) for a in (simpler.get(side),) if a is not None
             ]
             found = Problem.of(light, side, degree).best(*lower)
-            simpler[side] = min(found, key=_chi2).a
+            simpler[side] = min(found, key=lambda motion: motion.chi2).a
             motions += found
         now = _weighed(motions)
         if verdict is not None and verdict.fits:
@@ -284,7 +258,7 @@ def smooth_verdict(light: Light, degrees: tuple[int, ...]) -> Verdict | None:
     return verdict
 
 
-def _sudden(light: Light) -> Verdict | None:
+def _sudden_verdict(light: Light) -> Verdict | None:
     """The verdict of motions with one sudden change of speed, wherever it fits best."""
     if len(light.u) < _SUDDEN + 6:
         return None
@@ -305,11 +279,11 @@ def _sudden(light: Light) -> Verdict | None:
 def _at(light: Light, side: float, place: float, near: Motion | None) -> Motion:
     """The best motion that changes at a place; from a motion ``near`` it, or from guesses."""
     problem = Problem.of(light, side, _SUDDEN, place)
-    return min(problem.best() if near is None else [problem.reached(near.a)], key=_chi2)
+    return min(problem.best() if near is None else [problem.reached(near.a)], key=lambda motion: motion.chi2)
 
 
 def _weighed(motions: list[Motion]) -> Verdict:
-    better = min(motions, key=_chi2)
+    better = min(motions, key=lambda motion: motion.chi2)
     freedom = better.problem.freedom
     scale = max(1.0, better.chi2 / freedom)
     # where every guess became a motion of the one kind, none of the other comes near the data
@@ -322,23 +296,23 @@ def _weighed(motions: list[Motion]) -> Verdict:
     return Verdict((turned - passed) / scale, bool(fits), level, sigma * float(np.sqrt(scale)))
 
 
-def _chi2(motion: Motion) -> float:
-    return motion.chi2
+def grouped_light(
+    t: Array,
+    v: Array,
+    noise: Noise,
+    distance: Callable[[Array, Index], Array],
+    high: bool,
+    g: float,
+    slack: float,
+    edges: tuple[Held | None, Held | None],
+) -> Light:
+    """Return samples (n,) in groups, with the 1-sigma of their means and that of the model.
 
-
-def light_of(visit: Visit) -> Light:
-    """Samples in groups, with the 1-sigma of their means and that of the model."""
-    t, v = visit.t, visit.v
-    groups = min(_POINTS, len(t))
-    edges = np.linspace(0, len(t), groups + 1).astype(int)
-    sizes = np.diff(edges)
-    time = np.add.reduceat(t, edges[:-1]) / sizes
-    mean = np.add.reduceat(v, edges[:-1]) / sizes
-    span = max(float(t[-1] - t[0]), 1e-300)
-    at = edges[:-1] + sizes // 2
-    phase = folded_phase(mean, visit.g)
-    local = np.where(visit.kind[at], np.pi - phase, phase)
-    distance = np.pi * visit.halves[at] + np.where(visit.beyond[at], local, -local)
-    sigma = np.sqrt(visit.noise.sigma**2 / sizes + visit.noise.stuck**2 + _FLOOR**2)
-    u = 2.0 * (time - t[0]) / span - 1.0
-    return Light(u, mean, sigma, distance, visit.high, visit.g, visit.slack, visit.edges)
+    ``distance`` gives that of groups' means from the end of the fringe that is visited, for samples that stand for them.
+    """
+    bounds = np.linspace(0, len(t), min(_POINTS, len(t)) + 1).astype(int)
+    sizes = np.diff(bounds)
+    time, mean = (np.add.reduceat(values, bounds[:-1]) / sizes for values in (t, v))
+    sigma = np.sqrt(noise.sigma**2 / sizes + noise.stuck**2 + _FLOOR**2)
+    u = 2.0 * (time - t[0]) / max(float(t[-1] - t[0]), 1e-300) - 1.0
+    return Light(u, mean, sigma, distance(mean, bounds[:-1] + sizes // 2), high, g, slack, edges)
