@@ -31,7 +31,6 @@ from truepose.identification.leaves.fringes.levels import (
     fitted_levels,
     noise_of,
     rough_levels,
-    tracked_levels,
 )
 from truepose.identification.leaves.fringes.turns import DECISIVE, Held, Light, Verdict, grouped_light, judge
 from truepose.models.sensors.irradiance import Reflectivities, coupling, folded_phase, fringe, phase_noise
@@ -218,8 +217,7 @@ def _half(found: Excursions, crossing: int, k: int, sign: float, own: float) -> 
 _WEAK = 0.06  # noise of a sample, in fringes, beyond which nothing is read
 _ROUGH = (0.05, 0.02)  # of a fringe: 1-sigma of levels from the range of the signal, and corrected once
 _FEW = 0.001  # of a fringe: levels from few passages are no better
-_TRACKED = 24  # excursions from which on levels that drift are followed
-_TRACKED_BY, _AGAIN = 0.1, 0.05  # of a fringe: changes of levels after which crossings are sought again
+_AGAIN = 0.05  # of a fringe: changes of levels after which crossings are sought again
 _NEAR = 0.4  # rad: nearer to the end of a fringe, the side of it is an error and no miscount
 
 
@@ -313,11 +311,6 @@ def own_levels(t: Array, signal: Array, rough: Levels, g: float, noise: Noise) -
     """Levels that a series of times and samples (n,) itself shows; None when it spans too few fringes."""
     levels = rough
     found = find_excursions(t, levels.normalise(t, signal), noise.sigma / levels.size, g)
-    if len(found) > _TRACKED:
-        tracked = tracked_levels(signal, levels, found)
-        if tracked.differs(levels, _TRACKED_BY):
-            levels = tracked
-            found = find_excursions(t, levels.normalise(t, signal), noise.sigma / levels.size, g)
     for _ in range(2):
         fitted = fitted_levels(t, signal, found, g, noise.sigma, levels.size)
         if fitted is None:
