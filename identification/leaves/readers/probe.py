@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
+from scipy.interpolate import CubicSpline
 
 from truepose.arrays import Array, Index, Mask
 from truepose.errors import InputError
@@ -21,14 +21,11 @@ from truepose.identification.recording.table import Column, Table
 from truepose.identification.recording.times import read_times
 from truepose.models.file.driver import TEMPERATURE, VELOCITY
 from truepose.models.machine.columns import OF_ROWS
-from truepose.models.units import convert
 from truepose.wording import joined, shortened
 
 _TIMES: Final = ("time", "timestamp", "t", "stamp")
 _GAP: Final = 5.0
 """A pause in the log of more than so many usual steps is a gap, in which nobody knows the joints."""
-_DISAGREES: Final = 0.5
-"""Share of a joint's velocity by which what was logged may differ from the slope of its positions."""
 _HELD: Final = ("session", "role", "approach")
 """What holds from one sample of the log to the next."""
 _MOVING: Final = 0.2
@@ -38,13 +35,12 @@ _POINT: Final = re.compile(r"^(?P<head>(.*\.)?)x$")
 
 @dataclass(frozen=True)
 class Log:
-    """A robot's log in order of time: joints (k, nj) in their columns' units and velocities (k, nj) in those per second."""
+    """A robot's log in order of time: joints (k, nj) in their columns' units."""
 
     table: Table
     time: Array
     names: tuple[str, ...]
     joints: Array
-    velocities: Array
     order: Index
 
     @property
@@ -53,12 +49,12 @@ class Log:
         return float(np.median(np.diff(self.time)))
 
     def at(self, time: Array) -> tuple[Array, Array]:
-        """Joints (n, nj) and their velocities (n, nj), by the cubic that meets positions and velocities on both sides."""
-        way = CubicHermiteSpline(self.time, self.joints, self.velocities)
-        return np.asarray(way(time)), np.asarray(way.derivative()(time))
+        """Return joints (n, nj) and their velocities (n, nj), by the cubic spline through all samples."""
+        way = CubicSpline(self.time, self.joints)
+        return np.asarray(way(time)), np.asarray(way(time, 1))
 
     def knows(self, time: Array) -> Mask:
-        """(n,) times inside the log that are not in one of its gaps."""
+        """Return which times (n,) are inside the log that are not in one of its gaps."""
         inside = (time >= self.time[0]) & (time <= self.time[-1])
         after = np.clip(np.searchsorted(self.time, time), 1, len(self.time) - 1)
         return np.asarray(inside & (self.time[after] - self.time[after - 1] <= _GAP * self.step))
@@ -154,17 +150,12 @@ def _logged(log: Table, joints: Sequence[str]) -> Log:
         raise InputError(
             f"{log.file}: found {found}, expected the joints by name; columns: {joined(log.names)}"
         )
-    order = (
-        len(time) - 1 - np.unique(np.round(time[::-1], 9), return_index=True)[1]
-    )  # of several at one time, to the nanosecond, the last one counts
+    # of several at one time, to the nanosecond, the last one counts
+    order = len(time) - 1 - np.unique(np.round(time[::-1], 9), return_index=True)[1]
     if len(order) < 4:
         raise InputError(f"{log.file}: found {len(order)} different times, expected a log of at least 4")
-    at, values = time[order], np.column_stack([sized(log, name, log.numbers(name))[order] for name in names])
-    slopes = np.gradient(values, at, axis=0)
-    for k, name in enumerate(names):
-        if f"{VELOCITY}.{name}" in log:
-            slopes[:, k] = _checked(log, name, _velocity(log, name)[order], slopes[:, k])
-    return Log(log, at, names, values, slopes, order)
+    values = np.column_stack([sized(log, name, log.numbers(name))[order] for name in names])
+    return Log(log, time[order], names, values, order)
 
 
 def _may_be_joint(log: Table, name: str) -> bool:
@@ -177,39 +168,12 @@ def _may_be_joint(log: Table, name: str) -> bool:
     return True
 
 
-def _velocity(log: Table, name: str) -> Array:
-    """(k,) logged velocities in the unit of the joint's column per second."""
-    own, logged = log.stated_units[name], log.stated_units[f"{VELOCITY}.{name}"]
-    values = log.numbers(f"{VELOCITY}.{name}")
-    if logged is None or logged == f"{own}/s":
-        return values
-    if own is None:
-        raise InputError(
-            f"{log.where(name)}: found no unit, expected one, as {VELOCITY}.{name} [{logged}] has: {name} [deg]"
-        )
-    return convert(values, logged, f"{own}/s", log.where(f"{VELOCITY}.{name}"))
-
-
-def _checked(log: Table, name: str, logged: Array, slope: Array) -> Array:
-    """Logged velocities, if they are the slope of the positions, roughly; in another unit they would spoil all in between."""
-    size = float(np.sqrt(np.mean(slope**2)))
-    if float(np.sqrt(np.mean((logged - slope) ** 2))) <= _DISAGREES * size:
-        return logged
-    raise InputError(
-        f"{log.where(f'{VELOCITY}.{name}')}: found an rms of {np.sqrt(np.mean(logged**2)):.4g}, but {name} changes "
-        f"by {size:.4g} a second: expected its velocity, with its unit in the header, or no such column"
-    )
-
-
 def _thinned(rows: Index, at: Array, every: float) -> Index:
-    """Rows in order of time, at least ``every`` s apart."""
-    if every <= 0.0:
-        return rows
-    kept, last = [], -np.inf
+    """Return rows in order of time, at least ``every`` s apart."""
+    kept: list[int] = []
     for row in rows.tolist():
-        if at[row] >= last + every * (1.0 - 1e-9):
+        if not kept or at[row] >= at[kept[-1]] + every * (1.0 - 1e-9):
             kept.append(row)
-            last = at[row]
     return np.array(kept, dtype=np.intp)
 
 
