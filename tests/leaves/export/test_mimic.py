@@ -27,7 +27,6 @@ from truepose.cli import app
 from truepose.codegen.c import generate
 from truepose.errors import InputError
 from truepose.identification.fit.write_machine import write_calibrated
-from truepose.models.leaves.export.write import export
 from truepose.models.load import load_machine
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine
@@ -250,17 +249,6 @@ def test_the_c_has_the_same_poses(tmp_path: Path, name: str) -> None:
     np.testing.assert_allclose(out[tips], q[tips], atol=1e-8)
     others = [k for k in range(len(q)) if k not in tips]
     np.testing.assert_allclose(out[others], again[others], atol=1e-12)
-
-
-def test_a_urdf_that_is_written_has_them_again(tmp_path: Path) -> None:
-    machine = grip(tmp_path)
-    export(machine, tmp_path / "grip.urdf")
-    (tmp_path / "grip.yaml").write_text(
-        "schema: truepose/machine/1\nname: grip\nmechanism: {type: urdf, file: grip.urdf, base_link: base, tip_link: finger}\n"
-    )
-    model = symbolic_model(load_machine(tmp_path / "grip.yaml"))
-    at = ca.Function("at", [model.q, model.p], [model.pose])
-    np.testing.assert_allclose(np.array(at(0.6, model.p_home)), expected(0.6), atol=1e-9)
 
 
 @pytest.mark.parametrize(

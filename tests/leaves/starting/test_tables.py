@@ -193,7 +193,11 @@ def test_khalils_convention_shows_by_its_column_r(tmp_path: Path) -> None:
         ),
         ("a,alpha,d,theta,weight\n25,90,4,0,3\n", "standard", "found the column 'weight'"),
         ("a,a,d,theta\n25,90,4,0\n", "standard", "the column 'a' twice"),
-        ("a [kg],alpha,d,theta\n25,90,4,0\n", "standard", "column 'a': unit 'kg' is a mass, expected a length"),
+        (
+            "a [kg],alpha,d,theta\n25,90,4,0\n",
+            "standard",
+            "column 'a': unit 'kg' is a mass, expected a length",
+        ),
         ("a,alpha,d,theta\n25,90,4,0,9\n", "standard", "line 2: found 5 cells, expected 4"),
         ("a,alpha,d,theta,min,max\n25,90,40,0,10,-10\n", "standard", "found the range [10.0, -10.0]"),
         (

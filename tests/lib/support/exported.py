@@ -119,10 +119,9 @@ class TableReader:
 
 
 def read_table(text: str) -> TableReader:
-    """Return the reader of a table, in either format."""
-    mark = "// " if text.startswith("//") else "# "
-    head = [line.removeprefix(mark) for line in text.splitlines() if line.startswith(mark)]
-    body = "\n".join(line for line in text.splitlines() if not line.startswith(mark))
+    """Return the reader of a table."""
+    head = [line.removeprefix("# ") for line in text.splitlines() if line.startswith("# ")]
+    body = "\n".join(line for line in text.splitlines() if not line.startswith("# "))
     chain = next(line for line in head if line.startswith("axes from the base"))
     told = re.findall(r"([XYZABC]) \((\w+)(, reversed)?\)", chain)
     start = next(line for line in head if line.startswith("reference:"))
@@ -133,7 +132,7 @@ def read_table(text: str) -> TableReader:
     lines = [m for line in head if (m := re.match(r"axis (\w) turns about a line through (.*) mm", line))]
     centres = {m[1]: np.array([float(v) for v in m[2].split()]) for m in lines}
     axes, turned = [letter for letter, *_ in told], {letter for letter, _, way in told if way}
-    rows = long_rows(body) if mark == "# " else block_rows(body, turned)
+    rows = long_rows(body)
     units = {letter: "deg" if letter in centres else "mm" for letter in axes}
     return TableReader(axes, rows, units, turned, {a: joints[joint] for a, joint, _ in told}, centres, home)
 
@@ -146,19 +145,6 @@ def long_rows(body: str) -> dict[str, Array]:
         assert row["unit"] == ("mm" if row["axis"] in "XYZ" else "deg")
         rows.setdefault(row["axis"], []).append([float(row[name]) for name in ("position", *columns)])
     return {letter: np.array(table) for letter, table in rows.items()}
-
-
-def block_rows(body: str, turned: set[str]) -> dict[str, Array]:
-    """Return the same of blocks as ISG kernels read them, in mm and rad, with positions along the letter's direction."""
-    out = {}
-    for block in re.split(r"(?m)^#\n", body):
-        header, *lines = [line.split("\t") for line in block.splitlines()]
-        assert header == [header[0], *(f"E{d}{header[0]}" for d in "XYZABC")]
-        numbers = np.array(lines, dtype=float)
-        assert (np.diff(numbers[:, 0]) > 0).all()
-        backwards = numbers[::-1] * [-1, 1, 1, 1, 1, 1, 1]
-        out[header[0]] = (backwards if header[0] in turned else numbers) * [1, 1e3, 1e3, 1e3, 1e6, 1e6, 1e6]
-    return out
 
 
 def closed_in_mujoco(model: Any, machine: Machine, q: Array) -> Any:
