@@ -165,35 +165,12 @@ def test_a_workbook_has_one_sheet_with_data_and_its_rows_are_lines(tmp_path: Pat
         _load(path)
 
 
-def test_names_without_case_are_read_with_a_note(tmp_path: Path) -> None:
-    found = read(tmp_path, BASIC.replace("s,r,x,rx", "S,r,X,Rx"))
-    _same(found, read(tmp_path, BASIC))
-    path = tmp_path / "a.csv"
-    assert found.notes == (f"{path}: read without case: 'S' as 's', 'X' as 'x', 'Rx' as 'rx'",)
-    both = BASIC.replace("s,r,x,rx", "s,r,RX,Rx")
-    assert "found the columns 'RX' and 'Rx', expected one column 'rx'" in refusal(tmp_path, both)
-    exact = read(tmp_path, "s,r,x,rx,X\n1,2,3,4,5\n")
-    np.testing.assert_array_equal(exact.observations["x"], [3.0])
-
-
 def test_a_gantry_may_have_x_twice(tmp_path: Path) -> None:
     """Joint X and reading x: case tells them apart."""
     joints = (type(JOINTS[0])("X", "mm"),)
     found = read(tmp_path, "X,x\n1,2\n", joints=joints, sensor={"x": "mm"})
     np.testing.assert_array_equal((found.q[0, 0], found.observations["x"][0]), (1.0, 2.0))
     assert "missing column 'X'" in refusal(tmp_path, "x\n2\n", joints=joints, sensor={"x": "mm"})
-
-
-@pytest.mark.parametrize(
-    ("header", "expected"),
-    [
-        ("s,r,lenght", "missing column 'length'; did you mean 'lenght'?"),
-        ("s,r,length_um", "missing column 'length'; found 'length_um': write it 'length [um]'"),
-        ("s,r,LENGTH_mm", "missing column 'length'; found 'LENGTH_mm': write it 'length [mm]'"),
-    ],
-)
-def test_names_nearby_are_named(tmp_path: Path, header: str, expected: str) -> None:
-    assert expected in refusal(tmp_path, header + "\n1,2,3\n", sensor={"length": "mm"})
 
 
 @given(

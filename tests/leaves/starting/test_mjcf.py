@@ -128,11 +128,6 @@ def test_names_ranges_and_gravity_are_the_files(tmp_path: Path) -> None:
     assert machine.geometry["lift.offset"].nominal == pytest.approx(-0.5)
 
 
-def test_the_tip_can_be_chosen_and_a_fixed_one_is_the_flange(tmp_path: Path) -> None:
-    assert mjcf_machine(tmp_path, ARM, "--tip", "bracket").mechanism.readings == READINGS[:3]
-    assert mjcf_machine(tmp_path, ARM, "--tip", "finger").mechanism.flange == "finger"
-
-
 def test_sites_that_are_not_the_tip_are_listed(tmp_path: Path) -> None:
     mjcf_machine(tmp_path, SITED)
     assert "# Left out: sites, each of which --tip takes: tcp\n" in (tmp_path / "m.yaml").read_text()
@@ -167,11 +162,6 @@ def test_what_is_no_chain_is_refused(tmp_path: Path, xml: str, tip: str, message
     (tmp_path / "arm.xml").write_text(xml)
     with pytest.raises(InputError, match=message):
         mjcf.mjcf_start(tmp_path / "arm.xml", tip)
-
-
-def test_a_file_that_is_not_there_is_said(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"nowhere\.xml: cannot read the MJCF: .*opening file"):
-        mjcf.mjcf_start(tmp_path / "nowhere.xml")
 
 
 @pytest.mark.nightly

@@ -270,6 +270,28 @@ def test_a_row_without_a_joint_is_not_driven(
     assert stated or any("CHECK rows" in line for line in start.about)
 
 
+def test_a_flange_s_row_is_a_frame_of_the_machine(tmp_path: Path) -> None:
+    """In both conventions, under a name that no frame has; the recording has a column for each joint."""
+    (tmp_path / "panda.csv").write_text(typed("q{k}", "", "0", ("flange", "", "0")), encoding="utf-8")
+    for convention in ("standard", "modified"):
+        path = tmp_path / f"{convention}.yaml"
+        words = ["init", "--table", str(tmp_path / "panda.csv"), "--convention", convention, "-o", str(path)]
+        done = CliRunner().invoke(app, words)
+        assert done.exit_code == 0, done.output
+        machine = load_machine(path)
+        assert machine.mechanism.readings == tuple(f"q{k}" for k in range(1, 8))
+        assert machine.geometry["flange_frame.r"].nominal == 107
+        assert "# CHECK rows that are not named as joints, and are fixed here: 'flange'." in path.read_text()
+
+
+def test_a_variable_in_d_is_a_slide_s(tmp_path: Path) -> None:
+    path = tmp_path / "scara.csv"
+    path.write_text("a,d,alpha,theta\n300,400,0,θ1\n200,0,180,θ2\n0,d3 + 20,0,0\n0,30,0,θ4\n0,50,0,0\n")
+    joints = table_start(path, "standard").mechanism["joints"]
+    assert [joint["kind"] for joint in joints] == ["revolute", "revolute", "prismatic", "revolute", "fixed"]
+    assert joints[2]["d"] == 20
+
+
 @pytest.mark.parametrize("theta", ["0", "90", ""])
 @pytest.mark.parametrize(
     "names", [("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3"), ("pan", "tilt"), ("", "", "")]
@@ -283,25 +305,3 @@ def test_rows_that_nothing_tells_apart_are_joints_and_listed(
     assert all(joint["kind"] == "revolute" for joint in start.mechanism["joints"])
     (line,) = [line for line in start.about if "do not say whether they are driven" in line]
     assert all((repr(name) in line) == (not name[-1:].isdigit()) for name in names if name)
-
-
-def test_a_variable_in_d_is_a_slide_s(tmp_path: Path) -> None:
-    path = tmp_path / "scara.csv"
-    path.write_text("a,d,alpha,theta\n300,400,0,θ1\n200,0,180,θ2\n0,d3 + 20,0,0\n0,30,0,θ4\n0,50,0,0\n")
-    joints = table_start(path, "standard").mechanism["joints"]
-    assert [joint["kind"] for joint in joints] == ["revolute", "revolute", "prismatic", "revolute", "fixed"]
-    assert joints[2]["d"] == 20
-
-
-def test_a_flange_s_row_is_a_frame_of_the_machine(tmp_path: Path) -> None:
-    """In both conventions, under a name that no frame has; the recording has a column for each joint."""
-    (tmp_path / "panda.csv").write_text(typed("q{k}", "", "0", ("flange", "", "0")), encoding="utf-8")
-    for convention in ("standard", "modified"):
-        path = tmp_path / f"{convention}.yaml"
-        words = ["init", "--table", str(tmp_path / "panda.csv"), "--convention", convention, "-o", str(path)]
-        done = CliRunner().invoke(app, words)
-        assert done.exit_code == 0, done.output
-        machine = load_machine(path)
-        assert machine.mechanism.readings == tuple(f"q{k}" for k in range(1, 8))
-        assert machine.geometry["flange_frame.r"].nominal == 107
-        assert "# CHECK rows that are not named as joints, and are fixed here: 'flange'." in path.read_text()

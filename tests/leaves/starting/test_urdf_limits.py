@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from truepose.errors import InputError
-from truepose.models.builders.urdf_file import CHAIN_MOST, FARTHEST, NAME_MOST, Robot, inertials_of
+from truepose.models.builders.urdf_file import CHAIN_MOST, FARTHEST, Robot, inertials_of
 from truepose.models.leaves.starting.urdf import urdf_start
 from truepose.models.units import UnitSystem
-from truepose.wording import close_matches, cut
 
 ARM = """<robot name="arm"><link name="world"/><link name="hand"/>
 <joint name="lift" type="revolute"><parent link="world"/><child link="hand"/><axis xyz="{axis}"/></joint></robot>"""
@@ -47,20 +45,6 @@ def test_what_goes_on_without_end_is_refused(tmp_path: Path, text: str, told: st
     with pytest.raises(InputError, match=told) as caught:
         read(tmp_path, text)
     assert len(str(caught.value)) < 1000 + len(str(tmp_path))
-
-
-EDGES: dict[str, tuple[int, Callable[[int], str]]] = {
-    "name": (NAME_MOST, lambda n: '<robot><link name="' + "l" * n + '"/></robot>'),
-}
-"""Of each limit how much just keeps it, and a URDF with so much."""
-
-
-@pytest.mark.parametrize("limit", EDGES)
-def test_what_just_keeps_a_limit_is_read_and_one_more_is_not(limit: str, tmp_path: Path) -> None:
-    most, text = EDGES[limit]
-    read(tmp_path, text(most))
-    with pytest.raises(InputError, match="expected"):
-        read(tmp_path, text(most + 1))
 
 
 def test_a_place_is_as_far_as_the_limit_and_no_farther(tmp_path: Path) -> None:
@@ -108,11 +92,3 @@ def test_an_axis_that_is_no_direction_is_refused_in_a_line(tmp_path: Path, axis:
     with pytest.raises(InputError, match="axis") as caught:
         robot.joint(robot.above["hand"], UnitSystem())
     assert len(str(caught.value)) < 500 + len(str(tmp_path))
-
-
-def test_lists_of_names_and_texts_of_files_have_room_in_a_line() -> None:
-    assert len(close_matches("zzz" * 1000, [f"name{k}" for k in range(20_000)])) < 1200
-    assert close_matches("zzz", ["a", "b"]) == "known: a, b"
-    assert cut("a\nb\x1b[31m c" + "d" * 10_000, 20) == "a b [31m c" + "d" * 10 + "..."
-    assert cut("a b" * 5, 15) == "a b" * 5
-    assert cut("a b" * 5, 14) == ("a b" * 5)[:14] + "..."
