@@ -128,7 +128,7 @@ def test_a_quaternion_is_of_length_one_up_to_its_rounding(length: float) -> None
     cells = {"qx": 0.0, "qy": 0.0, "qz": 0.5, "qw": np.sqrt(0.75)}
     table = table_in_memory({name: [length * v, v, None] for name, v in cells.items()}, "rows")
     if abs(length - 1.0) > 0.05:
-        with pytest.raises(InputError, match="row 1.*found a quaternion of length .*, expected 1"):
+        with pytest.raises(InputError, match=r"row 1.*found a quaternion of length .*, expected 1"):
             with_rotation_vector(table)
     else:
         turned = with_rotation_vector(table)

@@ -10,6 +10,7 @@ from truepose.errors import InputError
 from truepose.models.builders.urdf_file import CHAIN_MOST, FARTHEST, Robot, inertials_of
 from truepose.models.leaves.starting.urdf import urdf_start
 from truepose.models.units import UnitSystem
+from truepose.wording import close_matches, cut
 
 ARM = """<robot name="arm"><link name="world"/><link name="hand"/>
 <joint name="lift" type="revolute"><parent link="world"/><child link="hand"/><axis xyz="{axis}"/></joint></robot>"""
@@ -92,3 +93,11 @@ def test_an_axis_that_is_no_direction_is_refused_in_a_line(tmp_path: Path, axis:
     with pytest.raises(InputError, match="axis") as caught:
         robot.joint(robot.above["hand"], UnitSystem())
     assert len(str(caught.value)) < 500 + len(str(tmp_path))
+
+
+def test_lists_of_names_and_texts_of_files_have_room_in_a_line() -> None:
+    assert len(close_matches("zzz" * 1000, [f"name{k}" for k in range(20_000)])) < 1200
+    assert close_matches("zzz", ["a", "b"]) == "known: a, b"
+    assert cut("a\nb\x1b[31m c" + "d" * 10_000, 20) == "a b [31m c" + "d" * 10 + "..."
+    assert cut("a b" * 5, 15) == "a b" * 5
+    assert cut("a b" * 5, 14) == ("a b" * 5)[:14] + "..."
