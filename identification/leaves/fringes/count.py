@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from truepose.arrays import Array, Index, Mask
+from truepose.arrays import Array, Mask
 from truepose.identification.leaves.fringes.excursions import (
     Excursions,
     Fault,
@@ -32,7 +32,7 @@ from truepose.identification.leaves.fringes.levels import (
     noise_of,
     rough_levels,
 )
-from truepose.identification.leaves.fringes.turns import DECISIVE, Held, Light, Verdict, grouped_light, judge
+from truepose.identification.leaves.fringes.turns import DECISIVE, Held, Light, Verdict, judge
 from truepose.models.sensors.irradiance import Reflectivities, coupling, folded_phase, fringe, phase_noise
 
 # -- Which excursions passed the end of their fringe: most at a glance, all at once; the others one by one
@@ -44,6 +44,8 @@ _LEVEL = 0.01  # of a fringe
 _LATE = 0.015  # of an excursion's duration
 _CROSSING = 0.05  # of an excursion's samples tell when it began
 _REST = 0.03  # rad: a polynomial follows the beginning of a motion so well
+_POINTS = 160  # groups of samples that a judgement takes
+_FLOOR = 0.0015  # of a fringe: motions are not polynomials
 _AROUND = 2  # excursions on either side of one that is judged
 _SLACK = 0.001  # of a fringe: levels may differ so much from place to place
 
@@ -73,7 +75,7 @@ def normalised(t: Array, signal: Array, levels: Levels, noise: Noise, g: float, 
 
 
 def passages(series: Series, *, everyone: bool = False) -> tuple[Array, list[tuple[int, Verdict]]] | None:
-    """(K + 1,) how sure each excursion passed (positive) or turned (negative), and the verdicts so far made.
+    """Return (K + 1,) how sure each excursion passed (positive) or turned (negative), and the verdicts so far made.
 
     The measure is chi2 of turning less chi2 of passing, infinite where the passage is plain. None when too many
     excursions would need judging; ``everyone`` is judged on request.
@@ -100,19 +102,22 @@ def light_of(series: Series, k: int, even: Mask) -> Light:
         held_rest(series, series.rests[1], high) if k == last else None,
     )
     t = series.t[rows]
+    groups = np.linspace(0, len(t), min(_POINTS, len(t)) + 1).astype(int)
+    sizes = np.diff(groups)
+    time, mean = (np.add.reduceat(values, groups[:-1]) / sizes for values in (t, series.v[rows]))
+    sigma = np.sqrt(series.noise.sigma**2 / sizes + series.noise.stuck**2 + _FLOOR**2)
+    # half fringes to the end that is next to each group's middle, and the phase from there
+    at = t[groups[:-1] + sizes // 2]
+    which = np.searchsorted(found.times, at, side="right")
     bounds = np.concatenate([[-np.inf], found.times, [np.inf]])
-
-    def distance(v: Array, at: Index) -> Array:
-        """Return half fringes to the end that is next to each sample, and the phase from there."""
-        which = np.searchsorted(found.times, t[at], side="right")
-        with np.errstate(invalid="ignore"):
-            middle = 0.5 * (bounds[which] + bounds[which + 1])
-        beyond = (which == k) | ((t[at] > middle) == (which > k))
-        phase = folded_phase(v, series.g)
-        local = np.where(found.high[which], np.pi - phase, phase)
-        return np.asarray(np.pi * np.abs(which - k) + np.where(beyond, local, -local))
-
-    return grouped_light(t, series.v[rows], series.noise, distance, high, series.g, series.slack, edges)
+    with np.errstate(invalid="ignore"):
+        middle = 0.5 * (bounds[which] + bounds[which + 1])
+    beyond = (which == k) | ((at > middle) == (which > k))
+    phase = folded_phase(mean, series.g)
+    local = np.where(found.high[which], np.pi - phase, phase)
+    distance = np.pi * np.abs(which - k) + np.where(beyond, local, -local)
+    u = 2.0 * (time - t[0]) / max(float(t[-1] - t[0]), 1e-300) - 1.0
+    return Light(u, mean, sigma, distance, high, series.g, series.slack, edges)
 
 
 def held_rest(series: Series, rest: Rest, high: bool) -> Held:

@@ -9,15 +9,14 @@ x is the phase from the end of the fringe, rad; v = low + size * fringe(x) with 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from truepose.arrays import Array, Index
+from truepose.arrays import Array
 from truepose.identification.fit.leastsquares import minimise
-from truepose.identification.leaves.fringes.levels import Noise
 from truepose.models.sensors.irradiance import fringe, fringe_slope
 
 # -- Motions of the mirror near the end of a fringe, fitted to the light: x(t) smooth
@@ -164,9 +163,7 @@ class Problem:
 
 DECISIVE = 25.0
 """Difference in chi2 from which on a verdict stands."""
-_POINTS = 160
 _SIMPLE, _FREE = (3, 5, 7), (7, 9, 11, 13)
-_FLOOR = 0.0015  # of a fringe: motions are not polynomials
 _SURE = 1e3
 
 
@@ -239,25 +236,3 @@ def _weighed(motions: list[Motion]) -> Verdict:
     fits = better.chi2 < freedom * (1.0 + 4.0 * np.sqrt(2.0 / freedom))
     level, sigma = better.level()
     return Verdict((turned - passed) / scale, bool(fits), level, sigma * float(np.sqrt(scale)))
-
-
-def grouped_light(
-    t: Array,
-    v: Array,
-    noise: Noise,
-    distance: Callable[[Array, Index], Array],
-    high: bool,
-    g: float,
-    slack: float,
-    edges: tuple[Held | None, Held | None],
-) -> Light:
-    """Return samples (n,) in groups, with the 1-sigma of their means and that of the model.
-
-    ``distance`` gives that of groups' means from the end of the fringe that is visited, for samples that stand for them.
-    """
-    bounds = np.linspace(0, len(t), min(_POINTS, len(t)) + 1).astype(int)
-    sizes = np.diff(bounds)
-    time, mean = (np.add.reduceat(values, bounds[:-1]) / sizes for values in (t, v))
-    sigma = np.sqrt(noise.sigma**2 / sizes + noise.stuck**2 + _FLOOR**2)
-    u = 2.0 * (time - t[0]) / max(float(t[-1] - t[0]), 1e-300) - 1.0
-    return Light(u, mean, sigma, distance(mean, bounds[:-1] + sizes // 2), high, g, slack, edges)

@@ -41,7 +41,7 @@ def one(sign: int | None = None, row: int = 1) -> Series:
 
 
 def moved(change: float, sigma: float = 1e-6, *, signed: bool = True, faults: tuple[Fault, ...] = ()) -> Move:
-    return Move(change, sigma, signed, BASE, COUNT, faults)
+    return Move(change, sigma, signed, COUNT, faults)
 
 
 def test_a_move_that_is_left_out_is_so_with_every_reason_and_its_place() -> None:
