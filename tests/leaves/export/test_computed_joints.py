@@ -285,19 +285,11 @@ def test_what_is_no_formula_is_told_with_its_place(tmp_path: Path, law: str, sai
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        (
-            "lengths: {g:",
-            "lengths: {x: 1, g:",
-            "joints[1].lengths: found 'x', expected a name of letters and digits",
-        ),
+        ("lengths: {g:", "lengths: {x: 1, g:", "joints[1].lengths: found 'x', expected a name of letters and digits"),
         ("lengths: {g:", "lengths: {q1: 1, g:", "joints[1].lengths: found 'q1'"),
-        (
-            'computed: "',
-            'actuated: true, computed: "',
-            "expected computed on a revolute or prismatic joint without",
-        ),
+        ('computed: "', 'actuated: true, computed: "', "expected computed on a revolute or prismatic joint without"),
     ],
-)
+)  # fmt: skip
 def test_lengths_and_joints_that_cannot_be_are_told(tmp_path: Path, old: str, new: str, said: str) -> None:
     linkage(tmp_path)
     text = (tmp_path / "linkage.yaml").read_text(encoding="utf-8")

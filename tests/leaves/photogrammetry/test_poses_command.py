@@ -113,10 +113,7 @@ def _cell(name: str, column: str, value: str) -> Callable[[Path], None]:
 BAD: dict[str, tuple[Callable[[Path], None], str]] = {
     "text": (_cell("points.csv", "P2.y", "high"), r"points.csv: row 3 (line 4), column 'P2.y'"),
     "infinity": (_cell("points.csv", "P2.y", "inf"), r"points.csv: row 3 (line 4), column 'P2.y'"),
-    "no column": (
-        _edited("points.csv", lambda f: f.drop(columns="P2.z")),
-        "points.csv: missing column 'P2.z'",
-    ),
+    "no column": (_edited("points.csv", lambda f: f.drop(columns="P2.z")), "points.csv: missing column 'P2.z'"),
     "two points": (
         _edited("points.csv", lambda f: f.assign(**{"P1.x": None, "P2.x": None})),
         "points.csv: row 1: points P3, P4: found 2 points",
@@ -135,7 +132,7 @@ BAD: dict[str, tuple[Callable[[Path], None], str]] = {
     "no file": (lambda folder: (folder / "body.csv").unlink(), "body.csv: cannot read the file"),
     "no row": (_edited("points.csv", lambda f: f.iloc[:0]), "points.csv"),
     "no sigma": (lambda folder: None, "--sigma: found inf, expected a number > 0, mm"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", BAD)

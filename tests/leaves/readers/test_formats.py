@@ -120,18 +120,12 @@ def test_spaces_stand_between_columns(
 
 
 AMBIGUOUS = {
-    "both decimal marks": (
-        "s;r;x;rx\n1,5;2;3.5;4\n",
-        "found '1,5' in row 1 (line 2), column 's' and '3.5' in row 1",
-    ),
+    "both decimal marks": ("s;r;x;rx\n1,5;2;3.5;4\n", "found '1,5' in row 1 (line 2), column 's' and '3.5' in row 1"),
     "thousands": ("s\tr\tx\trx\n1,500\t2\t3\t4\n", "the comma may mark decimals or thousands"),
-    "decimal commas among commas": (
-        "s,r,x,rx\n1,5,2,5,3,5,4,5\n",
-        "found 8 cells, expected 4; decimal commas need",
-    ),
+    "decimal commas among commas": ("s,r,x,rx\n1,5,2,5,3,5,4,5\n", "found 8 cells, expected 4; decimal commas need"),
     "two separators": ("s;r,x;rx\n1;2,3;4\n", "found a semicolon and a comma in the header"),
     "spaces in some rows": ("s r x rx\n1 2 3 4\n1 2 3\n", "row 2 (line 3): found 3 cells, expected 4"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", AMBIGUOUS)
@@ -234,16 +228,10 @@ def test_anything_that_is_a_recording_is_taken_by_the_public_functions(tmp_path:
         ({"s": [1.0], "r": [1.0, 2.0], "x": [0.0], "rx": [0.0]}, "dict: found 1 values in 's' and 2 in 'r'"),
         ({"s": 1.0}, "dict: column 's': expected a sequence of values"),
         (pd.DataFrame({1: [0.0]}), "DataFrame: found the column 1, expected names that are texts"),
-        (
-            pd.DataFrame({"s": [math.nan], "r": [1.0], "x": [0.0], "rx": [0.0]}),
-            "DataFrame: row 1, column 's': found",
-        ),
-        (
-            pd.DataFrame({"s": ["1", 2.0], "r": [1, 2], "x": [True, 2], "rx": [0.0, 1]}),
-            "column 'x': found True",
-        ),
+        (pd.DataFrame({"s": [math.nan], "r": [1.0], "x": [0.0], "rx": [0.0]}), "DataFrame: row 1, column 's': found"),
+        (pd.DataFrame({"s": ["1", 2.0], "r": [1, 2], "x": [True, 2], "rx": [0.0, 1]}), "column 'x': found True"),
     ],
-)
+)  # fmt: skip
 def test_what_is_no_recording_is_refused(source: Any, expected: str) -> None:
     with pytest.raises(InputError, match=expected):
         _load(source)

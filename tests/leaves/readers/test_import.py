@@ -112,16 +112,10 @@ REFUSED = {
     "a broken line": (FIRST.replace("40.125", "n/a"), JOINTS, "points.txt: line 3: found"),
     "no point": ("! Leica\n", JOINTS, "points.txt: found no point"),
     "a unit that is none": (FIRST, JOINTS, "unit 'deg' is an angle, expected a length", "--unit", "deg"),
-    "no format": (
-        FIRST,
-        JOINTS,
-        "--format: found 'zeiss', expected auto, spatialanalyzer",
-        "--format",
-        "zeiss",
-    ),
+    "no format": (FIRST, JOINTS, "--format: found 'zeiss', expected auto, spatialanalyzer", "--format", "zeiss"),
     "no rename": (FIRST, JOINTS, "--rename: found 'q1', expected OLD=NEW", "--rename", "q1"),
     "no such column": (FIRST, JOINTS, "--rename a=b: found no column 'a'", "--rename", "a=b"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", REFUSED)

@@ -171,13 +171,10 @@ def test_the_symbolic_core_is_not_loaded_for_a_bundled_machine(tmp_path: Path) -
         (("--arm", "ur5e", "--sensor", "radar"), "--sensor: found 'radar', expected one of pose, position"),
         (("--arm", "ur5e", "--base", "1,2"), "--base: found '1,2', expected X,Y,Z or X,Y,Z,R,P,Y"),
         (("--arm", "ur5e", "--tool", "a,b,c"), "--tool: found 'a,b,c'"),
-        (
-            ("--table", "nowhere.csv", "--convention", "standard"),
-            "nowhere.csv: cannot read the table: No such file",
-        ),
+        (("--table", "nowhere.csv", "--convention", "standard"), "nowhere.csv: cannot read the table: No such file"),
         (("--urdf", "nowhere.urdf"), "nowhere.urdf: cannot read the URDF"),
     ],
-)
+)  # fmt: skip
 def test_what_it_cannot_do_is_said_and_nothing_is_written(
     tmp_path: Path, words: tuple[str, ...], message: str
 ) -> None:

@@ -61,15 +61,11 @@ def test_a_urdf_written_out_is_the_same_machine(tmp_path: Path) -> None:
             (),
             "no joint that moves",
         ),
-        (
-            URDF.replace('<link name="floor"/>', '<link name="floor"/><link name="sky"/>'),
-            (),
-            "root links floor, sky",
-        ),
+        (URDF.replace('<link name="floor"/>', '<link name="floor"/><link name="sky"/>'), (), "root links floor, sky"),
         (URDF, ("--tip-link", "tol0"), "--urdf.tip_link: found 'tol0'"),
         ("<robot", (), "broken XML"),
     ],
-)
+)  # fmt: skip
 def test_a_urdf_that_does_not_say_which_chain_is_refused(
     tmp_path: Path, urdf: str, options: tuple[str, ...], message: str
 ) -> None:

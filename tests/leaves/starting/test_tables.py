@@ -169,35 +169,15 @@ def test_khalils_convention_shows_by_its_column_r(tmp_path: Path) -> None:
             "craig",
             "--convention: found 'craig', expected one of standard, modified",
         ),
-        (
-            "a,alpha,d,theta\n0.025,90,0.4,0\n",
-            "standard",
-            "no length above 0.4 and no unit, which looks like metres",
-        ),
-        (
-            "a,alpha,d,theta\n25,1.5708,400,0\n",
-            "standard",
-            "line 2, column 'alpha': found '1.5708' without a unit",
-        ),
+        ("a,alpha,d,theta\n0.025,90,0.4,0\n", "standard", "no length above 0.4 and no unit, which looks like metres"),
+        ("a,alpha,d,theta\n25,1.5708,400,0\n", "standard", "line 2, column 'alpha': found '1.5708' without a unit"),
         ("a,alpha,d,theta\n25,90,x,0\n", "standard", "line 2, column 'd': found 'x', expected a length"),
         ("a,alpha,d,theta,kind\n25,90,4,0,screw\n", "standard", "column 'kind': found 'screw'"),
-        (
-            "a,alpha,d,theta,kind\n25,90,40,q1,fixed\n",
-            "standard",
-            "column 'theta': found 'q1' in a fixed row",
-        ),
-        (
-            "a,alpha,d,theta,kind,range\n25,90,40,0,-,±9\n",
-            "standard",
-            "column 'range': found '±9' in a fixed row",
-        ),
+        ("a,alpha,d,theta,kind\n25,90,40,q1,fixed\n", "standard", "column 'theta': found 'q1' in a fixed row"),
+        ("a,alpha,d,theta,kind,range\n25,90,40,0,-,±9\n", "standard", "column 'range': found '±9' in a fixed row"),
         ("a,alpha,d,theta,weight\n25,90,4,0,3\n", "standard", "found the column 'weight'"),
         ("a,a,d,theta\n25,90,4,0\n", "standard", "the column 'a' twice"),
-        (
-            "a [kg],alpha,d,theta\n25,90,4,0\n",
-            "standard",
-            "column 'a': unit 'kg' is a mass, expected a length",
-        ),
+        ("a [kg],alpha,d,theta\n25,90,4,0\n", "standard", "column 'a': unit 'kg' is a mass, expected a length"),
         ("a,alpha,d,theta\n25,90,4,0,9\n", "standard", "line 2: found 5 cells, expected 4"),
         ("a,alpha,d,theta,min,max\n25,90,40,0,10,-10\n", "standard", "found the range [10.0, -10.0]"),
         (
@@ -208,13 +188,9 @@ def test_khalils_convention_shows_by_its_column_r(tmp_path: Path) -> None:
         ("name,a,alpha,d,theta\nq,25,90,40,0\nq,5,90,40,0\n", "standard", "found the joint 'q' twice"),
         ("a,alpha,d,theta\n", "standard", "found no rows"),
         ("", "standard", "found no header"),
-        (
-            "a,alpha,d,theta,range [m]\n25,90,40,0,±1\n",
-            "standard",
-            "column 'range': found '1', expected an angle",
-        ),
+        ("a,alpha,d,theta,range [m]\n25,90,40,0,±1\n", "standard", "column 'range': found '1', expected an angle"),
     ],
-)
+)  # fmt: skip
 def test_tables_are_refused_rather_than_guessed(
     tmp_path: Path, text: str, convention: str, message: str
 ) -> None:
