@@ -21,7 +21,6 @@ from truepose.errors import InputError
 from truepose.identification.recording.load import as_recording, load_recording, tables
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording
-from truepose.identification.recording.table import read_table
 from truepose.models.load import load_machine
 from truepose.models.units import UnitSystem
 
@@ -132,16 +131,6 @@ AMBIGUOUS = {
 def test_what_could_be_read_in_two_ways_is_refused(tmp_path: Path, case: str) -> None:
     text, expected = AMBIGUOUS[case]
     assert expected in refusal(tmp_path, text)
-
-
-@pytest.mark.parametrize(
-    "content", [b"s;r\n1;\x93\n", b"s,r\n1,\x01\n", b"\xff\xfes,r", b"\x89PNG\r\n\x1a\n\0\0"]
-)
-def test_what_is_no_text_is_refused(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / "a.csv"
-    path.write_bytes(content)
-    with pytest.raises(InputError, match=r"a\.csv: "):
-        read_table(path)
 
 
 def test_a_workbook_has_one_sheet_with_data_and_its_rows_are_lines(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from truepose.errors import InputError
 from truepose.identification.leaves.readers.clock_offset import Clock, Motion, clock_of
-from truepose.identification.leaves.readers.probe import Pairing, clock_words
+from truepose.identification.leaves.readers.probe import Pairing
 from truepose.identification.leaves.readers.probe_clock import trend
 from truepose.identification.recording.table import Table, table_in_memory
 
@@ -132,18 +132,6 @@ def test_what_is_no_log_is_refused(case: str) -> None:
     columns, expected = LOGS[case]
     with pytest.raises(InputError, match=expected):
         Pairing.of(probe(), table_in_memory(columns, "robot"))
-
-
-def test_a_clock_is_told_with_its_drift() -> None:
-    pairing = Pairing.of(probe(np.array([0.0, 100.0])), log())
-    assert pairing.files == "probe and robot"
-    said = "robot: its clock is that of probe plus 1.25 s"
-    assert clock_words(pairing, Clock(1.25), "as stated") == f"{said}, as stated"
-    drifting = Clock(1.25, 0.0012, 4e-5, 50.0)
-    assert clock_words(pairing, drifting, "by the motion") == (
-        f"{said} +- 0.001 s, by the motion; they drift apart by 40 ppm, 4 ms in all"
-    )
-    np.testing.assert_allclose(drifting.of_log(np.array([0.0, 50.0])), [1.25 - 0.002, 51.25])
 
 
 def _blocks(pattern: Array) -> tuple[Array, Array]:

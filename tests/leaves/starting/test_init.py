@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -145,21 +143,6 @@ def test_a_gough_platform_stands_at_home(tmp_path: Path) -> None:
     np.testing.assert_allclose(
         read.loc[0, ["x", "y", "z"]].to_numpy(float), [0, 0, 700], atol=1e-3
     )  # b to 1e-3 mm
-
-
-def test_the_symbolic_core_is_not_loaded_for_a_bundled_machine(tmp_path: Path) -> None:
-    """It takes longer to load than all else that the command does."""
-    code = (
-        "import sys; from truepose.cli import app\n"
-        "try: app(['init', '--arm', 'ur5e', '-o', 'm.yaml'])\n"
-        "except SystemExit: pass\n"
-        "print(sorted({'casadi', 'scipy', 'pandas', 'pint'} & set(sys.modules)))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
-    )
-    assert done.stdout.splitlines()[-1] == "[]"
-    assert (tmp_path / "m.yaml").is_file()
 
 
 @pytest.mark.parametrize(
