@@ -159,12 +159,12 @@ def _series(
     """Return unbroken runs of rows of one pose, by pose."""
     new = np.append(True, pose[1:] != pose[:-1])
     time, sign = values["t"], values.get("sign", np.zeros(len(pose)))
-    for row in np.flatnonzero(~new[1:] & (np.diff(time) <= 0.0)) + 1:
+    for row in (np.flatnonzero(~new[1:] & (np.diff(time) <= 0.0)) + 1).tolist():
         raise InputError(
             f"{table.where('t', row)}: found {time[row]:.9g} s after {time[row - 1]:.9g} s in pose {pose[row]}, expected "
             "times that increase within a pose"
         )
-    for row in np.flatnonzero(~new[1:] & (np.diff(sign) != 0.0)) + 1:
+    for row in (np.flatnonzero(~new[1:] & (np.diff(sign) != 0.0)) + 1).tolist():
         raise InputError(
             f"{table.where('sign', row)}: found {sign[row]:g} after {sign[row - 1]:g}, expected one sign in all rows of a "
             "series"

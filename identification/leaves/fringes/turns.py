@@ -92,19 +92,20 @@ class Problem:
     def of(cls, light: Light, side: float, degree: int) -> Problem:
         """Return the problem in polynomials of a degree; distances are negative where the motion begins."""
         power = np.arange(degree + 1)
-        rows, at, tight = [np.empty((0, degree + 1))], [], []
+        rows: list[Array] = [np.empty((0, degree + 1))]
+        at, tight = list[float](), list[float]()
         for edge, end, sign in zip(light.edges, (-1.0, 1.0), (-1.0, side), strict=True):
             if edge is None:
                 continue
-            rows.append(chebyshev.chebvander(np.array([end]), degree))
+            rows.append(np.asarray(chebyshev.chebvander(np.array([end]), degree), dtype=np.float64))
             at.append(sign * edge.distance)
             tight.append(edge.sigma)
             if edge.still:  # the derivative of each polynomial there
-                rows.append(end ** (power[None] + 1) * power**2)
+                rows.append(np.asarray(end ** (power[None] + 1) * power**2, dtype=np.float64))
                 at.append(0.0)
                 tight.append(_STILL)
         held = np.vstack(rows), np.array(at), np.array(tight)
-        return cls(light, side, chebyshev.chebvander(light.u, degree), *held)
+        return cls(light, side, np.asarray(chebyshev.chebvander(light.u, degree), dtype=np.float64), *held)
 
     @property
     def freedom(self) -> int:

@@ -64,39 +64,44 @@ def read_foreign(
     if form not in FORMATS:
         raise InputError(f"--format: found {form!r}, expected {joined(FORMATS, 'or')}")
     try:
-        asked, form = form, _form(path, chosen) if form == "auto" else form
-        if form in ("excel", "table"):
-            table = _table(path, unit, chosen)
-            if asked == "auto" and not _has_readings(table) and is_asked(table.names):
-                raise asked_columns(table.names, table.file)
-            return table
+        asked, form = form, _form(path) if form == "auto" else form
         if form == "bag":
             return _with_choice(table_of(str(path), read_bag(path, topic, joints)), chosen)
+        if form in ("excel", "table"):
+            table = _with_choice(read_table(path), chosen)
+            if asked == "auto" and not _has_readings(table) and is_asked(table.names):
+                raise asked_columns(table.names, table.file)
+            return _with_lengths(table, unit)
         text, notes = decoded(read_input(path), str(path))
     except OSError as exc:
         raise InputError(f"{path}: cannot read the file: {exc.strerror or exc}") from None
     if form == "tpoint":
         return _with_choice(read_tpoint(text, str(path)), chosen)
+    marked = form in PROGRAMS or is_marked(text)
+    found = None
+    if asked == "auto":
+        refuse_languages(text[:_BEGINNING], str(path))
+        found = _plain_table(path, chosen) if chosen or not marked else None
+    if found is not None:
+        return _with_lengths(found, unit)
     others = [new for new in chosen if new not in XYZ]
     if others:
         raise InputError(f"--columns: found {others[0]!r}, expected x, y and z, which a list of points has")
-    marked = form in PROGRAMS or is_marked(text)
     found = read_points(text, str(path), unit, chosen, marked=marked)
     return replace(found, notes=(*notes, *found.notes))
 
 
 def machine_of(path: Path) -> str:
     """Text of a machine file to start from, where a format tells the machine. Raises InputError where it does not."""
-    text = "" if _form(path) != "tpoint" else decoded(read_input(path), str(path))[0]
-    if not text:
+    if _form(path) != "tpoint":
         raise InputError(
             f"--machine: found {path}, expected TPOINT's stars: other formats say nothing of the machine"
         )
-    return machine_text(text, str(path))
+    return machine_text(decoded(read_input(path), str(path))[0], str(path))
 
 
-def _form(path: Path, chosen: Mapping[str, str] | None = None) -> str:
-    """Return the format of a file by its content; a text is a list of points unless its header says what its columns are."""
+def _form(path: Path) -> str:
+    """Return the format of a file by its content; ``points`` for a text that is not TPOINT's."""
     if is_bag(path):
         return "bag"
     with path.open("rb") as stream:
@@ -105,20 +110,16 @@ def _form(path: Path, chosen: Mapping[str, str] | None = None) -> str:
         return "excel"
     if data.startswith(b"PAR1"):
         return "table"
-    text, _ = decoded(read_input(path), str(path))
-    if is_tpoint(text):
-        return "tpoint"
-    refuse_languages(text[:_BEGINNING], str(path))
-    marked = is_marked(text) and not chosen
-    return "points" if marked or not _is_table(path, chosen or {}) else "table"
+    return "tpoint" if is_tpoint(decoded(read_input(path), str(path))[0]) else "points"
 
 
-def _is_table(path: Path, chosen: Mapping[str, str]) -> bool:
-    """Whether a text has one header, with readings among its columns, and rows of numbers below."""
+def _plain_table(path: Path, chosen: Mapping[str, str]) -> Table | None:
+    """Return the table of a text that has one header, with readings among its columns, and rows of numbers below."""
     try:
-        return _has_readings(_with_choice(read_table(path), chosen))
+        table = _with_choice(read_table(path), chosen)
+        return table if _has_readings(table) else None
     except InputError:
-        return False
+        return None
 
 
 def _has_readings(table: Table) -> bool:
@@ -158,9 +159,8 @@ def _header_text(column: Column) -> str:
     return column.name if column.unit is None else f"{column.name} [{column.unit}]"
 
 
-def _table(path: Path, unit: str | None, chosen: Mapping[str, str]) -> Table:
-    """Return a table whose x, y and z are lengths. Raises InputError where a header says otherwise."""
-    table = _with_choice(read_table(path), chosen)
+def _with_lengths(table: Table, unit: str | None) -> Table:
+    """Return the table with a unit for x, y and z without one. Raises InputError for one that is no length."""
     columns = tuple(replace(c, unit=c.unit or unit) if c.name in XYZ else c for c in table.columns)
     for column in columns:
         if column.name in XYZ and column.unit not in (None, SI):
@@ -262,6 +262,3 @@ def _values(table: Table, column: Column) -> object:
         return list(table.cells[column.name])
     whole = column.unit is None and np.isfinite(values).all() and not np.mod(values, 1.0).any()
     return values.astype(np.int64) if whole else values
-
-
-__all__ = ["FORMATS", "frame_of", "machine_of", "read_foreign", "renamed", "with_joints"]

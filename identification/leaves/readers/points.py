@@ -226,7 +226,7 @@ def _place(words: Sequence[str], header: _Header | None, where: str) -> tuple[in
     """Return where x, y and z stand in a row: names of more words than their headings move them, dates behind do not."""
     if header is None:
         first = _first_number(words)
-        places = [(first, first + 1, first + 2)]
+        places: list[tuple[int, ...]] = [(first, first + 1, first + 2)]
     else:
         more = max(0, len(words) - len(header.columns))
         places = [tuple(k + moved for k in header.axes) for moved in dict.fromkeys((0, more))]

@@ -133,7 +133,9 @@ def _read(text: str, file: str) -> tuple[Site, list[tuple[int, Sequence[str]]]]:
     if "GIMBAL" in options:
         raise InputError(f"{file}: option :GIMBAL: expected a mount that is equatorial or altazimuth")
     said = [(k, line.split()) for k, line in enumerate(text.splitlines(), start=1)]
-    lines = [(k, words) for k, words in said if words and words[0][0] not in "!:"]
+    lines: list[tuple[int, Sequence[str]]] = [
+        (k, words) for k, words in said if words and words[0][0] not in "!:"
+    ]
     number, words = lines[1] if len(lines) > 1 else (0, [])  # the first line is a caption, which says nothing
     try:
         latitude = _angle(words[:3], 1.0)

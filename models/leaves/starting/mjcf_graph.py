@@ -311,7 +311,12 @@ class MjcfGraph:
         frame[:3, 3] -= self.shifts[self.tip.body]
         if not np.array_equal(frame, np.eye(4)):
             flange = self._fixed(flange, self.tip.site or "tip", frame)
-        out = {"type": "graph", "bodies": self.bodies, "flange": flange, "joints": self.joints}
+        out: dict[str, Any] = {
+            "type": "graph",
+            "bodies": self.bodies,
+            "flange": flange,
+            "joints": self.joints,
+        }
         if self.ties:  # where the file has the machine: joints that nothing drives count from there
             out["home"] = {joint.name: joint.written(joint.reference) for joint in self.drives}
         return out

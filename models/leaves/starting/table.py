@@ -21,7 +21,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from truepose.bounded import check_input
 from truepose.errors import InputError
@@ -281,7 +281,11 @@ def table_start(path: Path, convention: str) -> Start:
     for k, (row, kind) in enumerate(zip(rows, kinds, strict=True), start=1):
         cells = {field: row.number(field, kind) for field in FIELDS[convention]}
         lengths += [found for field, found in cells.items() if _DIMENSION[field] == "length"]
-        joint = {"name": _name(row, k, kind), "kind": kind, **{f: found.value for f, found in cells.items()}}
+        joint: dict[str, Any] = {
+            "name": _name(row, k, kind),
+            "kind": kind,
+            **{f: found.value for f, found in cells.items()},
+        }
         joint["theta"] += row.number("offset", kind).value
         limits = row.limits(kind)
         joints.append(joint if limits is None else joint | {"range": limits})

@@ -147,7 +147,7 @@ def samples_table(rows: int = 64) -> pd.DataFrame:
     ],
 )
 def test_samples_that_are_none_are_named(
-    tmp_path: Path, column: str, row: int, value: object, said: str
+    tmp_path: Path, column: str, row: int, value: str | float, said: str
 ) -> None:
     table = samples_table().assign(wavelength=1.56e-3, sign=1).astype(object)
     table.loc[row - 1, column] = value

@@ -177,6 +177,6 @@ def test_joints_that_turn_or_slide_tell_the_clocks_to_about_a_sample(turns: bool
     place = np.column_stack([100.0 * a, 80.0 * b, 10.0 * a * b])
     motion = Motion(time, place, lambda t: 500.0 * _wandering(t), (0.0, 45.0), 0.02)
     found = clock_of(motion, "here")
-    assert found.sigma == pytest.approx(0.02) and abs(found.offset - offset) < 2.0 * found.sigma
+    assert found.sigma == pytest.approx(0.02) and abs(found.offset - offset) < 0.04
     with pytest.raises(InputError, match="here: found less than 20 samples"):
         clock_of(Motion(time[:19], place[:19], motion.joints, (0.0, 45.0), 0.02), "here")
