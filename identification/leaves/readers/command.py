@@ -166,8 +166,7 @@ def _paired(
     table: Table, log: Table, joints: Sequence[str], offset: float | None, every: float, model: Path | None
 ) -> Table:
     """Return the table's samples with the joints of a log at their times."""
-    from truepose.identification.leaves.readers.clock_offset import Clock, clock_of
-    from truepose.identification.leaves.readers.probe import Pairing, clock_words
+    from truepose.identification.leaves.readers.probe import Clock, Pairing, clock_of, clock_words
 
     machine = None
     if model is not None:
@@ -178,12 +177,12 @@ def _paired(
     if offset is not None:
         clock, told = Clock(offset), "as stated"
     elif machine is None:
-        clock = clock_of(pairing.motion, pairing.files)
+        clock = clock_of(pairing)
         told = "by the motion; --model MACHINE tells it more exactly"
     else:
         from truepose.identification.leaves.readers.probe_clock import clock_by_model
 
-        clock = clock_by_model(machine, pairing, clock_of(pairing.motion, pairing.files))
+        clock = clock_by_model(machine, pairing)
         told = f"by {model}"
     return pairing.rows(clock, every).with_note(clock_words(pairing, clock, told))
 

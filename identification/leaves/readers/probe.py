@@ -9,10 +9,10 @@ from typing import Final
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.signal import correlate, find_peaks
 
 from truepose.arrays import Array, Index, Mask
 from truepose.errors import InputError
-from truepose.identification.leaves.readers.clock_offset import Clock, Motion
 from truepose.identification.recording.arrow_columns import ArrowCells
 from truepose.identification.recording.file import LOGGED, OF_JOINTS
 from truepose.identification.recording.joint_column import sized
@@ -30,7 +30,31 @@ _HELD: Final = ("session", "role", "approach")
 """What holds from one sample of the log to the next."""
 _MOVING: Final = 0.2
 """Share of the usual top speed from which a sample says anything of the clocks."""
+_TOP: Final = 0.99
+"""Quantile of the probe's speed that is its top speed."""
+_GRID: Final = 1 << 16
+"""Most samples that speeds are compared at."""
+_FEWEST: Final = 20
+"""Samples that clocks can be compared at."""
+_LEAST: Final = 0.4
+"""Least correlation of the two speeds."""
+_MARGIN: Final = 0.02
+"""How much more the best lag must correlate than any other."""
 _POINT: Final = re.compile(r"^(?P<head>(.*\.)?)x$")
+
+
+@dataclass(frozen=True)
+class Clock:
+    """time of the log = time of the probe + offset + rate * (time of the probe - middle), s; sigma: 1-sigma of the offset."""
+
+    offset: float
+    sigma: float | None = None
+    rate: float = 0.0
+    middle: float = 0.0
+
+    def of_log(self, time: Array) -> Array:
+        """Return times (n,) of the probe by the log's clock."""
+        return np.asarray(time + self.offset + self.rate * (time - self.middle))
 
 
 @dataclass(frozen=True)
@@ -78,9 +102,9 @@ class Pairing:
         return cls(probe, _time(probe), _logged(log, joints))
 
     @property
-    def motion(self) -> Motion:
-        """What tells the clocks: the motion of the first point that the probe read. Raises InputError where it read none."""
-        probe, log = self.probe, self.log
+    def place(self) -> tuple[Array, Array]:
+        """Times (n,), in order, and places (n, 3) of the first point that the probe read. Raises InputError if it read none."""
+        probe = self.probe
         heads = [found["head"] for name in probe.names if (found := _POINT.match(name))]
         axes = next(
             ([f"{h}{a}" for a in "xyz"] for h in heads if all(f"{h}{a}" in probe for a in "xyz")), None
@@ -92,12 +116,7 @@ class Pairing:
         place = np.column_stack([sized(probe, name, probe.readings(name)) for name in axes])
         order = np.unique(self.time, return_index=True)[1]
         order = order[np.isfinite(place[order]).all(axis=1)]
-
-        def joints(time: Array) -> Array:
-            return log.at(np.clip(time, log.time[0], log.time[-1]))[0]
-
-        span = (float(log.time[0]), float(log.time[-1]))
-        return Motion(self.time[order], place[order], joints, span, log.step)
+        return self.time[order], place[order]
 
     @property
     def files(self) -> str:
@@ -212,6 +231,74 @@ def _beside(log: Log, at: Array) -> Mapping[str, Sequence[object]]:
         elif kind in (TEMPERATURE, *LOGGED, *OF_JOINTS):
             out[name] = ArrowCells(np.interp(at, log.time, log.table.numbers(name)[log.order]))
     return out
+
+
+def clock_of(pairing: Pairing) -> Clock:
+    """Return the clock of the probe by that of the log, from the motion that both saw, to about a sample.
+
+    When the robot moves, the probe moves: the clocks are apart by the lag at which both speeds correlate best. Raises
+    InputError if the motion does not tell it.
+    """
+    time, place = pairing.place
+    log, where = pairing.log, pairing.files
+    own = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    step = max(own, log.step, max(np.ptp(time), np.ptp(log.time)) / _GRID)
+    seen, logged = np.arange(time[0], time[-1], step), np.arange(log.time[0], log.time[-1], step)
+    place = np.column_stack([np.interp(seen, time, v) for v in place.T])
+    speed = np.linalg.norm(np.diff(place, axis=0), axis=1)
+    moving = np.sum(speed >= _MOVING * np.quantile(speed, _TOP)) if len(speed) else 0
+    if min(len(time), len(seen), len(logged), moving) < _FEWEST:
+        raise InputError(
+            f"{where}: found less than {_FEWEST} samples, or samples at which the probe moves, that clocks could be compared "
+            "at, expected --offset"
+        )
+    joints = _levelled(log.at(logged)[0])
+    alike = _correlation(np.linalg.norm(np.diff(joints, axis=0), axis=1), speed)
+    peaks = find_peaks(np.r_[-1.0, alike, -1.0])[0] - 1
+    best, *others = peaks[np.argsort(-alike[peaks])].tolist()
+    if alike[best] < _LEAST:
+        raise InputError(
+            f"{where}: found no time shift at which the probe moves when the joints do (correlation of the speeds "
+            f"{alike[best]:.2f}), expected both to be of one run, or --offset"
+        )
+    first = logged[0] - seen[0] - (len(seen) - 2) * step
+    if others and alike[others[0]] > alike[best] - _MARGIN:
+        one, other = (f"{first + k * step:.6g} s" for k in (best, others[0]))
+        raise InputError(
+            f"{where}: the motion repeats itself, and an offset of {one} fits as well as {other}: expected --offset, or a "
+            "motion that does not"
+        )
+    before, top, after = alike[np.clip([best - 1, best, best + 1], 0, len(alike) - 1)]
+    bend = before - 2.0 * top + after
+    between = 0.5 * (before - after) / bend if bend < 0.0 else 0.0  # top of the parabola through three
+    return Clock(float(first + (best + between) * step), step)
+
+
+def _levelled(joints: Array) -> Array:
+    """Return columns (n, nq) with a standard deviation of 1, constant ones as they are.
+
+    They are brought to a span of 1 first: squares of the smallest numbers are 0.
+    """
+    span = np.ptp(joints, axis=0)
+    moved = (joints - joints[0]) / np.where(span > 0.0, span, 1.0)
+    return np.asarray(moved / np.where(span > 0.0, moved.std(axis=0), 1.0))
+
+
+def _correlation(a: Array, b: Array) -> Array:
+    """Return Pearson's r of a[k + j] and b[k] over what they share, by every j; -1 for less than half of the shorter one."""
+    a, b = (v / (v.std() or 1.0) for v in (a, b))
+    one, other = np.ones(len(a)), np.ones(len(b))
+
+    def over(x: Array, y: Array) -> Array:
+        return np.asarray(correlate(x, y, mode="full", method="fft"))
+
+    n = np.maximum(np.round(over(one, other)), 1.0)
+    mean_a, mean_b = over(a, other) / n, over(one, b) / n
+    spread_a, spread_b = over(a * a, other) / n - mean_a**2, over(one, b * b) / n - mean_b**2
+    both = over(a, b) / n - mean_a * mean_b
+    size = np.sqrt(np.maximum(spread_a, 0.0) * np.maximum(spread_b, 0.0))
+    usable = (n >= 0.5 * min(len(a), len(b))) & (size > 1e-6)
+    return np.where(usable, both / np.where(usable, size, 1.0), -1.0)
 
 
 def clock_words(pairing: Pairing, clock: Clock, told_by: str) -> str:

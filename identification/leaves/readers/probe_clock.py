@@ -13,9 +13,8 @@ import numpy as np
 from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.fit.estimate import estimate
-from truepose.identification.leaves.readers.clock_offset import Clock
 from truepose.identification.leaves.readers.importing import frame_of
-from truepose.identification.leaves.readers.probe import Pairing
+from truepose.identification.leaves.readers.probe import Clock, Pairing, clock_of
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.models.effects.latency import Latency
@@ -31,8 +30,8 @@ _SURE = 4.0
 """1-sigmas from which on a trend is one."""
 
 
-def clock_by_model(machine: Machine, pairing: Pairing, start: Clock) -> Clock:
-    """Return the clock of ``pairing``, from a ``start`` that is a few moves' length off at most.
+def clock_by_model(machine: Machine, pairing: Pairing) -> Clock:
+    """Return the clock of ``pairing``, from the one that the motion alone tells.
 
     Raises InputError where nothing tells it: a machine without a sensor that is apart from its joints, joints that rest.
     """
@@ -43,7 +42,7 @@ def clock_by_model(machine: Machine, pairing: Pairing, start: Clock) -> Clock:
         )
     machine = machine.with_effects(tuple(e for e in machine.effects if not isinstance(e.effect, Latency)))
     lag = PlacedEffect.at(Latency(), machine, places[0])
-    clock, before = replace(start, middle=float(np.mean(pairing.time))), None
+    clock, before = replace(clock_of(pairing), middle=float(np.mean(pairing.time))), None
     for _ in range(_STEPS):
         frame = frame_of(pairing.rows(clock, most=_ROWS))
         recording = load_recording(machine, frame)

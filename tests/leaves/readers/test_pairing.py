@@ -10,8 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.identification.leaves.readers.clock_offset import Clock, Motion, clock_of
-from truepose.identification.leaves.readers.probe import Pairing
+from truepose.identification.leaves.readers.probe import Clock, Pairing, clock_of
 from truepose.identification.leaves.readers.probe_clock import trend
 from truepose.identification.recording.table import Table, table_in_memory
 
@@ -112,11 +111,10 @@ def test_the_first_whole_point_tells_the_clocks() -> None:
     """In order of time, once for a time, and only where it was seen."""
     time = np.array([2.0, 1.0, 1.0, 3.0])
     seen = {"a.x": time, "b.x": time, "b.y": 2 * time, "b.z": [5.0, 6.0, 7.0, None]}
-    motion = Pairing.of(table_in_memory({"time": time, **seen}, "probe"), log()).motion
-    assert motion.time.tolist() == [1.0, 2.0]
-    assert motion.place.tolist() == [[1.0, 2.0, 6.0], [2.0, 4.0, 5.0]]
+    found, place = Pairing.of(table_in_memory({"time": time, **seen}, "probe"), log()).place
+    assert found.tolist() == [1.0, 2.0] and place.tolist() == [[1.0, 2.0, 6.0], [2.0, 4.0, 5.0]]
     with pytest.raises(InputError, match="probe: found no point x y z to compare the clocks by"):
-        _ = Pairing.of(table_in_memory({"time": time, "a.x": time}, "probe"), log()).motion
+        _ = Pairing.of(table_in_memory({"time": time, "a.x": time}, "probe"), log()).place
 
 
 LOGS: dict[str, tuple[dict[str, object], str]] = {
@@ -175,8 +173,12 @@ def test_joints_that_turn_or_slide_tell_the_clocks_to_about_a_sample(turns: bool
     q = _wandering(time + offset)
     a, b = (np.sin(q) if turns else q).T
     place = np.column_stack([100.0 * a, 80.0 * b, 10.0 * a * b])
-    motion = Motion(time, place, lambda t: 500.0 * _wandering(t), (0.0, 45.0), 0.02)
-    found = clock_of(motion, "here")
-    assert found.sigma == pytest.approx(0.02) and abs(found.offset - offset) < 0.04
-    with pytest.raises(InputError, match="here: found less than 20 samples"):
-        clock_of(Motion(time[:19], place[:19], motion.joints, (0.0, 45.0), 0.02), "here")
+    stamps = np.arange(0.0, 45.0, 0.02)
+    robot = table_in_memory(
+        {"time": stamps, **dict(zip("ab", 500.0 * _wandering(stamps).T, strict=True))}, "robot"
+    )
+    read = table_in_memory({"time": time, **dict(zip("xyz", place.T, strict=True))}, "probe")
+    assert clock_of(Pairing.of(read, robot)).offset == pytest.approx(offset, abs=0.04)
+    few = table_in_memory({name: read.numbers(name)[:19] for name in read.names}, "probe")
+    with pytest.raises(InputError, match="probe and robot: found less than 20 samples"):
+        clock_of(Pairing.of(few, robot))
