@@ -17,6 +17,7 @@ import yaml
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from support.generated_machines import BODIES
 from support.skips import NO_MUJOCO
 from truepose.identification.compensation.inverse import PoseSolver
 from truepose.models.file.machine_file import SCHEMA, checked_machine
@@ -26,6 +27,41 @@ from truepose.models.machine.machine import Machine
 Array = NDArray[np.float64]
 Pose = Callable[[Array], Array]
 """Readings (nq,) mm and rad to the tool (4, 4) mm."""
+MOUNTED = (
+    "frames: {base: {in: world, xyz: [40, -3, 700], rpy: [1, 2, 30]}, tool: {in: flange, xyz: [3, 4, 50]}}\n"
+)
+BRANCHED = """  type: graph
+  bodies: [base, column, boom, hand, camera]
+  flange: hand
+  joints:
+    - {name: pan, kind: revolute, parent: base, child: column, xyz: [1, 2, 300], rpy: [0.1, 0.2, 0.3],
+       axis: [0.1, -0.2, 0.97], offset: 3, actuated: true, range: [-170, 170]}
+    - {name: lift, kind: prismatic, parent: column, child: boom, xyz: [50, 0, 0], rpy: [10, 90, 5],
+       axis: [0.6, 0, -0.8], offset: 12.5, actuated: true}
+    - {name: mount, kind: fixed, parent: boom, child: hand, xyz: [0, 120, 3], rpy: [0, -90, 0.02]}
+    - {name: look, kind: revolute, parent: column, child: camera, xyz: [0, 0, 80], actuated: true, range: [-90, 90]}
+masses:
+  boom: {kg: 3.0, com: [10, 20, 30], in: boom}
+  motor: {kg: 1.0, com: [-30, 0, 0], in: boom}
+  gripper: {kg: 0.5, com: [0, 0, 40], in: tool}
+"""
+TILTED = """  type: graph
+  bodies: [base, a, b, c, d, e, f, plate]
+  flange: plate
+  joints:
+    - {name: j1, kind: revolute, parent: base, child: a, xyz: [1, 0, 160], axis: [0, 0.001, 1], actuated: true}
+    - {name: j2, kind: revolute, parent: a, child: b, xyz: [0, 130, 0], axis: [0, 1, 0], offset: -90, actuated: true}
+    - {name: j3, kind: revolute, parent: b, child: c, xyz: [0, -100, 420], axis: [0, 1, 0.002], actuated: true}
+    - {name: j4, kind: revolute, parent: c, child: d, xyz: [0, 0, 390], axis: [0, -1, 0], actuated: true}
+    - {name: j5, kind: revolute, parent: d, child: e, xyz: [0, 95, 0], axis: [0, 0, -1], actuated: true}
+    - {name: j6, kind: revolute, parent: e, child: f, xyz: [0, 0, 95], axis: [0, 1, 0], actuated: true}
+    - {name: plate, kind: fixed, parent: f, child: plate, xyz: [0, 82, 1], rpy: [-90, 0, 0.1]}
+"""
+EXTRA = {
+    "branched": BRANCHED + MOUNTED,
+    "tilted": TILTED + MOUNTED,
+    "mounted": BODIES["nano"].split("frames")[0] + MOUNTED,
+}
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 
 
