@@ -88,21 +88,6 @@ class Robot:
         """The machine as calibrated, with its effects and a tool."""
         self.solver.p = self._with(tool, self._real)
 
-    def arrival(self, q: Array) -> float:
-        """Largest change of the tool's place (mm) at joints (n, nq) by how joints may have arrived, from halfway."""
-        z, names = self.solver.z, self.solver.model.drivers
-        ways = [k for k, name in enumerate(names) if Driver.of(name).kind == APPROACH]
-        if not ways:
-            return 0.0
-        self.real(None)
-        middle = self.solver.forward(q)[0][:, :3, 3]
-        total = np.zeros(len(q))
-        for k in ways:
-            self.solver.z = np.where(np.arange(len(z)) == k, 1.0, z)
-            total += np.linalg.norm(self.solver.forward(q)[0][:, :3, 3] - middle, axis=1)
-        self.solver.z = z
-        return float(np.max(total))
-
     def _with(self, tool: Array | None, p: Array) -> Array:
         if tool is None:
             return p

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from truepose.arrays import Array
-from truepose.identification.leaves.programs.correct import NEARBY, Corrected, Correction
+from truepose.identification.leaves.programs.correct import Corrected, Correction
 from truepose.models.machine.machine import Machine
 
 _LISTED = 5
@@ -66,11 +66,6 @@ def correction_notes(found: Correction, machine: Machine, limit: Limit) -> list[
             "motions that got a pose of their own, because what they name is a frame as well, goes by several frames or is "
             f"worked out: {_listed(copied)}"
         )
-    if found.nearby is not None:
-        out.append(
-            "points that the program works out from a target get that target's correction: "
-            f"{NEARBY:g} mm away it should be another by up to {found.nearby:.3g} mm"
-        )
     out += _taken_for_granted(found)
     if not (machine.file and machine.file.nominal):
         out.append("the machine file has no `nominal:`; its own constants are taken for the controller's")
@@ -78,7 +73,7 @@ def correction_notes(found: Correction, machine: Machine, limit: Limit) -> list[
 
 
 def _taken_for_granted(found: Correction) -> list[str]:
-    """What neither the program nor an option tells: frames, drivers, from where joints come."""
+    """What neither the program nor an option tells: frames, drivers, from where."""
     out = []
     bare, toolless = found.unnamed
     if bare:
@@ -94,11 +89,6 @@ def _taken_for_granted(found: Correction) -> list[str]:
     if found.drivers:
         told = ", ".join(f"{name} = {value:g}" for name, value in found.drivers.items())
         out.append(f"at all targets: {told}; --at NAME=VALUE gives others")
-    if found.arrival:
-        out.append(
-            "no target tells from which side its joints arrive: they count as halfway, which is up to "
-            f"{found.arrival:.3g} mm at the tool"
-        )
     return out
 
 
@@ -125,10 +115,6 @@ def correction_json(found: Correction, limit: Limit) -> dict[str, object]:
         "without_base": found.unnamed[0],
         "without_tool": found.unnamed[1],
         "drivers": dict(found.drivers),
-        "arrival": {"value": found.arrival, "unit": "mm"},
-        "nearby": None
-        if found.nearby is None
-        else {"value": found.nearby, "unit": "mm", "distance": {"value": NEARBY, "unit": "mm"}},
     }
 
 

@@ -24,8 +24,7 @@ from support.program_robots import (
     status_turn,
 )
 from truepose.errors import InputError
-from truepose.identification.compensation.inverse import PoseSolver
-from truepose.identification.leaves.programs.correct import NEARBY, Correction, correct
+from truepose.identification.leaves.programs.correct import Correction, correct
 from truepose.identification.leaves.programs.dialects import DIALECTS
 from truepose.identification.leaves.programs.meaning import Robot
 from truepose.identification.leaves.programs.program import Cell
@@ -98,27 +97,6 @@ def test_drivers_have_the_values_that_are_told_or_their_defaults(machine: Machin
         Robot(playing, {"paylod": 3.0})
     with pytest.raises(InputError, match="the machine has none"):
         Robot(machine, {"payload": 3.0})
-
-
-def test_the_way_of_arrival_moves_the_tool_by_the_sum_of_all_plays(
-    machine: Machine, playing: Machine
-) -> None:
-    """From halfway to one side: each joint turned by half of its play, or as the effect has it, at the worst pose."""
-    q = joints(5)
-    robot = Robot(playing, {})
-    moved = np.zeros(5)
-    for k in (1, 2):
-        solver = PoseSolver(playing)
-        solver.p = solver.model.p_home
-        away = []
-        for side in (0.0, 1.0):
-            solver.z = np.array([side * (name == f"approach.q{k + 1}") for name in solver.model.drivers])
-            away.append(solver.forward(q)[0][:, :3, 3])
-        moved += np.linalg.norm(away[1] - away[0], axis=1)
-    assert robot.arrival(q) == pytest.approx(moved.max(), rel=1e-9) and moved.max() > 0.05
-    assert robot.arrival(q) == robot.arrival(q)  # asking leaves no trace
-    assert Robot(machine, {}).arrival(q) == 0.0
-    assert corrected(playing, axes(q[0])).arrival == pytest.approx(robot.arrival(q[:1]))
 
 
 def test_programs_of_other_robots_are_refused(machine: Machine) -> None:
@@ -197,26 +175,6 @@ def test_corrections_stand_in_the_order_of_the_text_with_their_errors(machine: M
     again = corrected(machine, found.text)
     for one, first in zip(again.done, found.done, strict=True):
         np.testing.assert_allclose(one.change, first.change, atol=0.02 * np.max(np.abs(first.change)))
-
-
-def test_points_that_a_program_works_out_are_told_how_far_off_they_may_be(machine: Machine) -> None:
-    """The largest change of the correction 100 mm away, up, down and to each side, by numpy."""
-    q = np.array([0.2, 0.3, -0.2, 0.3, 0.9, -0.4])
-    goal = DRAWN.pose(q)
-    found = corrected(machine, f"{axes(q)}P={numbers_of(goal, 'kuka')}\nLIN P\nLIN P:Q\n")
-
-    def change(step: Array) -> Array:
-        moved = goal.copy()
-        moved[:3, 3] += step
-        start = DRAWN.inverse(moved, q)
-        assert np.max(np.abs(start - q)) < 1.5
-        return np.asarray(DRAWN.pose(REAL.inverse(moved, start))[:3, 3] - moved[:3, 3])
-
-    here = change(np.zeros(3))
-    steps = NEARBY * np.vstack([np.eye(3), -np.eye(3)])
-    expected = max(float(np.linalg.norm(change(step) - here)) for step in steps)
-    assert found.nearby == pytest.approx(expected, rel=1e-3)
-    assert corrected(machine, axes(q) + "PTP F(3)\n").nearby is None
 
 
 def test_a_correction_without_a_nominal_drawing_is_of_effects_alone(tmp_path: Path) -> None:
