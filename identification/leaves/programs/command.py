@@ -14,7 +14,8 @@ from truepose.errors import InputError, ReadBackError
 from truepose.files import atomic_file
 
 if TYPE_CHECKING:
-    from truepose.identification.leaves.programs.program import Cell, Dialect
+    from truepose.identification.leaves.programs.dialects import Dialect
+    from truepose.identification.leaves.programs.program import Cell
     from truepose.identification.leaves.programs.words import Limit
     from truepose.models.machine.machine import Machine
 

@@ -1,9 +1,10 @@
 """Which assignments a place of a program can see: a reading of its text from top to bottom that runs nothing.
 
 An assignment hides those before it from places in its own block; one in a branch hides none behind the branch; one in a loop
-reaches the loop's beginning. Calls of functions of the text are followed. The first function begins with what is assigned
-outside of all functions; another one that the text does not call, with whatever others assign, too. Programs that jump, or
-run functions side by side, see every assignment everywhere. Inside a function a parameter is a name of its own.
+reaches the loop's beginning. Calls of functions of the text are followed. The first function begins without a value. Another
+one that the text does not call may begin with whatever others assign, and so may what is declared outside of functions.
+Programs that jump, or run functions side by side, see every assignment everywhere. Inside a function a parameter is a name of
+its own.
 """
 
 from __future__ import annotations
@@ -208,7 +209,7 @@ class Flow:
         others = [
             one
             for start, several in events.items()
-            if function is not first and start not in (_TEXT, function.start, *self._calls)
+            if (around or function is not first) and start not in (_TEXT, function.start, *self._calls)
             for one in several
             if not one.call
         ]

@@ -23,7 +23,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -31,7 +31,6 @@ from scipy.spatial.transform import Rotation
 from truepose.arrays import Array, Mask
 from truepose.errors import InputError
 from truepose.models import lie
-from truepose.models.machine.machine import Machine
 from truepose.models.units import convert
 
 # -- Numbers of a target that choose among the joints which reach its pose: status and turn (KUKA), quadrants (ABB)
@@ -320,20 +319,6 @@ class Program:
     configuration: Configuration | None = None
     again: Callable[[str], Program] | None = field(default=None, compare=False)
     """Reads another text of the same kind, beside the same file."""
-
-
-class Dialect(Protocol):
-    """A way of writing programs: finds the targets of a text.
-
-    ``beside`` is the text of the file that belongs to it (KUKA's .src and .dat), where there is one.
-    """
-
-    name: str
-    title: str
-
-    def read(self, text: str, machine: Machine, beside: str | None = None) -> Program:
-        """What a text says. Raises InputError where it is no program of this kind."""
-        ...
 
 
 class Lines:

@@ -74,7 +74,7 @@ _MOVE = re.compile(
 _UNCHECKED = re.compile(r"(?i)(?<![\w.])Conf(?P<which>[LJ])\s*\\\s*Off\b")
 _WITH = re.compile(r"(?i)\\\s*WObj\s*:=\s*(\w+)")
 _NAME = re.compile(r"\s*(?P<name>[A-Za-z]\w*)\s*(?:\{[^{}]*\})?\s*")
-_SWITCH = re.compile(r"\\\s*\w+(?:\s*:=\s*\w+)?")
+_SWITCH = re.compile(r"(?:\\\s*\w+(?:\s*:=\s*\w+)?\s*)++\Z")
 _NOT_IN_USE = (9e9, 0.0)
 _NO_POSE = "the square of a quaternion of it is not 1"
 _WRITES = "the program changes it while it runs"

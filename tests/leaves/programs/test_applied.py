@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,6 @@ from typer.testing import CliRunner, Result
 from support import MACHINES
 from support.calibrated_machines import calibrated
 from truepose.cli import app
-from truepose.codegen.features import ALL, Features
 from truepose.errors import InputError
 
 WORSE = "the file would leave the tool worse"
@@ -55,45 +53,6 @@ def test_a_file_that_should_not_be_applied_is_only_where_that_is_wanted(
     assert run(f"{words} --anyway").exit_code == 0
 
 
-@pytest.mark.parametrize(
-    ("options", "real", "features", "measured"),
-    [
-        ("", "double", ALL, False),
-        ("--real float", "float", ALL, False),
-        ("--features warm,p", "double", Features.of("warm,p"), False),
-        ("--measure", "double", ALL, True),
-    ],
-)
-def test_what_is_generated_is_what_was_asked_for(
-    options: str, real: str, features: Features, measured: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    heard: list[tuple[str, Any, Any]] = []
-
-    def called(kind: str, result: Any) -> Any:
-        def generate(*arguments: Any, **told: Any) -> Any:
-            heard.append((kind, arguments, told))
-            return result
-
-        return generate
-
-    files = [Path("out/b.h"), Path("out/a.c")]
-    monkeypatch.setattr("truepose.codegen.c.generate", called("plain", files))
-    monkeypatch.setattr(
-        "truepose.codegen.leaves.embedded.write.generate_measured", called("measured", (files, []))
-    )
-    done = run(f"codegen arm.yaml -o out {options} --json")
-    told = json.loads(done.stdout)
-    ((kind, arguments, named),) = heard
-    assert kind == ("measured" if measured else "plain") and arguments[0].name == "arm"
-    assert arguments[1:] == (Path("out"), real) and named["features"] == features
-    assert named["nominal"] is None  # this one is the drawing itself
-    assert told["files"] == ["out/a.c", "out/b.h"] and told["features"] == list(features.names)
-    assert (told["command"], told["machine"], told["real"]) == ("codegen", "arm", real)
-    assert "measured" not in told and told["notes"] == []
-    lines = run(f"codegen arm.yaml -o out {options}").stdout.splitlines()
-    assert lines[:2] == ["out/a.c", "out/b.h"] and any("expected error of the tool" in line for line in lines)
-
-
 def test_the_drawing_goes_with_what_is_generated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """By what differs from it the C compensates."""
     machine = calibrated("arm", tmp_path)
@@ -119,13 +78,7 @@ def test_the_drawing_goes_with_what_is_generated(tmp_path: Path, monkeypatch: py
         ("compensate arm.yaml path.csv -o out.csv --tool 1,2,3", "--tool: found it with a table"),
         ("compensate arm.yaml path.csv -o out.csv --frame B=1,2,3", "--frame: found it with a table"),
         ("compensate arm.yaml path.csv -o out.csv --at payload=3", "--at: found it with a table"),
-        (
-            "compensate arm.yaml job.src -o out.src --method first-order",
-            "--method: found 'first-order' with a robot program, expected exact",
-        ),
         ("compensate arm.yaml job.src -o job.src", "found the program itself, expected another file"),
-        ("compensate arm.yaml job.src -o out.src --frame B", "--frame: found 'B', expected NAME=VALUE"),
-        ("compensate arm.yaml job.src -o out.src --frame =1,2", "--frame: found '=1,2', expected NAME=VALUE"),
         ("compensate arm.yaml job.src -o out.src --at load=x", "--at load: found 'x', expected a number"),
     ],
 )

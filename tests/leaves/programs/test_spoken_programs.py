@@ -144,16 +144,6 @@ def test_what_cannot_be_done_is_refused_in_one_line(
     assert not out.exists()
 
 
-def test_a_program_is_not_written_over_itself(tmp_path: Path) -> None:
-    machine = machine_file(tmp_path, REAL)
-    (tmp_path / "job.src").write_text(krl(Q))
-    done = CliRunner().invoke(
-        app, ["compensate", str(machine), str(tmp_path / "job.src"), "-o", str(tmp_path / "job.src"), "--anyway"]
-    )  # fmt: skip
-    assert done.exit_code == 2 and "found the program itself" in done.stderr
-    assert (tmp_path / "job.src").read_text() == krl(Q)
-
-
 def test_a_dat_that_is_a_table_stays_a_table(tmp_path: Path) -> None:
     done, out = run(tmp_path, "q1,q2,q3,q4,q5,q6\n0,0,0,0,30,0\n", "job.dat")
     assert done.exit_code == 0 and out.startswith("q1,q2,q3,q4,q5,q6\n")
