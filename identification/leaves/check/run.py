@@ -25,7 +25,7 @@ from truepose.identification.leaves.check.bare import (
     standing_out,
 )
 from truepose.identification.leaves.check.kinds.frames import frame_unknown
-from truepose.identification.leaves.check.pair import Pair, Stand
+from truepose.identification.leaves.check.pair import Pair, Slip, Stand
 from truepose.identification.leaves.check.result import Check, Found, Verdict
 from truepose.identification.leaves.check.rig import Rig, motion
 from truepose.identification.leaves.check.search import Search, search, still_columns
@@ -112,8 +112,7 @@ def _advice(rig: Rig, search: Search, members: Sequence[Weighed]) -> Iterator[Fo
     before, after, unit = shown(search.as_it_stands.stand, best.stand)
     alike = dict.fromkeys(_words(rig, w) for w in members[1:] if w.near)
     others = tuple(words for words in alike if words != _words(rig, best))[:_LEADS]
-    elsewhere = (frame_unknown(rig, frame, best.stand.p) for frame in best.free)
-    for slip in (*best.hypothesis.slips, *elsewhere):
+    for slip in _slips(rig, best):
         yield Found(
             slip.kind, slip.where, slip.says, slip.fix, "wrong", before, after, unit, slip.mend, others
         )
@@ -123,30 +122,25 @@ def _question(rig: Rig, as_it_stands: Weighed, leads: Sequence[Weighed]) -> Foun
     """What leads and is not certain, or leaves more than drawing and noise: to be looked at, never to be mended unseen."""
     best = leads[0]
     before, after, unit = shown(as_it_stands.stand, best.stand)
-    slips = best.hypothesis.slips or (frame_unknown(rig, best.free[0], best.stand.p),)
-    left = (
-        ""
-        if best.near
-        else "; more would be left than drawing and noise make, so that something else is wrong too"
-    )
-    return Found(
-        slips[0].kind,
-        slips[0].where,
-        f"it may be: {_words(rig, best)}{left}",
-        f"compare with the source: {'; '.join(slip.fix for slip in slips)}",
-        "wrong" if as_it_stands.stand.bad else "suspect",
-        before,
-        after,
-        unit,
-        None,
-        tuple(dict.fromkeys(_words(rig, w) for w in leads[1:]))[:_LEADS],
-    )
+    slips = best.hypothesis.slips or _slips(rig, best)[:1]
+    more = "; more would be left than drawing and noise make, so that something else is wrong too"
+    says = f"it may be: {_words(rig, best)}{'' if best.near else more}"
+    fix = f"compare with the source: {'; '.join(slip.fix for slip in slips)}"
+    verdict: Verdict = "wrong" if as_it_stands.stand.bad else "suspect"
+    others = tuple(dict.fromkeys(_words(rig, w) for w in leads[1:]))[:_LEADS]
+    first = slips[0]
+    return Found(first.kind, first.where, says, fix, verdict, before, after, unit, instead=others)
+
+
+def _slips(rig: Rig, weighed: Weighed) -> tuple[Slip, ...]:
+    """Return the slips of a hypothesis, and the frames that stand elsewhere for it."""
+    elsewhere = (frame_unknown(rig, frame, weighed.stand.p) for frame in weighed.free)
+    return (*weighed.hypothesis.slips, *elsewhere)
 
 
 def _words(rig: Rig, weighed: Weighed) -> str:
     """What a hypothesis says, in one line."""
-    said = [slip.says for slip in weighed.hypothesis.slips]
-    said += [frame_unknown(rig, frame, weighed.stand.p).says for frame in weighed.free]
+    said = [slip.says for slip in _slips(rig, weighed)]
     return joined(said) if said else "all is as the files say"
 
 
