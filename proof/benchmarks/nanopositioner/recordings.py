@@ -73,7 +73,6 @@ def truth() -> dict[str, Any]:
     true, drawing = parameter_values(DAY_0.intrinsic, DAY_0.extrinsic), parameter_values({}, DRAWING)
     return {
         "schema": "nanopositioner-simulator/truth/1",
-        "source": "benchmarks/nanopositioner",
         "paper": "Tables II and III",
         "seed": {"noise": SEED},
         "effects": [],
@@ -90,12 +89,12 @@ def files() -> dict[str, str]:
     plan = paper_plan()
     out = {
         "recording.csv": recording_text(
-            plan, MAIN_POINTS, comment="Simulated nanopositioner, 69 motions (benchmarks/nanopositioner)"
+            plan, MAIN_POINTS, comment="Simulated nanopositioner, 69 motions"
         ),
         "truth.json": _json(truth()),
     }
     for k, table in enumerate(SEQUENCE):
-        comment = f"Simulated nanopositioner, {table.day:g} days after the first calibration (benchmarks/nanopositioner)"
+        comment = f"Simulated nanopositioner, {table.day:g} days after the first calibration"
         out[f"drift_day{table.day:g}.csv"] = recording_text(
             plan, DRIFT_POINTS, table, seed=SEED + 1 + k, comment=comment
         )
