@@ -44,7 +44,7 @@ def test_the_picture_shows_every_room_and_nothing_red() -> None:
 
 
 def test_the_product_does_not_name_its_proof(known: dict[str, Path]) -> None:
-    """The examination and the studies in ``proof/`` depend on the product; its code, comments and bundled files know of neither."""
+    """What is in ``proof/`` depends on the product; code, comments and bundled files do not know of it."""
     names = re.compile(
         r"\b(?:challenge|benchmarks)[./]\w|\bproof/|python -m (?:challenge|benchmarks)|\"benchmarks"
     )
