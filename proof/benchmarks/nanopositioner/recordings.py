@@ -88,9 +88,7 @@ def files() -> dict[str, str]:
     """Name and text of every bundled file but the machine file."""
     plan = paper_plan()
     out = {
-        "recording.csv": recording_text(
-            plan, MAIN_POINTS, comment="Simulated nanopositioner, 69 motions"
-        ),
+        "recording.csv": recording_text(plan, MAIN_POINTS, comment="Simulated nanopositioner, 69 motions"),
         "truth.json": _json(truth()),
     }
     for k, table in enumerate(SEQUENCE):
