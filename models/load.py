@@ -10,7 +10,7 @@ from pathlib import Path
 from truepose.errors import InputError
 from truepose.files import mixture_notes
 from truepose.models.file.machine_file import EffectSpec, MachineFile, read_machine
-from truepose.models.file.names import check_texts
+from truepose.models.file.names import check_text
 from truepose.models.machine.builder import BuildContext, builders
 from truepose.models.machine.columns import check_column_names, declared_drivers, driver_names
 from truepose.models.machine.couplings import resolve_couplings
@@ -170,9 +170,8 @@ def _sensors(file: MachineFile, mechanism: Mechanism) -> tuple[Sensor, ...]:
 
 def _check_names(machine: Machine, file: MachineFile) -> None:
     names = [p.name for p in machine.parameters]
-    check_texts(
-        [*names, *machine.mechanism.readings, *machine.mechanism.bodies], str(file.path)
-    )  # a URDF has its own
+    for name in (*names, *machine.mechanism.readings, *machine.mechanism.bodies):  # a URDF has its own
+        check_text(name, str(file.path))
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise InputError(

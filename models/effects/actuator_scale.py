@@ -43,7 +43,7 @@ class ActuatorScale(Effect):
         actuators = [actuator_at(site.machine, name) for name in site.place]
         return {a.displacement: site.c["s"] * site.moved(a.reading) for a in actuators}
 
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         if len(place) > 1:
             return f"The readings of {', '.join(place)} share one scale error: all err in proportion."
         what = "turns" if joint_unit(machine, place) == "rad" else "travels"

@@ -49,5 +49,5 @@ class AxisCoupling(Effect):
         driven, driving = (actuator_at(site.machine, name) for name in site.place)
         return {driven.displacement: site.c["k"] * site.moved(driving.reading)}
 
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         return f"Joint {place[0]} is dragged along in proportion when joint {place[1]} moves."

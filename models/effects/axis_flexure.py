@@ -68,7 +68,7 @@ class AxisFlexure(Effect):
             turn = ca.cross(carried, pull)
         return {f"{joint.name}.motion.r{axis}": site.c["c"] * turn[k] for k, axis in enumerate("xyz")}
 
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         return f"What {place[0]} turns, a fork or the other axis, bends under its own weight as it turns."
 
 

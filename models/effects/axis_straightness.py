@@ -88,7 +88,7 @@ class AxisStraightness(Effect):
         # a rail bolted down at many points bends between any two of them: 6 half waves
         return (*({"degree": n} for n in (2.0, 3.0, 4.0)), *({"waves": n} for n in (2.0, 3.0, 4.0, 6.0)))
 
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         return f"The guideway of {place[0]} is bent: its slide leaves the line, and may turn, as it moves."
 
 

@@ -93,7 +93,7 @@ class AxisWobble(Effect):
             if not shift.is_zero()
         }
 
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         return f"The axis of joint {place[0]} wobbles: it tilts to and fro as it turns."
 
     def found(self, values: Mapping[str, float], std: Mapping[str, float]) -> str:

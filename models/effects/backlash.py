@@ -73,7 +73,7 @@ class Backlash(Effect):
     def drivers(self, machine: Machine, place: Place, settings: Settings) -> tuple[str, ...]:
         return () if LEAN in settings else (f"approach.{actuator_at(machine, place[0]).reading}",)
 
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         return (
             f"Joint {place[0]} has play: where it stands depends on the side from which it arrived, or to which its weight "
             "pushes it."

@@ -88,7 +88,7 @@ class EarlyReading(Effect):
         arm = _unit(machine) == "rad" and len(joints) > MAIN
         return ({}, WHOLE, {"wrist": WRIST}) if arm else ({}, WHOLE)
 
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         who = "The machine" if len(place) > 1 else f"Joint {place[0]}"
         return f"{who} did not stand yet when it was read: it is off its readings along the last motion."
 

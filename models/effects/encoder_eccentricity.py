@@ -48,7 +48,7 @@ class EncoderEccentricity(Effect):
     def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
         return ({"order": 1.0}, {"order": 2.0})
 
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         whose = (
             f"on the load side, {place[0]}," if place[0] in _on_load_side(machine) else f"of joint {place[0]}"
         )

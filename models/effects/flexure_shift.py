@@ -48,7 +48,7 @@ class FlexureShift(Effect):
         limbs = [limb_at(site.machine, name) for name in site.place]
         return {limb.length: site.c["k"] * _squared_tilts(site, limb.name) for limb in limbs}
 
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         legs = ", ".join(place)
         return f"The flexures of {legs} shift their centres as they bend, with the square of the tilt."
 

@@ -58,7 +58,7 @@ class FrameShift(Effect):
         anew = {ANEW: 1.0} if place[0] in machine.set_up else {}
         return [{**boundary, **anew} for boundary in boundaries(recording)]
 
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         said = {"base": "The robot's base, or the instrument that looks at it,", "tool": "The tool"}
         what = said.get(place[0], f"The frame {place[0]}")
         return f"{what} was moved between two sessions."

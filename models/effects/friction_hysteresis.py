@@ -105,7 +105,7 @@ class FrictionHysteresis(Effect):
     def weight(self, settings: Settings) -> float:
         return COARSE if _at_once(settings) else 1.0
 
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         return f"Joint {place[0]} gives before it slips: it trails its reading, by more the further it came."
 
     def _shows(self, machine: Machine, place: Place, settings: Settings, recording: Observed) -> bool:

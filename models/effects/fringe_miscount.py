@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from truepose.models.effects.base import Place, effects
+from truepose.models.effects.base import Place, Settings, effects
 from truepose.models.effects.common import OfRows
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.placed import NO_SETTINGS
@@ -21,5 +21,5 @@ class FringeMiscount(OfRows):
     experiment = "go back to the row's start without a break: a lost fringe is missing on the closed way"
     source = "a fringe of a two-way interferometer is half a wavelength; a beam broken or moved too fast loses some"
 
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         return f"Rows {', '.join(place)} are off by whole half wavelengths and were left out."

@@ -54,5 +54,5 @@ class GravitySag(Effect):
         ports = [f"{site.place[0]}.motion.{axis}" for axis in ("rx", "ry", "rz")]
         return {port: site.c["c"] * site.load(port) for port in ports}
 
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         return f"The mount of the {place[0]} yields: it turns with the moment of {carried(machine)}."

@@ -116,13 +116,10 @@ class JointCompliance(Effect):
             return 0.5  # of two signs
         return 0.2 if "bend" in settings else 1.0
 
-    def explain_term(self, machine: Machine, place: Place, settings: Settings) -> str:
-        if measured_kind(settings) is None:
-            return self.explain(machine, place)
-        column = measured_words(settings, actuator_at(machine, place[0]).reading)
-        return f"Joint {place[0]} gives way in proportion to {column}."
-
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
+        if measured_kind(settings) is not None:
+            column = measured_words(settings, actuator_at(machine, place[0]).reading)
+            return f"Joint {place[0]} gives way in proportion to {column}."
         unknown = "" if machine.loaded else " (masses are not stated: compliance times carried mass is found)"
         return f"Joint {place[0]} gives way under {carried(machine)}, in proportion to the load{unknown}."
 

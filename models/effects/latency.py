@@ -72,7 +72,7 @@ class Latency(Effect):
         some = len(still) < len(machine.mechanism.readings)
         return ({f"still.{joint}": 1.0 for joint in still} if some else {},)
 
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         return "The sensor reads where the machine stood a time tau before its joints were logged."
 
     def found(self, values: Mapping[str, float], std: Mapping[str, float]) -> str:

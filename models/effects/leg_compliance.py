@@ -35,7 +35,7 @@ class LegCompliance(Effect):
         ports = [limb_at(site.machine, name).length for name in site.place]
         return {port: site.c["c"] * site.load(port) for port in ports}
 
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         if len(place) > 1:
             return f"The legs {', '.join(place)} are equally compliant: they grow in tension."
         return f"The leg {place[0]} is compliant: it grows in tension, shortens in compression."

@@ -71,5 +71,5 @@ class LensDistortion(Effect):
     def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
         return ({"terms": 1.0}, {"terms": 2.0}, {"terms": 2.0, "decentred": 1.0})
 
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         return "The lens moves points away from the sensor's z axis (k1 > 0) or towards it, more the farther off they are."

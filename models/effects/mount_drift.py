@@ -66,7 +66,7 @@ class MountDrift(Effect):
             return ({"tau": 0.0, "start": 0.0},)
         return [{"tau": tau, "start": span[0]} for tau in _taus(span[1] - span[0])]
 
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         said = {"base": "The base creeps under the robot", "tool": "The tool creeps in its mount"}
         what = said.get(place[0], f"The frame {place[0]} creeps on what carries it")
         return f"{what} in the course of the campaign."

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from truepose.models.effects.base import Place, effects
+from truepose.models.effects.base import Place, Settings, effects
 from truepose.models.effects.common import OfRows
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.placed import NO_SETTINGS
@@ -21,5 +21,5 @@ class Outliers(OfRows):
     experiment = "measure the listed rows again"
     source = "a broken line of sight, a swapped target, a robot still moving; no physics of the machine"
 
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         return f"Rows {', '.join(place)} lie far outside the noise of the others and were left out."

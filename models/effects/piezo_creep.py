@@ -64,5 +64,5 @@ class PiezoCreep(Effect):
     def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
         return ({"t0": T0}, *({"t0": T0, "dwell": WAIT, "since": since} for since in SINCE))
 
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         return f"The piezo of {place[0]} creeps: after every move it goes on with the logarithm of time."

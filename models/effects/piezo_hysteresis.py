@@ -69,7 +69,7 @@ class PiezoHysteresis(Effect):
     def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
         return approaches(machine, place, recording)
 
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         return (
             f"The piezo of {place[0]} has hysteresis: where it stands depends on where it last turned round."
         )

@@ -7,17 +7,7 @@ from math import atan2, tau
 
 import casadi as ca
 
-from truepose.models.effects.base import (
-    Coefficient,
-    DriverKind,
-    Effect,
-    Observed,
-    Place,
-    Settings,
-    Shifts,
-    Site,
-    effects,
-)
+from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import centre_and_half
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import Actuator, Limb
@@ -59,6 +49,7 @@ class PlatformDeformation(Effect):
     source = "Gayral and Daney 2012, INRIA RR-8096, equations 1 to 4"
     # the entries add up: a symmetric part and what departs from it may stand together
     settings_add = True
+    driven_by = "coupling"  # the flexures' forces grow with the actuators' travel
 
     def places(self, machine: Machine) -> Sequence[Place]:
         limbs = machine.mechanism.limbs
@@ -79,10 +70,6 @@ class PlatformDeformation(Effect):
     def reads_load(self, settings: Settings) -> bool:
         return round(settings.get("form", COMMON)) in (WEIGHT, RECIPROCAL)
 
-    def driver_kind(self, machine: Machine, place: Place, settings: Settings) -> DriverKind:
-        """Return the legs' load, or the travel of the actuators where the flexures' forces grow with it."""
-        return "load" if self.reads_load(settings) else "coupling"
-
     def shifts(self, site: Site) -> Shifts:
         limbs = _limbs(site.machine)
         if self.reads_load(site.settings):
@@ -101,7 +88,7 @@ class PlatformDeformation(Effect):
         forms += [WEIGHT, RECIPROCAL] if machine.loaded else []
         return [{"form": float(form)} for form in forms]
 
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         return (
             "The ring or plate that carries the leg ends bends: each end moves along the platform's normal "
             "in proportion to the actuators' travel, or to the forces of the legs."

@@ -41,5 +41,5 @@ class ScrewPeriodic(Effect):
     def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
         return ({"harmonic": 1.0}, {"harmonic": 2.0})
 
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         return f"The screw of {place[0]} advances unevenly within a turn: its error repeats with the pitch."

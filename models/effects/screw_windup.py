@@ -72,7 +72,7 @@ class ScrewWindup(Effect):
         free = nominal_gain(site.machine, actuator) * (site.q[actuator.reading] - low)
         return {actuator.displacement: site.c["c"] * site.load(actuator.displacement) * free}
 
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         return (
             f"The screw of {place[0]} gives way to what it carries or to its nut's friction, more the further out "
             "the nut stands."

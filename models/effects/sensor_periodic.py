@@ -91,7 +91,7 @@ class SensorPeriodic(Effect):
             return [{"order": order} for order in orders]
         return [{"axis": axis, "order": order} for axis in (AZIMUTH, ELEVATION) for order in orders]
 
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         if _wavelength(sensor_at(machine, place[0])) is not None:
             return "The interferometer errs periodically: the same error comes back every half wavelength."
         return "An angle encoder of the tracker errs periodically: points shift across the line of sight with its angle."

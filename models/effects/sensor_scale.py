@@ -40,7 +40,7 @@ class SensorScale(Effect):
     def shifts(self, site: Site) -> Shifts:
         return stretched(site, sensor_at(site.machine, site.place[0]), site.c["s"])
 
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         kind = sensor_at(machine, place[0]).type
         return f"All lengths that the sensor {kind} reads are too long (s > 0) or too short by the same fraction."
 

@@ -41,5 +41,5 @@ class TargetOffset(Effect):
     def shifts(self, site: Site) -> Shifts:
         return {f"{site.place[0]}.{axis}": site.c[axis] for axis in XYZ}
 
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         return f"The target {place[0]} sits off its stated point, by the same vector of the tool's frame in every row."

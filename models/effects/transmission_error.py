@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from math import hypot, pi, sqrt
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -124,6 +125,8 @@ class TransmissionError(Effect):
         "Judd and Knasinski 1990, A technique to calibrate industrial robots with experimental verification"
     )
     settings_add = True
+    # any function of the joint's angle may come from the gear or from the encoder that reads the angle
+    twins: ClassVar = {"orders": {"encoder-eccentricity": 0.2}}
 
     def places(self, machine: Machine) -> Sequence[Place]:
         return singly(a.reading for a in machine.mechanism.actuators if a.unit == "rad")
@@ -172,9 +175,5 @@ class TransmissionError(Effect):
         told = ", ".join(f"{k} ({size[k] * ARCSEC:.0f} arcsec)" for k in strongest)
         return f"Orders that stand out of their uncertainty, cycles per turn: {told}."
 
-    def twins(self, settings: Settings) -> Mapping[str, float]:
-        # any function of the joint's angle may come from the gear or from the encoder that reads the angle
-        return {"encoder-eccentricity": 0.2} if "orders" in settings else {}
-
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         return f"The gear of joint {place[0]} turns unevenly: its error repeats several times per turn."

@@ -51,7 +51,7 @@ class WrongConstant(Effect):
         across = _tilts(site.machine)
         return {name: site.c["tilt"] * across.get(name, 0.0) for name in site.place}
 
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         if len(place) > 1:
             return "The actuator axes are tilted alike, towards (tilt > 0) or away from their own legs."
         element = element_of(place[0])

@@ -48,7 +48,7 @@ class ZeroShift(Effect):
     def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
         return boundaries(recording)
 
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         zero = "The zero" if len(place) == 1 else "The zeros"
         return (
             f"{zero} of {' and '.join(place)} moved between two sessions: homed anew, or a slipped coupling."

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any, Final
 
 from truepose.errors import InputError
@@ -93,12 +93,6 @@ def check_text(text: str, where: str) -> str:
     if found is not None:
         raise InputError(f"{where}: found {found} in {text[:60]!a}, expected only characters that are seen")
     return text
-
-
-def check_texts(texts: Iterable[str], where: str) -> None:
-    """The same of several."""
-    for text in texts:
-        check_text(text, where)
 
 
 def check_document(document: Mapping[str, Any], where: str) -> None:

@@ -82,15 +82,10 @@ def declared_driver(
     name: str, own: str, written: str, spec: DriverSpec, *, tried: bool = False
 ) -> DeclaredDriver:
     """A driver whose columns are ``written`` in a unit (empty: as they are); ``own``: that of its kind, where it has one."""
-    unit = own or internal_unit(written)
+    unit = own or next((known for known in INTERNAL.values() if compatible(written, known)), written)
     drives = spec.drives or Driver.of(name).drives or driven_by_unit(unit)
     everywhere = spec.drives is not None and Driver.of(name).kind in MEASURED_LOADS
     return DeclaredDriver(name, unit, written, drives, tried, everywhere=everywhere)
-
-
-def internal_unit(unit: str) -> str:
-    """The program's own unit of the same dimension; the unit itself where it has none."""
-    return next((own for own in INTERNAL.values() if compatible(unit, own)), unit)
 
 
 OF_ROWS: Final = ("time", "session", "pose", "from", "role")

@@ -40,7 +40,11 @@ def state_names(machine: Machine) -> tuple[str, ...]:
     ``seen.C``: what column C of a sensor should read (mm, rad; the length itself where a reading is its change).
     """
     ends = [f"{AXIS}{end}.{k}" for end in joint_ends(machine) for k in _XYZ]
-    return (*ends, *(f"{TURN}{joint.name}" for joint in hinges(machine)), *seen_names(machine))
+    return (
+        *ends,
+        *(f"{TURN}{joint.name}" for joint in hinges(machine)),
+        *(f"{SEEN}{column}" for sensor in machine.sensors for column in sensor.columns),
+    )
 
 
 def joint_ends(machine: Machine) -> tuple[str, ...]:
@@ -64,11 +68,6 @@ def across(axis: ArrayLike) -> tuple[Array, Array]:
     u = u - (u @ along) * along
     u /= np.linalg.norm(u)
     return u, np.cross(along, u)
-
-
-def seen_names(machine: Machine) -> tuple[str, ...]:
-    """One state for each sensor column."""
-    return tuple(f"{SEEN}{column}" for sensor in machine.sensors for column in sensor.columns)
 
 
 def directions(

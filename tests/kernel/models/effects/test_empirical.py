@@ -200,7 +200,7 @@ def test_it_is_less_sure_the_further_it_is_asked_beyond_what_was_seen(
     names, values, slopes, _ = predictor.columns(predictor.model.p_home, x)
     effect = machine.effects[0]
     at = dict(zip(JOINTS, far.q.T, strict=True)) | dict(zip(names, values.T, strict=True))
-    over = effect.effect.overshoot(machine, effect.place, effect.settings_map, at)
+    over = Empirical().overshoot(machine, effect.place, effect.settings_map, at)
     assert over is not None
     assert (over == 0.0).any()
     assert (over > 0.0).any()

@@ -112,7 +112,7 @@ def test_a_series_is_the_sum_of_its_orders(machines: Mapping[str, Machine]) -> N
     assert (np.diff(scales) <= 0).all()
     assert scales[-1] < 0.02 * scales[0]
     assert scales[0] == 6e-4  # 2 arcmin, what the catalogue states
-    sentence = together.effect.explain(arm, ("q1",))
+    sentence = together.effect.explain(arm, ("q1",), {})
     assert "q1" in sentence
     assert "gear" in sentence
 
@@ -131,8 +131,8 @@ def test_coupling_moves_the_driven_joint_by_the_driving_one(machines: Mapping[st
 def test_a_drifting_mount_says_which(machines: Mapping[str, Machine]) -> None:
     arm = machines["arm"]
     effect = with_effect(arm, "mount-drift", ("base",)).effect
-    assert "base" in effect.explain(arm, ("base",)) and "tool" not in effect.explain(arm, ("base",))
-    assert "tool" in effect.explain(arm, ("tool",)) and "base" not in effect.explain(arm, ("tool",))
+    assert "base" in effect.explain(arm, ("base",), {}) and "tool" not in effect.explain(arm, ("base",), {})
+    assert "tool" in effect.explain(arm, ("tool",), {}) and "base" not in effect.explain(arm, ("tool",), {})
 
 
 def test_mounts_drift_shift_and_settle(machines: Mapping[str, Machine]) -> None:

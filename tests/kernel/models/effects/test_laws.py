@@ -91,7 +91,7 @@ def test_units_bounds_and_explanations(machines: Mapping[str, Machine], slug: st
                 assert parse_unit(c.unit, c.unit, "test") == c.unit
                 assert 0 < c.scale < np.inf
                 assert c.lower <= 0 < c.upper
-            sentence = placed.effect.explain(machines[name], placed.place)
+            sentence = placed.effect.explain(machines[name], placed.place, placed.settings_map)
             assert sentence.endswith(".")
             assert 20 < len(sentence) < 200
 
@@ -173,7 +173,7 @@ def test_twins_are_the_same_function(machines: Mapping[str, Machine], slug: str)
     checked = 0
     for name, acting in where_it_acts(machines, slug):
         for placed in acting:
-            for twin, relative in placed.effect.twins(placed.settings_map).items():
+            for twin, relative in placed.twins.items():
                 assert 0 < relative <= 1
                 assert twin != slug
                 checked += compare_twins(machines[name], placed, twin)

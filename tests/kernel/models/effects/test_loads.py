@@ -109,8 +109,8 @@ def test_candidates_of_unknown_masses_are_the_bodies_beyond_the_joint(
     assert [c.name for c in stated.coefficients] == ["c"]
     # stated masses: the whole load, and gears that give way otherwise than in proportion
     assert effect.settings(machines["arm"], ("q2",), Campaign()) == ({}, {"bend": 2.0}, {"bend": 3.0})
-    assert "masses are not stated" in effect.explain(unweighed, ("q2",))
-    assert "masses are not stated" not in effect.explain(machines["arm"], ("q2",))
+    assert "masses are not stated" in effect.explain(unweighed, ("q2",), {})
+    assert "masses are not stated" not in effect.explain(machines["arm"], ("q2",), {})
 
 
 @pytest.mark.parametrize("name", ["telescope", "gough"])
