@@ -9,11 +9,11 @@ from pathlib import Path
 
 from truepose.errors import InputError
 from truepose.files import mixture_notes
-from truepose.models.file.machine_file import EffectSpec, MachineFile, read_machine
+from truepose.models.file.effect_entry import EffectSpec
+from truepose.models.file.machine_file import MachineFile, read_machine
 from truepose.models.file.names import check_text
 from truepose.models.machine.builder import BuildContext, builders
 from truepose.models.machine.columns import check_column_names, declared_drivers, driver_names
-from truepose.models.machine.couplings import resolve_couplings
 from truepose.models.machine.effect import effects
 from truepose.models.machine.kinematics import home_directions
 from truepose.models.machine.loads import (
@@ -25,7 +25,7 @@ from truepose.models.machine.loads import (
     with_recordings,
 )
 from truepose.models.machine.machine import FRAMES, Machine
-from truepose.models.machine.mechanism import Mechanism
+from truepose.models.machine.mechanism import Mechanism, resolve_couplings
 from truepose.models.machine.mounts import frame_parameters, mounts
 from truepose.models.machine.placed import Place, PlacedEffect, check_settings
 from truepose.models.machine.sensor import Sensor, sensors

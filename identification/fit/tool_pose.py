@@ -29,7 +29,7 @@ from truepose.identification.fit.turn import Turned
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording, frozen
 from truepose.models import lie
-from truepose.models.file.machine_file import ExpectedPose
+from truepose.models.file.sections import ExpectedPose
 from truepose.models.machine.controllability import judged_axes
 from truepose.models.machine.kinematics import SymbolicModel
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from truepose.errors import InputError
 from truepose.identification.diagnosis.result import WHOLE, Applied
 from truepose.identification.report.numbers import known, measure, significant
-from truepose.models.file.machine_file import ExpectedPose
+from truepose.models.file.sections import ExpectedPose
 from truepose.models.machine.machine import Machine
 
 _HOLDS = {

@@ -9,8 +9,8 @@ import casadi as ca
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import moves_while_read, sensor_names
 from truepose.models.file.driver import VELOCITY, Driver
-from truepose.models.machine.couplings import own_motions
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.mechanism import own_motions
 from truepose.models.machine.placed import SWITCH, ranges
 
 LONGEST = 0.5

@@ -25,7 +25,6 @@ from truepose.models.file.fields import In, Number, Section, Vector, bad_value, 
 from truepose.models.file.limits import LEAST_GRAVITY, NAMED, PARTS
 from truepose.models.file.names import EXPECTED, NAMED_SO, SCHEMA_LINE, check_document, nearest_name
 from truepose.models.file.sections import (
-    NO_WORSE,
     DefaultTolerances,
     DriverField,
     DriverSpec,
@@ -33,9 +32,7 @@ from truepose.models.file.sections import (
     ExpectedPoseSection,
     ForceSection,
     Frames,
-    FrameSpec,
     FramesSection,
-    FrameTolerance,
     Interval,
     JudgementSection,
     MassSection,
@@ -54,26 +51,6 @@ from truepose.models.file.sections import (
 from truepose.models.file.yaml_document import document_text, read_document
 from truepose.models.task import Task
 from truepose.models.units import UnitSystem
-
-__all__ = [
-    "NO_WORSE",
-    "SCHEMA",
-    "DefaultTolerances",
-    "EffectSpec",
-    "ExpectedPose",
-    "FrameSpec",
-    "FrameTolerance",
-    "Frames",
-    "MachineDocument",
-    "MachineFile",
-    "MassSpec",
-    "Tolerances",
-    "checked_machine",
-    "input_error",
-    "machine_text",
-    "read_machine",
-    "write_machine",
-]
 
 SCHEMA: Final = "truepose/machine/1"
 Triple = tuple[float, float, float]

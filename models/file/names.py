@@ -117,6 +117,5 @@ def _check_value(value: Any, where: str, *, wrapped: bool) -> None:
 
 
 MACHINE_SCHEMA: Final = "https://truepose.dev/schema/machine-1.json"
-RECORDING_SCHEMA: Final = "https://truepose.dev/schema/recording-1.json"
 SCHEMA_LINE: Final = f"# yaml-language-server: $schema={MACHINE_SCHEMA}"
 """First line of a machine file: editors complete and check what follows. For truepose it is a comment."""

@@ -13,8 +13,8 @@ import casadi as ca
 from truepose.errors import InputError
 from truepose.models import lie
 from truepose.models.file.driver import PAYLOAD, DeclaredDriver, Driver
-from truepose.models.file.machine_file import MachineFile, MassSpec
-from truepose.models.file.sections import FORCE, OwnPayload, SpringEnd, SpringSection
+from truepose.models.file.machine_file import MachineFile
+from truepose.models.file.sections import FORCE, MassSpec, OwnPayload, SpringEnd, SpringSection
 from truepose.models.machine.machine import Equipment, Machine, Mass, MeasuredForce, Spring, body_of
 from truepose.models.machine.mechanism import Mechanism, Parameter
 from truepose.models.machine.sensor import TOOL_POSE, Sensor

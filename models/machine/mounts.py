@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from truepose.errors import InputError
-from truepose.models.file.machine_file import FrameSpec, FrameTolerance, MachineFile
+from truepose.models.file.machine_file import MachineFile
+from truepose.models.file.sections import FrameSpec, FrameTolerance
 from truepose.models.machine.machine import FRAMES, Mount, body_of
 from truepose.models.machine.mechanism import AXIS_UNITS, BASE, Mechanism, Parameter
 from truepose.models.machine.sensor import TOOL, WORLD

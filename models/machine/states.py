@@ -18,10 +18,9 @@ from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models.file.driver import PAYLOAD
 from truepose.models.machine.assembly import assemble, placed_frame, rod_ends, symbols, way_of
-from truepose.models.machine.couplings import own_motions
 from truepose.models.machine.loads import with_own_tools
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.mechanism import COORDINATES, Direction, Joint
+from truepose.models.machine.mechanism import COORDINATES, Direction, Joint, own_motions
 from truepose.models.machine.placed import PlacedEffect
 from truepose.models.machine.sensor import View
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from truepose.identification.fit.align import transform
 from truepose.identification.leaves.check.pair import SELDOM, USUAL, Pair, Scene, Slip
 from truepose.identification.leaves.check.rig import Rig
-from truepose.models.file.machine_file import Frames
+from truepose.models.file.sections import Frames
 from truepose.models.machine.machine import FRAMES
 from truepose.models.units import convert
 

@@ -18,7 +18,7 @@ from truepose.identification.report.applied_words import (
     expected_words,
     pose_json,
 )
-from truepose.models.file.machine_file import ExpectedPose
+from truepose.models.file.sections import ExpectedPose
 from truepose.models.machine.machine import Machine
 
 NAN = float("nan")

@@ -19,7 +19,7 @@ from truepose.identification.report.files import (
     write_diagnosis,
 )
 from truepose.identification.report.results import calibration_json
-from truepose.models.file.machine_file import ExpectedPose
+from truepose.models.file.sections import ExpectedPose
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 from truepose.shown.result import Written
