@@ -65,7 +65,7 @@ def build_machine(file: MachineFile) -> Machine:
         drivers=driver_names(file, declared),
         file=file,
         notes=notes,
-        set_up=tuple(name for name in FRAMES if getattr(file.frames, name).per_session),
+        set_up=tuple(name for name in FRAMES if getattr(file.frames, name).per),
         declared_drivers=with_recordings(with_columns(declared, forces, file), own, masses),
     )
     _check_names(machine, file)

@@ -118,7 +118,7 @@ def calibrated_pose(fit: Estimate, recording: Recording, than: str = "the drawin
     if any(not len(squares) for squares in both):
         return None
     before, after = (float(np.sqrt(np.mean(squares))) for squares in both)
-    return ExpectedPose(than, before, after, rows)
+    return ExpectedPose(than=than, before=before, after=after, rows=rows)
 
 
 READINGS, TOLERANCES, EXPLANATIONS, UNEXPLAINED = "readings", "tolerances", "explanations", "unexplained"

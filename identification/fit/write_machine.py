@@ -150,7 +150,7 @@ def _expand(document: dict[str, Any], machine: Machine) -> None:
     if machine.mechanism.inertials or machine.mechanism.table_frames:
         _write_weights(document, machine)
         _write_springs(document, machine)
-    if machine.file.frames.tool.present or not machine.mechanism.tool_length:
+    if machine.file.frames.is_stated("tool") or not machine.mechanism.tool_length:
         return
     frames = document.setdefault("frames", {})
     geometry = machine.geometry

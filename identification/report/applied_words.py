@@ -53,7 +53,9 @@ def expected_pose(applied: Applied | None) -> ExpectedPose | None:
     if applied is None or applied.pose is None:
         return None
     before = applied.baselines.get("drawing", applied.pose.plain)
-    return ExpectedPose("plain calibration", before, applied.pose.model, rows_words(applied))
+    return ExpectedPose(
+        than="plain calibration", before=before, after=applied.pose.model, rows=rows_words(applied)
+    )
 
 
 def expected_words(machine: Machine) -> str:

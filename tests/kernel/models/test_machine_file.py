@@ -48,9 +48,8 @@ def test_left_out_sections_take_their_meaning(tmp_path: Path) -> None:
     machine = _read(tmp_path, BASIC)
     assert machine.name == "rig"
     assert machine.gravity is None
-    for frame, stands_in in ((machine.frames.base, "world"), (machine.frames.tool, "flange")):
-        assert frame.in_ == stands_in
-        assert not frame.present
+    for name, frame in (("base", machine.frames.base), ("tool", machine.frames.tool)):
+        assert not machine.frames.is_stated(name)
         assert frame.xyz == frame.rpy == frame.tolerance.xyz == frame.tolerance.rpy == (0.0, 0.0, 0.0)
     assert (machine.tolerances.length, machine.tolerances.angle) == (0.0, 0.0)
     assert not machine.masses
@@ -87,7 +86,8 @@ effects:
     assert machine.frames.tool.tolerance.rpy == (math.pi, math.pi, math.pi)
     assert machine.tolerances.length == pytest.approx(0.1)
     assert machine.tolerances.angle == math.pi / 2
-    assert machine.masses[0].com == (0.0, 12.0, 60.0)
+    (mass,) = machine.masses.values()
+    assert mass.com == (0.0, 12.0, 60.0)
     (effect,) = machine.effects
     assert effect.place == ("q2",)
     assert effect.value("c", "rad/(N*m)") == pytest.approx(2.1e-7)

@@ -52,7 +52,9 @@ def test_a_number_with_its_unit_is_the_same(tmp_path: Path, field: str) -> None:
     assert [c.sigma for c in stated.channels] == pytest.approx([c.sigma for c in plain.channels], rel=1e-12)
     assert plain.file is not None
     assert stated.file is not None
-    assert stated.file.masses[0].kg == pytest.approx(plain.file.masses[0].kg)
+    assert [mass.kg for mass in stated.file.masses.values()] == pytest.approx(
+        [mass.kg for mass in plain.file.masses.values()]
+    )
 
 
 @pytest.mark.parametrize(
