@@ -223,6 +223,9 @@ class Empirical(Effect):
     slug = "empirical"
     setting_ranges = ranges({"degree": COUNT, "reach": POSITIVE, "from.": COLUMN, "to.": COLUMN})
     title = "A smooth error without a name"
+    sentence = (
+        "Something at {0} errs smoothly with what is recorded; no physics with a name was found for it."
+    )
     formula = (
         "c1 T1(t) + c2 T2(t) + ..., t the source from -1 to 1; c t u of two; points: x.xy x y / reach^2 ..."
     )
@@ -366,9 +369,6 @@ class Empirical(Effect):
         if len(names) == 2:
             return joined(names), "product"
         return joined(names), "line" if settings.get(DEGREE) == LINE else "curve"
-
-    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
-        return f"Something at {place[0]} errs smoothly with what is recorded; no physics with a name was found for it."
 
 
 def _warp(site: Site) -> Shifts:

@@ -111,6 +111,7 @@ class TransmissionError(Effect):
     driven_by = "position-periodic"
     title = "Transmission error of a geared joint"
     counted = True
+    sentence = "The gear of joint {0} turns unevenly: its error repeats several times per turn."
     formula = (
         "dq = a sin(k q) + b cos(k q), k cycles per turn of the joint; or the sum over k = 1 ... 60, "
         "less its mean over the arc from ... to that was seen, beyond which it fades"
@@ -174,6 +175,3 @@ class TransmissionError(Effect):
             return ""
         told = ", ".join(f"{k} ({size[k] * ARCSEC:.0f} arcsec)" for k in strongest)
         return f"Orders that stand out of their uncertainty, cycles per turn: {told}."
-
-    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
-        return f"The gear of joint {place[0]} turns unevenly: its error repeats several times per turn."

@@ -119,6 +119,10 @@ class Physics(ABC):
     title: ClassVar[str] = ""
     counted: ClassVar[bool] = False
     """Whether the title takes an article in a sentence: a compliant joint, but backlash."""
+    sentence: ClassVar[str] = ""
+    """What it does, in plain words, for the finding; ``{0}`` is the first name of its place, ``{all}`` are all of them."""
+    forms: ClassVar[tuple[Settings, ...]] = ({},)
+    """What ``settings`` offers whatever the machine and its recording."""
     formula: ClassVar[str] = ""
     size: ClassVar[str] = ""
     look_alikes: ClassVar[tuple[str, ...]] = ()
@@ -168,7 +172,12 @@ class Physics(ABC):
 
     def explain(self, machine: Any, place: Place, settings: Settings) -> str:
         """One sentence in plain words for the finding, of terms with these settings."""
-        return f"{self.title or self.slug} at {', '.join(place)}"
+        names = ", ".join(place)
+        return (
+            self.sentence.format(*place, all=names)
+            if self.sentence
+            else f"{self.title or self.slug} at {names}"
+        )
 
     def reads_load(self, settings: Settings) -> bool:
         """Whether the formula reads gravity loads with these settings."""
@@ -176,7 +185,7 @@ class Physics(ABC):
 
     def settings(self, machine: Any, place: Place, recording: Observed) -> Sequence[Settings]:
         """Constants the formula is not linear in (order of a harmonic, lag): one candidate each."""
-        return ({},)
+        return self.forms
 
     def elsewhere(self, machine: Any, place: Place, seen: Mapping[str, Array]) -> Sequence[Settings]:
         """Settings that read columns of other places in this one's stead: ``seen`` are the smooth drivers (n,) by name.
