@@ -109,16 +109,6 @@ def test_a_urdf_without_inertials_says_nothing_of_gravity(tmp_path: Path) -> Non
     assert bare.notes == ()
 
 
-def test_commands_tell_where_masses_and_gravity_come_from(tmp_path: Path) -> None:
-    machine = machine_of(tmp_path)
-    (tmp_path / "rows.csv").write_text("q1,q2\n0,0\n10,10\n", encoding="utf-8")
-    notes = load_recording(machine, [tmp_path / "rows.csv"], need_observations=False).notes
-    assert any(
-        "4 masses, 57.5 kg together, were read from arm.urdf; gravity [0, 0, -9.80665]" in n for n in notes
-    )
-    assert any("counted where they hang with their joints at zero: finger" in n for n in notes)
-
-
 def test_joints_can_be_compliant_where_nobody_stated_a_mass(tmp_path: Path) -> None:
     places = effects.get("joint-compliance", "test")().places(machine_of(tmp_path))
     assert ("q2",) in {tuple(place) for place in places}

@@ -82,10 +82,6 @@ def written(machine: Machine, path: Path, seed: int) -> Recording:
     return load_recording(machine, [path])
 
 
-def test_the_documented_plugin_is_a_dozen_lines(job: Job) -> None:
-    assert len([line for line in job.plugin.read_text().splitlines() if line.strip()]) <= 13
-
-
 def test_an_effect_with_memory_is_named_where_it_acts(job: Job) -> None:
     (finding,) = json.loads((job.out / "diagnosis.json").read_text())["findings"]
     assert (finding["effect"], finding["place"]) == ("cable-drag", ["q1"])

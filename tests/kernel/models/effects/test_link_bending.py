@@ -223,14 +223,3 @@ def test_a_ram_bends_with_the_third_power_of_its_overhang(tmp_path: Path, readin
     length = 200.0 + reading
     assert bent[2, 3] - still[2, 3] == pytest.approx(-c * force * length**3 / 3, rel=1e-6)
     assert abs(turn_between(still, bent)[1]) == pytest.approx(c * force * length**2 / 2, rel=1e-6)
-
-
-def test_every_joint_of_an_arm_has_a_place_and_only_slides_have_rams(tmp_path: Path) -> None:
-    bending = effects.get("link-bending", "test")()
-    wrist = _loaded(tmp_path, MEETING)
-    assert [place for (place,) in bending.places(wrist)] == ["link1", "link2", "link3"]
-    units = {place: bending.coefficients(wrist, (place,), {})[0].unit for place in ("link2", "link3")}
-    assert units == {"link2": "rad/(N*m)", "link3": "1/(N*mm^2)"}
-    assert all("overhang" not in s for s in bending.settings(wrist, ("link3",), None))  # type: ignore[arg-type]
-    slide = _loaded(tmp_path, RAM)
-    assert {"overhang": 1.0} in bending.settings(slide, ("link1",), None)  # type: ignore[arg-type]

@@ -269,16 +269,6 @@ def test_a_tracker_does_not_stand_in_the_machine(benches: Mapping[str, Bench]) -
     assert looked_for == {"arm": True, "telescope": False, "stage": True}
 
 
-def test_what_is_found_is_said_in_numbers() -> None:
-    def said(slug: str, **values: float) -> str:
-        return effects.get(slug, "test")().found(values, {name: abs(v) / 10 for name, v in values.items()})
-
-    assert said("sensor-scale", s=5.2e-5) == "Its scale is off by 52.0 +- 5.2 ppm."
-    assert said("latency", tau=0.004) == "The sensor lags the joints by 4 +- 0.4 ms."
-    assert said("latency", tau=-0.004) == "The joints are logged late, by 4 +- 0.4 ms."
-    assert said("air-refraction", share=0.9).startswith("90 +- 9 %")
-
-
 # -- diagnosis -----------------------------------------------------------------------------------------
 
 

@@ -20,7 +20,6 @@ from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import catalogue
-from truepose.models.effect_text import parse_effect
 from truepose.models.effects.base import PlacedEffect, Settings, effects
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
@@ -162,17 +161,6 @@ def test_a_pin_of_a_cross_runs_out_like_the_hinge_that_it_is(
     np.testing.assert_allclose(pose(delta, q, one), pose(drawn, q, other), atol=1e-8)
 
 
-def test_places_of_runout(machines: Mapping[str, Machine]) -> None:
-    runout = effects.get("joint-runout", "test")()
-    ends = [(f"leg{k}.{end}",) for k in range(1, 7) for end in "ab"]
-    assert list(runout.places(machines["hexapod"])) == ends
-    assert runout.screened(machines["hexapod"], ("leg1.a",))
-    assert not runout.screened(machines["flexed"], ("leg1.a",))  # flexures have no cross
-    assert ("u1a",) in runout.places(machines["delta"])
-    term = parse_effect("joint-runout@leg3.b:vv=10[um]", machines["hexapod"])
-    assert term.values["vv"] == pytest.approx(0.01)
-
-
 # -- truths recovered ----------------------------------------------------------------------------------------
 
 
@@ -262,18 +250,6 @@ def test_friction_is_looked_for_where_it_is_not_backlash(machines: Mapping[str, 
 
 def candidates(machine: Machine, recording: Recording, slug: str) -> list[PlacedEffect]:
     return [e for e in catalogue(machine, recording).candidates if e.effect.slug == slug]
-
-
-def test_piezo_effects_are_looked_for_at_small_joints_without_screw_or_gear(
-    machines: Mapping[str, Machine],
-) -> None:
-    for slug in ("piezo-hysteresis", "piezo-creep"):
-        effect = effects.get(slug, "test")()
-        assert [p for p in effect.places(machines["stage"]) if effect.screened(machines["stage"], p)] == [
-            ("s1",),
-            ("s2",),
-        ]
-        assert not any(effect.screened(machines["arm"], p) for p in effect.places(machines["arm"]))
 
 
 def test_memory_stands_at_nothing_where_it_is_not_known(machines: Mapping[str, Machine]) -> None:
