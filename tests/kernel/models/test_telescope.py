@@ -192,22 +192,12 @@ def test_poses_by_every_constant(tmp_path: Path, model: str) -> None:
     [
         ("beam", "flexure: {length: 30", "flexure: {length: 600", r"legs: leg1: found flexures of 600 mm"),
         ("beam", "flexure: {length: 30", "flexure: {length: -30", r"flexure.*expected a number > 0"),
-        (
-            "beam",
-            "flexure: {length: 30",
-            "flexure: {length: 30, beta: 0.8",
-            r"beta: expected a number < 0.75",
-        ),
+        ("beam", "flexure: {length: 30", "flexure: {length: 30, beta: 0.8", r"beta: expected a number < 0.75"),
         ("stiffness", "rod: {", "# {", r"mechanism.rod: found none, expected one: model stiffness"),
-        (
-            "stiffness",
-            "flexure: {length: 30, bending: ",
-            "flexure: {length: 30}  # ",
-            r"flexure.bending: found none",
-        ),
+        ("stiffness", "flexure: {length: 30, bending: ", "flexure: {length: 30}  # ", r"flexure.bending: found none"),
         ("linear", "model: linear", "model: lineal", r"mechanism.model"),
     ],
-)
+)  # fmt: skip
 def test_what_a_model_lacks_is_told(tmp_path: Path, model: str, old: str, new: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         machine_of(tmp_path, model, (old, new))

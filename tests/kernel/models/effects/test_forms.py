@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from support.effects import with_effect
+from support.effects import Campaign, with_effect
 from support.examples import examples
 from support.telescope_legs import leg_rows
 from support.tool_pose import HEAD, pose
@@ -117,19 +117,7 @@ def test_a_pin_circles_across_itself_so_many_times_a_turn(
     np.testing.assert_allclose(quarter, np.cross(axis, start), atol=1e-9)
 
 
-class _Recorded:
-    """A recording with every column."""
-
-    n_sessions = 1
-
-    def driver(self, name: str) -> Array:
-        return np.linspace(-1e-9, 1e-9, 5)
-
-    def inferred(self, name: str) -> bool:
-        return False
-
-
-# -- axis-wobble, link-bending ---------------------------------------------------------------------------------
+# -- axis-wobble ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("pair", "turns"), [("ab", -2), ("cd", 2)])
@@ -215,7 +203,7 @@ def test_a_gain_calibrated_late_leaves_what_is_still_to_creep(machine: Callable[
 
 def test_elements_side_by_side_are_the_sum_of_single_ones(machine: Callable[[str], Machine]) -> None:
     slide, friction = machine("slide"), effects.get("friction-hysteresis", "test")()
-    found = [s for s in friction.settings(slide, ("s2",), _Recorded()) if "elements" in s]
+    found = [s for s in friction.settings(slide, ("s2",), Campaign()) if "elements" in s]
     assert len({s.get("overshoot") for s in found}) == len(found) > 1
     several = with_effect(
         slide, "friction-hysteresis", ("s2",), {"elements": 1.0}, h1=1e-3, h2=2e-3, h3=3e-3, h4=4e-3
