@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 machine_of: Declared[Machine] = Declared("an estimate, a calibration or a diagnosis")
 predicted_frame: Declared[pd.DataFrame] = Declared("an estimate, a calibration or a diagnosis")
 residual_frame: Declared[pd.DataFrame] = Declared("an estimate, a calibration or a diagnosis")
-residual_figure: Declared[Any] = Declared("an estimate, a calibration or a diagnosis")
 
 
 class Fitted(Shown):
@@ -55,10 +54,6 @@ class Fitted(Shown):
         The index is that of ``Recording.to_frame``. NaN where a row cannot be assembled.
         """
         return residual_frame(self)
-
-    def plot(self) -> Any:
-        """Draw the residuals of each row; a ``matplotlib.figure.Figure``. Raises InputError without matplotlib."""
-        return residual_figure(self)
 
 
 if TYPE_CHECKING:

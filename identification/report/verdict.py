@@ -30,15 +30,9 @@ NOTHING = ("the recording holds one session only", "nothing to vary")
 REASONS = 4
 """Most reasons why effects could not be tested that are told at first."""
 ALARMS = {
-    "residual": ("lack of fit", "does an ordinary fit, parameters free, leave more than noise?"),
-    "prior_conflict": (
-        "conflict with tolerances",
-        "do the readings want parameters that the drawings exclude?",
-    ),
-    "structure": (
-        "structure in residuals",
-        "do residuals under tolerances follow a driver or the order of rows?",
-    ),
+    "residual": "lack of fit",
+    "prior_conflict": "conflict with tolerances",
+    "structure": "structure in residuals",
 }
 
 
@@ -113,11 +107,25 @@ def reasons(diagnosis: Diagnosis) -> list[str]:
         out.append(f"Beside all effects, noise of {significant(diagnosis.noise)} stated sigmas is likeliest.")
     if diagnosis.proof is not None and not adequate:
         out.append(_held_out(diagnosis.proof))
-    alarms = [ALARMS[name][0] for name, alarm in diagnosis.alarms.items() if alarm.raised is not adequate]
-    if alarms:
-        lead = "Quiet" if adequate else "Alarms that a true model raises once in a hundred recordings"
-        out.append(f"{lead}: {joined(alarms)}.")
+    out += _alarm_words(diagnosis, adequate=adequate)
     return [*out, *(_best_candidate(diagnosis) if adequate else [])]
+
+
+def _alarm_words(diagnosis: Diagnosis, *, adequate: bool) -> list[str]:
+    """Return which alarms are raised; of an adequate model which are not, and what explains the others."""
+    raised = [ALARMS[name] for name, alarm in diagnosis.alarms.items() if alarm.raised]
+    quiet = [ALARMS[name] for name, alarm in diagnosis.alarms.items() if not alarm.raised]
+    if not adequate:
+        lead = "Alarms that a true model raises once in a hundred recordings"
+        return [f"{lead}: {joined(raised)}."] if raised else []
+    out = [f"Quiet: {joined(quiet)}."] if quiet else []
+    if raised:
+        wide = max(diagnosis.inflation.values(), default=1.0)
+        out.append(
+            f"Raised: {joined(raised)}; but no explanation is likelier than none: noise of"
+            f" {significant(diagnosis.noise, 2)} and tolerances of {significant(wide, 2)} times the stated explain it."
+        )
+    return out
 
 
 def _best_candidate(diagnosis: Diagnosis) -> list[str]:

@@ -45,7 +45,7 @@ def demo(
     """
     from truepose.identification.diagnosis.diagnose import diagnose
     from truepose.identification.recording.load import load_recording
-    from truepose.identification.report.documents import diagnosis_document
+    from truepose.identification.report.diagnosis import diagnosis_document
     from truepose.identification.report.files import REPORT, write_diagnosis
     from truepose.identification.report.results import diagnosis_summary
     from truepose.models.load import load_machine
@@ -62,13 +62,16 @@ def demo(
         check_machine(output, DIAGNOSIS, machine.name)
         result = diagnose(machine, load_recording(machine, [bundle / RECORDING]), progress=say)
         say("writing the report")
-        names = write_diagnosis(result, output, truth=_truth(bundle / TRUTH))
+        names = write_diagnosis(result, output)
+        truth = _truth(bundle / TRUTH)
     summary = diagnosis_summary(result, "demo", written(output, names))
     told = diagnosis_document(result, output)
-    lines = [*first_screen(told), f"report: {output / REPORT}"]
+    lines = [*first_screen(told), f"the recording was simulated with: {truth}", f"report: {output / REPORT}"]
     finish(summary, lines, told.notes, as_json=as_json)
 
 
-def _truth(path: Path) -> dict[str, object] | None:
-    """What the simulator put in: shown on the report's last page, never seen by the diagnosis."""
-    return dict(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else None
+def _truth(path: Path) -> str:
+    """Return what the simulator put in, which the diagnosis never saw."""
+    stated = json.loads(path.read_text(encoding="utf-8"))
+    effects = stated["effects"] if "effects" in stated else [stated["effect"]]
+    return "; ".join(f"{one['effect']} at {', '.join(one['place'])}" for one in effects) or "no effect"

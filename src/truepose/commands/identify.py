@@ -117,7 +117,7 @@ def _calibration_written(
     """Write the results into ``output``; what is told of them, for --json and in lines."""
     from truepose.identification.diagnosis.null_fits import far_rows
     from truepose.identification.fit.tool_pose import calibrated_pose
-    from truepose.identification.report.documents import calibration_document
+    from truepose.identification.report.estimate import calibration_document
     from truepose.identification.report.files import write_calibration
     from truepose.identification.report.results import calibration_json
     from truepose.shown.text import first_screen
@@ -199,7 +199,7 @@ def first_interrupt(text: str) -> Iterator[Callable[[], bool]]:
 
 def _diagnosis_written(result: Diagnosis, caution: Caution, output: Path) -> tuple[dict[str, Any], list[str]]:
     """Write the results into ``output``; what is told of them, for --json and in lines."""
-    from truepose.identification.report.documents import diagnosis_document
+    from truepose.identification.report.diagnosis import diagnosis_document
     from truepose.identification.report.files import REPORT, write_diagnosis
     from truepose.identification.report.results import diagnosis_summary
     from truepose.shown.text import first_screen

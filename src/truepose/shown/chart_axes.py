@@ -9,7 +9,7 @@ from html import escape
 import numpy as np
 
 from truepose.arrays import Array
-from truepose.shown.chart import Axis, Band, Bars, Chart, Layer, Level, Line, Marks
+from truepose.shown.chart import Axis, Band, Chart, Layer, Level, Line, Marks
 from truepose.shown.scale import Scale, ends, ticks
 from truepose.shown.text import printable
 
@@ -58,8 +58,6 @@ def _values(layers: Sequence[Layer], axis: str) -> list[Array]:
             out.append(layer.x if axis == "x" else layer.y)
         elif isinstance(layer, Band):
             out += [layer.x] if axis == "x" else [layer.low, layer.high]
-        elif isinstance(layer, Bars):
-            out += [np.zeros(1), layer.length] if axis == "x" else []
         elif isinstance(layer, Level) and layer.axis == axis:
             out.append(np.array([layer.value]))
     return out

@@ -13,8 +13,8 @@ from html import escape
 import numpy as np
 
 from truepose.arrays import Array
-from truepose.shown.chart import Band, Bars, Cells, Chart, Level, Line, Marks, Span
-from truepose.shown.chart_axes import LETTER, WIDTH, Frame, axes, frame_of, label
+from truepose.shown.chart import Band, Chart, Level, Line, Marks, Span
+from truepose.shown.chart_axes import WIDTH, Frame, axes, frame_of
 from truepose.shown.text import printable
 
 SIZE = {"dot": 4.5, "stroke": 2.0, "ring": 1.3, "tick": 1.2}
@@ -41,9 +41,8 @@ def _svg(chart: Chart) -> str:
     below = sorted(chart.layers, key=lambda layer: not isinstance(layer, (Level, Span)))
     drawn = [part for layer in below for part in _DRAWN[type(layer)](layer, frame)]
     title = escape(printable(f"{chart.title}: {chart.y.title} against {chart.x.title}"))
-    told = f"<desc>{escape(printable(chart.told))}</desc>" if chart.told else ""
     return (
-        f'<svg class="chart" role="img" viewBox="0 0 {WIDTH:.0f} {chart.height:.0f}"><title>{title}</title>{told}'
+        f'<svg class="chart" role="img" viewBox="0 0 {WIDTH:.0f} {chart.height:.0f}"><title>{title}</title>'
         f"{''.join(axes(chart, frame))}{''.join(drawn)}</svg>"
     )
 
@@ -109,33 +108,6 @@ def _band(layer: Band, frame: Frame) -> list[str]:
     return [f'<path class="band t-{layer.tone}" d="{"".join(ways)}"/>']
 
 
-def _bars(layer: Bars, frame: Frame) -> list[str]:
-    out = []
-    zero, texts = frame.x.at(0.0), []
-    for k, (place, long) in enumerate(zip(frame.y.all(layer.at), frame.x.all(layer.length), strict=True)):
-        if not math.isfinite(long):
-            continue
-        out.append(f"M{zero:.1f} {place - 5:.1f}H{long:.1f}V{place + 5:.1f}H{zero:.1f}Z")
-        if k < len(layer.texts):
-            texts.append(_beside(long, place, layer.texts[k], zero))
-    return [f'<path class="bar t-{layer.tone}" d="{"".join(out)}"/>', *texts]
-
-
-def _beside(end: float, y: float, text: str, zero: float) -> str:
-    """A bar's number at its end: inside, where there is no room beyond."""
-    wide = LETTER * len(text) + 4
-    if end >= zero:
-        inside = end + wide > WIDTH
-        return label(
-            end - 4 if inside else end + 4,
-            y + 4,
-            text,
-            "end" if inside else "start",
-            "on" if inside else "beside",
-        )
-    return label(zero + 4, y + 4, text, "start", "beside")
-
-
 def _level(layer: Level, frame: Frame) -> list[str]:
     """None where its value lies beyond the axis."""
     scale = frame.x if layer.axis == "x" else frame.y
@@ -160,35 +132,10 @@ def _span(layer: Span, frame: Frame) -> list[str]:
     ]
 
 
-def _cells(layer: Cells, frame: Frame) -> list[str]:
-    """Positive cells in one colour, negative ones in another, the deeper the larger."""
-    known = np.abs(layer.values[np.isfinite(layer.values)])
-    largest = layer.largest or float(np.max(known, initial=0.0)) or 1.0
-    wide = abs(frame.x.at(1) - frame.x.at(0))
-    tall = abs(frame.y.at(1) - frame.y.at(0))
-    out = []
-    for r, row in enumerate(layer.values.tolist()):
-        for c, value in enumerate(row):
-            if not math.isfinite(value):
-                continue
-            x, y = frame.x.at(c), frame.y.at(r)
-            share = min(abs(value) / largest, 1.0)
-            negative = value < 0 and share >= 0.005  # of what is not seen the sign is rounding
-            out.append(
-                f'<rect class="cell t-{"before" if negative else "after"}" x="{x - wide / 2:.1f}" y="{y - tall / 2:.1f}"'
-                f' width="{wide:.1f}" height="{tall:.1f}" fill-opacity="{share:.2f}"/>'
-            )
-            if layer.texts:
-                out.append(label(x, y + 4, layer.texts[r][c], "middle", "on" if share > 0.6 else ""))
-    return out
-
-
 _DRAWN: dict[type, Callable[..., list[str]]] = {
     Marks: _marks,
     Line: _line,
     Band: _band,
-    Bars: _bars,
     Level: _level,
     Span: _span,
-    Cells: _cells,
 }

@@ -48,7 +48,7 @@ files: Declared[list[str]] = Declared("a result with files")
 
 
 class Shown:
-    """One screen of ``repr``, a table with a picture in notebooks. The repr of a broken object says so; it raises nothing."""
+    """One screen of ``repr``. The repr of a broken object says so; it raises nothing."""
 
     internal: ClassVar[frozenset[str]] = frozenset()
     """Public names of a class that its user does not need: completion leaves them out."""
@@ -63,11 +63,6 @@ class Shown:
             return screen(document(self))
         except Exception as exc:  # debuggers and messages show objects that are half made, or made up
             return f"<{type(self).__name__}, which cannot be shown: {type(exc).__name__}>"
-
-    def _repr_html_(self) -> str:
-        from truepose.shown.html import fragment
-
-        return fragment(document(self))
 
 
 class Written(Shown):

@@ -17,20 +17,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from support.examples import examples
-from truepose.shown.chart import (
-    Axis,
-    Band,
-    Bars,
-    Cells,
-    Chart,
-    Layer,
-    Level,
-    Line,
-    Marks,
-    Shape,
-    Span,
-    legend,
-)
+from truepose.shown.chart import Axis, Band, Chart, Layer, Level, Line, Marks, Shape, Span, legend
 from truepose.shown.chart_svg import svg
 from truepose.shown.scale import Scale, ends, ticks
 
@@ -60,16 +47,12 @@ def layers(draw: st.DrawFn) -> Layer:
     x, y, z = (draw(several(n)) for _ in range(3))
     one, two = draw(ANY), draw(ANY)
     error = draw(st.sampled_from([None, z]))
-    at = np.arange(n, dtype=float)
-    cells = draw(arrays(np.float64, (2, 2), elements=ANY))
     kinds: list[Layer] = [
         Marks(x, y, "before", text, draw(st.sampled_from(SHAPES)), error, draw(st.booleans())),
         Line(x, y, "after", text, draw(st.booleans())),
         Band(x, y, z, "free", text),
-        Bars(y, at, "accent", text, texts=[text] * n),
         Level(one, draw(st.sampled_from(["x", "y"])), text),
         Span(one, two, "ink", text),
-        Cells(cells, [[text, text], [text, text]]),
     ]
     return draw(st.sampled_from(kinds))
 
@@ -86,7 +69,7 @@ def axes(draw: st.DrawFn) -> Axis:
 def test_any_chart_is_well_formed_and_writes_numbers_only(
     shown: list[Layer], x: Axis, y: Axis, title: str
 ) -> None:
-    chart = Chart(title, x, y, shown, told=title)
+    chart = Chart(title, x, y, shown)
     text = svg(chart)
     root = ET.fromstring(text)
     assert root.tag == "svg"
@@ -103,7 +86,7 @@ def test_any_chart_is_well_formed_and_writes_numbers_only(
 def test_a_legend_has_each_name_once(shown: list[Layer]) -> None:
     x = Axis("")
     names = [name for _, _, name in legend([Chart("", x, x, shown), Chart("", x, x, shown)])]
-    assert names == list(dict.fromkeys(n for n in (getattr(one, "name", "") for one in shown) if n))
+    assert names == list(dict.fromkeys(one.name for one in shown if one.name))
 
 
 @given(st.lists(several(4), max_size=3))
@@ -222,28 +205,10 @@ def test_a_band_is_closed_about_each_known_stretch(y: Array) -> None:
     assert all(part.count("M") == 1 for part in parts)
 
 
-@pytest.mark.parametrize("bad", [float("nan"), float("inf"), float("-inf")])
-def test_cells_are_as_deep_as_their_share_of_the_largest_that_is_known(bad: float) -> None:
-    chart = Chart(
-        "", Axis("", names="ab"), Axis("", names="cd"), [Cells(np.array([[1.0, -2.0], [bad, 0.0]]))]
-    )
-    cells = list(ET.fromstring(svg(chart)).iter("rect"))
-    assert [one.get("fill-opacity") for one in cells] == ["0.50", "1.00", "0.00"]
-    assert ["before" in (one.get("class") or "") for one in cells] == [False, True, False]
-
-
 def test_a_strip_without_an_end_stays_in_the_frame() -> None:
     x = np.arange(5.0)
-    root = ET.fromstring(
-        svg(
-            Chart(
-                "",
-                Axis(""),
-                Axis(""),
-                [Line(x, x, "ink"), Span(-np.inf, 2.0, "free"), Span(1.0, 99.0, "free")],
-            )
-        )
-    )
+    layers: list[Layer] = [Line(x, x, "ink"), Span(-np.inf, 2.0, "free"), Span(1.0, 99.0, "free")]
+    root = ET.fromstring(svg(Chart("", Axis(""), Axis(""), layers)))
     left, _, _, right = frame_of(root)
     places = [float(v) for one in root.iter("path") if "band" in (one.get("class") or "")
               for v in re.findall(rf"[MH]({NUMBER})", one.get("d", ""))]  # fmt: skip

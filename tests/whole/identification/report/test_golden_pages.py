@@ -1,4 +1,4 @@
-"""Pages, views and pictures that are committed: a change of what is shown shows as a change of ``tests/golden_pages``.
+"""Pages and views that are committed: a change of what is shown shows as a change of ``tests/golden_pages``.
 
 What is shown is made up, or comes from fits that end in one point: another processor rounds it alike to the digits
 that are shown. After a change that is meant:
@@ -33,7 +33,7 @@ ELSEWHERE = ("diagnosis", "finding", "machine with effects", "compensation", "in
 
 
 def _diagnosis(folder: Path) -> str:
-    return report_html(synthetic(arm(folder)), {"effect": {"effect": "transmission-error", "place": ["q1"]}})
+    return report_html(synthetic(arm(folder)))
 
 
 def _calibration(folder: Path) -> str:
@@ -50,7 +50,7 @@ def _view(name: str, _folder: Path) -> str:
     result = RESULTS[name]()
     if isinstance(result, Machine) and result.file:  # whose path may be too long for a line elsewhere
         result = replace(result, file=replace(result.file, path=Path("machine.yaml")))
-    return f"{result!r}\n{result._repr_html_()}"
+    return repr(result)
 
 
 PAGES: Mapping[str, Callable[[Path], str]] = {
