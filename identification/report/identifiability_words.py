@@ -21,8 +21,8 @@ HEAD = ("least known", "tolerance", "1-sigma to expect", "status")
 
 
 @document.register
-def identifiability_document(found: Identifiability, every: bool = False) -> Document:
-    """What was looked at, rank, unseen directions, nearly unseen ones, parameters; ``every`` names all of an alike group."""
+def identifiability_document(found: Identifiability) -> Document:
+    """Return what was looked at, rank, unseen directions, nearly unseen ones, and parameters."""
     i, left = found.indices, found.subset.relations
     seen = f"the readings see {found.rank} of {found.free} directions of the free parameters"
     exactly = (
@@ -42,7 +42,7 @@ def identifiability_document(found: Identifiability, every: bool = False) -> Doc
     ]
     alike = (
         f"{len(found.subset.kept)} parameters can be told apart from each other; left out as alike:"
-        f" {shortened(list(left), len(left) if every else SHOWN)}"
+        f" {shortened(list(left), SHOWN)}"
     )
     size = f"(at best {found.as_built_size:.3g} sigmas a tolerance)"
     lists = [

@@ -23,7 +23,6 @@ from truepose.commands.one_line import OneLineCommand, OneLineGroup
 from truepose.commands.progress import quietly
 from truepose.commands.schema import schema
 from truepose.commands.tables import predict, simulate
-from truepose.commands.try_columns import WithTryColumns
 from truepose.demo import demo
 from truepose.leaves import modules_named
 
@@ -76,7 +75,7 @@ def commands() -> dict[str, Callable[..., None]]:
 
 
 for _name, _command in commands().items():
-    app.command(_name, cls=WithTryColumns if _name == "diagnose" else OneLineCommand)(_with_common(_command))
+    app.command(_name, cls=OneLineCommand)(_with_common(_command))
 
 
 def _version(wanted: bool) -> None:

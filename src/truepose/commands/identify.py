@@ -13,20 +13,20 @@ import typer
 
 from truepose.commands.common import (
     DirectoryOption,
+    GateOption,
     JsonOption,
     MachineArg,
     RecordingsArg,
     ShuffledOption,
     finish,
+    gated,
     note,
     progress,
     quiet,
+    refuse,
     written,
 )
-from truepose.commands.gate import GateOption, gated
-from truepose.commands.judgement import refuse
 from truepose.commands.results import DIAGNOSIS, FIT, check_directory, check_machine
-from truepose.commands.try_columns import TryColumnsOption, tried_names
 
 if TYPE_CHECKING:
     from truepose.identification.diagnosis.result import Diagnosis
@@ -67,6 +67,14 @@ IrradianceOption = Annotated[
         "in the order of the recordings.",
     ),
 ]
+TryColumnsOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="all|NAME,NAME...",
+        help="Try columns of numbers that the machine file does not declare as drivers: all, or those named. The more are "
+        "tried, the more evidence each needs.",
+    ),
+]
 PriorOption = Annotated[
     Path | None,
     typer.Option(
@@ -104,11 +112,14 @@ def calibrate(
             machine, recordings, irradiance=irradiance or (), anyway=anyway, shuffled=shuffled
         )
         check_machine(output, FIT, loaded.name)
-        names = [name.strip() for name in only.split(",") if name.strip()]
-        result = run(loaded, rows, estimator=estimator, solver=solver, only=names, progress=say)
+        result = run(loaded, rows, estimator=estimator, solver=solver, only=_names(only), progress=say)
         summary, lines = _calibration_written(result, caution, output, say)
     finish({"command": "calibrate", **summary}, lines, result.notes, as_json=as_json)
     refuse(result.judgement, output, as_json=as_json)
+
+
+def _names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",") if name.strip()]
 
 
 def _calibration_written(
@@ -165,9 +176,14 @@ def diagnose(
     learned = None if prior is None else read_prior(prior)
     check_directory(output, DIAGNOSIS)
     with progress("checking"):
-        tried, light = tried_names(try_columns), irradiance or ()
+        tried = None if try_columns is None else [] if try_columns == "all" else _names(try_columns)
         loaded, rows, caution = gated(
-            machine, recordings, irradiance=light, anyway=anyway, shuffled=shuffled, tried=tried
+            machine,
+            recordings,
+            irradiance=irradiance or (),
+            anyway=anyway,
+            shuffled=shuffled,
+            tried=tried,
         )
         check_machine(output, DIAGNOSIS, loaded.name)
     with progress("diagnosing") as say:

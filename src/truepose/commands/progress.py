@@ -99,6 +99,3 @@ def _bar(label: str) -> Iterator[Count]:
         timer.cancel()
         timer.join()
         display.stop()
-
-
-__all__ = ["Say", "counted", "progress", "quiet", "quietly"]

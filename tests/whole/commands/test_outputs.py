@@ -44,7 +44,6 @@ FOLDERS = [
     ("drift", [M, R, "-o"], ""),
     ("fleet", ["none", "-o"], ""),
     ("codegen", [M, "-o"], ""),
-    ("identifiability", [M, "-o"], ""),
 ]
 
 
@@ -78,8 +77,8 @@ BAD: dict[str, Callable[[Path], Path]] = {
 }
 CASES = [
     *((*what, case, BAD[case]) for what in [*FILES, *FOLDERS] for case in BAD),
-    *((*what, "the root", lambda _: Path("/")) for what in FILES if what[0] != "identifiability"),
-    *((*what, "a folder", _directory) for what in FILES if what[0] != "identifiability"),
+    *((*what, "the root", lambda _: Path("/")) for what in FILES),
+    *((*what, "a folder", _directory) for what in FILES),
     *((*what, "a file", _file) for what in FOLDERS),
 ]
 
