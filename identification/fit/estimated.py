@@ -74,12 +74,6 @@ class Estimate(Fitted):
     were solved for (``turn``).
     """
 
-    internal = frozenset({
-        "by_steps", "covariance_among", "decomposition", "factor", "known", "levels", "lost", "lost_among",
-        "parts", "posterior", "posterior_among", "prior_weight", "root", "scatter", "shrunk", "slopes", "solution", "turn",
-        "weights", "x",
-    })  # fmt: skip
-
     nominal: Machine
     recording: Recording
     effects: tuple[PlacedEffect, ...]

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+import pandas as pd
 
 from truepose.arrays import Array, Index
 from truepose.identification.fit.estimated import Estimate
-from truepose.identification.report.naming import plain_names
 from truepose.identification.report.numbers import known, significant, unit_symbol
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.mount_terms import Said, said_terms
+from truepose.models.machine.mount_terms import said_terms
 from truepose.shown.chart import Axis, Chart, Layer, Level, Marks, Shape, Span, Tone
 from truepose.shown.document import Block, Charts, Fold, Section, Table, Text
 from truepose.shown.result import frame
@@ -47,8 +46,8 @@ def _tables(fit: Estimate, file: str, *, averaged: bool) -> list[Block]:
 
     The CSV has all of them, with all digits.
     """
-    table, names = frame(fit), plain_names(fit.effects)
-    rows = [_row(names, record) for record in table.to_dict("records")]
+    table = frame(fit)
+    rows = _rows(table)
     mean = (
         " They are averages over all explanations that the readings allow, so they differ a little from the numbers of the"
         " likeliest explanation, which the findings and the headline tell."
@@ -57,32 +56,35 @@ def _tables(fit: Estimate, file: str, *, averaged: bool) -> list[Block]:
         f"The constants that {file} holds.{mean if averaged else ''} 1 sigma: how well each is known; ∞: the readings say"
         " nothing of it. A click on a head sorts."
     )
-    count = len(rows) if len(names) <= FEW else len(rows) - len(names)
+    coefficients = sum(len(effect.coefficients) for effect in fit.effects)
+    count = len(rows) if coefficients <= FEW else len(rows) - coefficients
     columns = ["parameter", "nominal", "value", "std", "tolerance", "in_tolerances", "unit"]
     csv = table[columns].to_csv(index=False, lineterminator="\n")
-    out: list[Block] = [Table(HEAD, rows[:count], caption, csv=csv), *_mount_blocks(fit)]
-    more = Fold(f"{len(names)} coefficients of effects", [Table(HEAD, rows[count:])])
+    out: list[Block] = [Table(HEAD, rows[:count], caption, csv=csv)]
+    more = Fold(f"{coefficients} coefficients of effects", [Table(HEAD, rows[count:])])
     return out if count == len(rows) else [*out, more]
 
 
 def farthest_table(fit: Estimate) -> Table:
     """All constants, the farthest from the drawing first."""
-    table, names = frame(fit), plain_names(fit.effects)
+    table = frame(fit)
     sizes = table["in_tolerances"].abs()
     order = sizes.sort_values(ascending=False, na_position="last", kind="stable").index
-    rows = [_row(names, record) for record in table.loc[order].to_dict("records")]
-    return Table(["farthest from drawing", *HEAD[1:]], rows)
+    return Table(["farthest from drawing", *HEAD[1:]], _rows(table.loc[order]))
 
 
-def _row(names: Mapping[str, str], record: Mapping[Hashable, Any]) -> list[str]:
+def _rows(table: pd.DataFrame) -> list[list[str]]:
     return [
-        names.get(record["parameter"], record["parameter"]),
-        _number(record["nominal"]),
-        _rounded(float(record["value"]), float(record["std"])),
-        significant(float(record["std"]), 2),
-        _number(record["tolerance"], 3),
-        _number(record["in_tolerances"], 3),
-        unit_symbol(str(record["unit"])) or "1",
+        [
+            r["parameter"],
+            _number(r["nominal"]),
+            _rounded(float(r["value"]), float(r["std"])),
+            significant(float(r["std"]), 2),
+            _number(r["tolerance"], 3),
+            _number(r["in_tolerances"], 3),
+            unit_symbol(str(r["unit"])) or "1",
+        ]
+        for r in table.to_dict("records")
     ]
 
 
@@ -142,35 +144,10 @@ def _panel(names: Sequence[str], away: Mapping[str, Array], rows: Index, reach: 
     return Chart("", x, Axis("", names=[names[k] for k in rows]), layers, height=62.0 + 17.0 * len(rows))
 
 
-def _terms(fit: Estimate) -> tuple[Said, ...]:
-    """TPOINT's terms of a fit; none where the machine is no mount."""
+def mount_words(fit: Estimate) -> list[str]:
+    """Return TPOINT's terms of a mount in one sentence: ``TPOINT's terms, arcsec: IH +899.2 +- 0.3, ...``."""
     values = dict(zip(fit.prior.names, fit.p.tolist(), strict=True))
     std = dict(zip(fit.prior.names, fit.std.tolist(), strict=True))
-    return said_terms(fit.nominal, fit.effects, values, std)
-
-
-def mount_words(fit: Estimate) -> list[str]:
-    """One sentence: ``TPOINT's terms, arcsec: IH +899.2 +- 0.3, ...``."""
-    told = [f"{one.term.name} {one.value:+.1f} +- {one.std:.1f}" for one in _terms(fit)]
+    terms = said_terms(fit.nominal, fit.effects, values, std)
+    told = [f"{one.term.name} {one.value:+.1f} +- {one.std:.1f}" for one in terms]
     return [f"TPOINT's terms, arcsec: {', '.join(told)}"] if told else []
-
-
-def _mount_blocks(fit: Estimate) -> list[Block]:
-    """The terms beside our names, with formulas."""
-    rows = [
-        [
-            one.term.name,
-            one.term.ours,
-            f"{one.value:+.2f}",
-            f"{one.std:.2f}",
-            one.term.formula,
-            one.term.words,
-        ]
-        for one in _terms(fit)
-    ]
-    head = ["TPOINT", "here", "arcsec", "1 sigma", "formula", "what it is"]
-    caption = (
-        "The mount in the words of its field. A term is what is added to what the encoders say for where the telescope really"
-        " points: h hour angle, d declination, A azimuth from the north by the east, E altitude, z zenith distance."
-    )
-    return [Table(head, rows, caption)] if rows else []

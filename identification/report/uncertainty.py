@@ -1,4 +1,4 @@
-"""How well the tool is known: the uncertainty budget, and tests after the standards."""
+"""How well the tool is known: the uncertainty budget, and ISO 9283."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from truepose.arrays import Array
 from truepose.errors import TrueposeError
 from truepose.identification.fit.estimated import Estimate
-from truepose.identification.fit.repeatability import PoseTest, axis_tests, pose_test
+from truepose.identification.fit.repeatability import pose_test
 from truepose.identification.fit.tool_pose import (
     EXPLANATIONS,
     READINGS,
@@ -35,9 +34,9 @@ _SOURCES: Mapping[str, tuple[str, str]] = {
 
 
 def uncertainty_section(fit: Estimate, recording: Recording, before: Estimate | None) -> Section:
-    """Return the budget at the recorded poses, and ISO 9283 and ISO 230-2 where the recording allows it.
+    """Return the budget at the recorded poses, and ISO 9283 where the recording allows it.
 
-    ``before``: the fit to compare the standards' figures with, None for a calibration alone.
+    ``before``: the fit to compare the standard's figures with, None for a calibration alone.
     """
     good = np.flatnonzero(np.isfinite(fit.residual).all(axis=1))
     if not len(good) or not len(fit.prior.free):
@@ -47,7 +46,7 @@ def uncertainty_section(fit: Estimate, recording: Recording, before: Estimate | 
         blocks: list[Block] = [_budget(tool_spread(fit, recording, thinned(good, ROWS)))]
     except TrueposeError as exc:
         blocks = [Text(f"The uncertainty of the tool could not be evaluated: {exc}")]
-    blocks += _standards(fit, recording, before)
+    blocks.append(_iso_9283(fit, recording, before))
     return Section("uncertainty", "How well the tool's position is known", blocks)
 
 
@@ -72,47 +71,25 @@ def _budget(spread: ToolSpread) -> Table:
     return Table(head, rows, caption, text_columns=2)
 
 
-def _standards(fit: Estimate, recording: Recording, before: Estimate | None) -> list[Block]:
-    out: list[Block] = []
-    now = pose_test(fit, recording)
-    if now is not None:
-        was = None if before is None else pose_test(before, recording)
-        out.append(_iso_9283(now, was))
-    axes = axis_tests(fit, recording)
-    if axes:
-        rows = [
-            [
-                a.joint,
-                *(measure(v, "mm") for v in (a.accuracy, a.systematic, a.repeatability, a.reversal)),
-                f"{a.targets}, {a.runs}",
-            ]
-            for a in axes
-        ]
-        head = ["axis", "accuracy A", "systematic E", "repeatability R", "reversal B", "targets, runs a side"]
-        caption = (
-            "Positioning after ISO 230-2, bidirectional, of what was read against the calibrated model. The standard asks for"
-            " five targets a metre and five runs from each side."
-        )
-        out.append(Table(head, rows, caption))
-    if not out:
+def _iso_9283(fit: Estimate, recording: Recording, before: Estimate | None) -> Block:
+    """Return AP and RP of mean and worst pose, before and after; where poses were visited too rarely, what is needed."""
+    now, was = pose_test(fit, recording), pose_test(before or fit, recording)
+    if now is None or was is None:
         needs = (
             "ISO 9283 (pose accuracy and repeatability) needs poses that are visited three times and more under one number"
-            " in the column `pose`; ISO 230-2 (an axis) needs a slide that moves alone to five targets and more, twice from"
-            " each side, with its `approach` column. This recording has neither."
+            " in the column `pose`. This recording has none."
         )
-        out.append(Text(needs, "muted"))
-    return out
-
-
-def _iso_9283(now: PoseTest, was: PoseTest | None) -> Table:
-    """AP and RP, mean and worst pose, before and after."""
-
-    def both(values: Array) -> list[str]:
-        return [measure(float(np.mean(values)), "mm"), measure(float(np.max(values)), "mm")]
-
-    rows = [] if was is None else [["pose accuracy AP, before", *both(was.accuracy)]]
-    rows.append(["pose accuracy AP, with this model", *both(now.accuracy)])
-    rows.append(["pose repeatability RP", *both(now.repeatability)])
+        return Text(needs, "muted")
+    figures = {
+        "pose accuracy AP, before": was.accuracy if before else None,
+        "pose accuracy AP, with this model": now.accuracy,
+        "pose repeatability RP": now.repeatability,
+    }
+    rows = [
+        [name, measure(float(np.mean(values)), "mm"), measure(float(np.max(values)), "mm")]
+        for name, values in figures.items()
+        if values is not None
+    ]
     visits = f"{int(now.visits.min())} to {int(now.visits.max())}"
     caption = (
         f"After ISO 9283, of {len(now.visits)} poses with {visits} visits each; the standard asks for 30 visits of five poses."

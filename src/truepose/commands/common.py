@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from truepose.commands.one_line import BAD_INPUT, NOT_CONVERGED, forget, say
-from truepose.commands.progress import progress, quiet
+from truepose.commands.progress import progress
 from truepose.commands.results import check_directory
 from truepose.errors import ConvergenceError, InputError, TrueposeError
 from truepose.files import check_place
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from truepose.identification.recording.recording import Recording
     from truepose.models.machine.machine import Machine
 
-__all__ = ["BAD_INPUT", "NOT_CONVERGED", "check_directory", "progress", "quiet"]
+__all__ = ["BAD_INPUT", "NOT_CONVERGED", "check_directory", "progress"]
 """What commands take from here beside what is defined here."""
 
 MachineArg = Annotated[Path, typer.Argument(metavar="MACHINE", help="Machine file (YAML).")]
@@ -63,10 +63,6 @@ ShuffledOption = Annotated[
         "--shuffled",
         help="Rows are no visits one after the other: nothing is looked for that depends on how joints came to a row.",
     ),
-]
-QuietOption = Annotated[
-    bool,
-    typer.Option("--quiet", help="Say nothing but errors: results stand in files, or in what --json prints."),
 ]
 PluginOption = Annotated[
     list[Path] | None,
@@ -125,7 +121,7 @@ def refuse(judgement: Judgement, output: Path, *, as_json: bool) -> None:
     """Exit with 2 and one line on standard error where a result is no calibration; its files are there to be looked at."""
     if judgement.calibrated:
         return
-    why = judgement.refusal if quiet() or as_json else "not calibrated, for the reason above"
+    why = judgement.refusal if as_json else "not calibrated, for the reason above"
     fail(f"{why}; {output} holds it to be looked at: no command applies it without --anyway", BAD_INPUT)
 
 
@@ -150,13 +146,11 @@ def note(text: str) -> None:
 
 
 def finish(summary: Mapping[str, Any], lines: Iterable[str], notes: Iterable[str], *, as_json: bool) -> None:
-    """The end of a command: the JSON summary alone, or plain lines with notes on standard error; with --quiet nothing."""
+    """The end of a command: the JSON summary alone, or plain lines with notes on standard error."""
     if as_json:
         from truepose.identification.report.json_text import json_text
 
         tell(json_text({**summary, "notes": list(notes)}), nl=False)
-        return
-    if quiet():
         return
     for text in notes:
         note(f"note: {text}")

@@ -22,7 +22,6 @@ from truepose.commands.common import (
     gated,
     note,
     progress,
-    quiet,
     refuse,
     written,
 )
@@ -187,7 +186,7 @@ def diagnose(
         )
         check_machine(output, DIAGNOSIS, loaded.name)
     with progress("diagnosing") as say:
-        with first_interrupt("" if quiet() else STOPPING) as stop:
+        with first_interrupt() as stop:
             result = run(loaded, rows, prior=learned, progress=say, stop=stop)
         say("writing the report")
         summary, lines = _diagnosis_written(result, caution, output)
@@ -196,15 +195,14 @@ def diagnose(
 
 
 @contextlib.contextmanager
-def first_interrupt(text: str) -> Iterator[Callable[[], bool]]:
+def first_interrupt() -> Iterator[Callable[[], bool]]:
     """Let a first Ctrl-C during the block ask for an end only; yield whether it came. A second one ends the command."""
     came = list[int]()
 
     def hear(number: int, _: object) -> None:
         came.append(number)
         signal.signal(signal.SIGINT, before)
-        if text:
-            note(text)
+        note(STOPPING)
 
     before = signal.signal(signal.SIGINT, hear)
     try:

@@ -30,13 +30,9 @@ FAR = 1e5
 """Pixels beyond which a point is drawn no farther away."""
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def svg(chart: Chart) -> str:
-    """The chart as one SVG element; numbers that no axis can hold are left out."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        return _svg(chart)
-
-
-def _svg(chart: Chart) -> str:
+    """Return the chart as one SVG element; numbers that no axis can hold are left out."""
     frame = frame_of(chart)
     below = sorted(chart.layers, key=lambda layer: not isinstance(layer, (Level, Span)))
     drawn = [part for layer in below for part in _DRAWN[type(layer)](layer, frame)]
@@ -78,21 +74,12 @@ def _line(layer: Line, frame: Frame) -> list[str]:
 
 
 def _way(x: Array, y: Array) -> str:
-    """A line through points, in steps of a tenth of a pixel from one to the next, which are short to write; it breaks where
-    a point is not finite."""
-    out: list[str] = []
-    last: tuple[int, int] | None = None
-    for a, b in zip(x.tolist(), y.tolist(), strict=True):
-        if not (math.isfinite(a) and math.isfinite(b)):
-            last = None
-            continue
-        here = round(10 * min(max(a, -FAR), FAR)), round(10 * min(max(b, -FAR), FAR))
-        if last is None:
-            out.append(f"M{here[0] / 10:g} {here[1] / 10:g}")
-        else:
-            out.append(f"l{(here[0] - last[0]) / 10:g} {(here[1] - last[1]) / 10:g}")
-        last = here
-    return "".join(out)
+    """Return a line through points, which breaks where one is not finite."""
+    known = np.isfinite(x) & np.isfinite(y)
+    begins = known & ~np.concatenate([[False], known[:-1]])
+    letters = np.where(begins, "M", "L")[known]
+    places = np.clip(np.stack([x, y], axis=1)[known], -FAR, FAR).tolist()
+    return "".join(f"{letter}{a:.1f} {b:.1f}" for letter, (a, b) in zip(letters, places, strict=True))
 
 
 def _band(layer: Band, frame: Frame) -> list[str]:

@@ -23,7 +23,6 @@ class Text:
 
     text: str
     tone: Tone = ""
-    kind: Literal["text"] = "text"
 
 
 @dataclass(frozen=True)
@@ -35,7 +34,6 @@ class Items:
     tone: Tone = ""
     label: str = ""
     weight: int = 1
-    kind: Literal["items"] = "items"
 
 
 @dataclass(frozen=True)
@@ -52,7 +50,6 @@ class Table:
     text_columns: int = 1
     csv: str = ""
     links: Sequence[str] = ()
-    kind: Literal["table"] = "table"
 
     @classmethod
     def of(cls, frame: pd.DataFrame) -> Table:
@@ -69,7 +66,6 @@ class Charts:
 
     charts: Sequence[Chart]
     caption: str
-    kind: Literal["charts"] = "charts"
 
 
 @dataclass(frozen=True)
@@ -78,7 +74,6 @@ class Command:
 
     command: str
     does: str = ""
-    kind: Literal["command"] = "command"
 
 
 @dataclass(frozen=True)
@@ -87,7 +82,6 @@ class Fold:
 
     title: str
     blocks: Sequence[Block]
-    kind: Literal["fold"] = "fold"
 
 
 @dataclass(frozen=True)
@@ -100,7 +94,6 @@ class Card:
     tone: Tone = ""
     slug: str = ""
     number: int = 0
-    kind: Literal["card"] = "card"
 
 
 Block = Text | Items | Table | Charts | Command | Fold | Card

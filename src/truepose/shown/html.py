@@ -50,6 +50,7 @@ def _template() -> jinja2.Template:
         finalize=lambda value: printable(value) if type(value) is str else value,
     )
     environment.filters |= {"plain": _plain, "drawn": lambda chart: Markup(svg(chart)), "verbatim": escape}
+    environment.filters["kind"] = lambda block: type(block).__name__
     environment.globals |= {"legend": legend}
     return environment.get_template("page.html.j2")
 

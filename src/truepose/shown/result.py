@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import singledispatch
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from truepose.files import atomic_write_text
 from truepose.leaves import modules_named
@@ -49,14 +49,6 @@ files: Declared[list[str]] = Declared("a result with files")
 
 class Shown:
     """One screen of ``repr``. The repr of a broken object says so; it raises nothing."""
-
-    internal: ClassVar[frozenset[str]] = frozenset()
-    """Public names of a class that its user does not need: completion leaves them out."""
-
-    def __dir__(self) -> list[str]:
-        """The names that completion offers: fields and methods for a user."""
-        hidden = {"internal", "write", *self.internal}
-        return sorted(name for name in super().__dir__() if not name.startswith("_") and name not in hidden)
 
     def __repr__(self) -> str:
         try:

@@ -14,7 +14,7 @@ import pytest
 
 import truepose
 from support.examples import by_day
-from support.results import BUNDLED, RESULTS, calibration, diagnosis, machine, recording
+from support.results import BUNDLED, calibration, diagnosis, machine, recording
 from support.round_trips import check_round_trip
 from truepose.errors import InputError
 from truepose.identification.diagnosis.result import Diagnosis
@@ -196,17 +196,6 @@ def test_what_is_no_machine_is_refused_by_name(function: str, given: object) -> 
     expected = f"machine: found {type(given).__name__}, expected a machine or a result of calibrate"
     with pytest.raises(InputError, match=expected):
         TAKE_MACHINES[function](given)
-
-
-@pytest.mark.parametrize("name", RESULTS)
-def test_completion_lists_what_a_user_needs(name: str) -> None:
-    result = RESULTS[name]()
-    offered = dir(result)
-    assert "to_frame" in offered and not [n for n in offered if n.startswith("_")]
-    assert not {"shown_by", "internal", *result.internal} & set(offered)
-    if isinstance(result, Fitted):
-        assert {"machine", "predict", "residuals", "to_frame"} <= set(offered)
-        assert len(offered) <= 45
 
 
 def test_write_calibrated_names_the_estimate_that_it_takes(tmp_path: Path) -> None:
