@@ -31,5 +31,5 @@ def finite(value: Any) -> Any:
 
 
 def attributes(one: object, *names: str) -> Json:
-    """Return some attributes of an object by name, in this order."""
-    return {name: getattr(one, name) for name in names}
+    """Return some attributes of an object by name, in this order, in plain types."""
+    return {name: finite(getattr(one, name)) for name in names}

@@ -73,12 +73,6 @@ def test_a_recording_stays_read_only() -> None:
         assert isinstance(again, Recording) and not any(array.flags.writeable for array in arrays)
 
 
-def test_workers_take_results_and_give_them_back() -> None:
-    for result in (machine(), recording()):
-        (back,) = joblib.Parallel(n_jobs=2)(joblib.delayed(copy.copy)(one) for one in [result])
-        assert same(back, result)
-
-
 def test_a_diagnosis_says_the_report_s_headline_and_what_it_is_worth() -> None:
     text = " ".join(line.strip() for line in _fits(diagnosis()))
     assert headline(diagnosis())[0] in text

@@ -26,7 +26,6 @@ from support.reports import (
 from truepose.identification.diagnosis.result import Alarm, Diagnosis, Form, Proof, Quantity, Remainder
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.summary import FitSummary
-from truepose.identification.report.results import diagnosis_json
 from truepose.models.machine.machine import Machine
 
 SECTIONS = ["verdict", "fit", "residuals", "constants", "uncertainty", "limits", "origin"]
@@ -88,32 +87,6 @@ def test_doubts_are_said(machine: Machine) -> None:
     assert (
         "twice its own uncertainty" in said and "eccentric encoder disc" in said and "turn the disc" in said
     )
-
-
-def test_the_document_has_sets_and_inclusion_families_and_halves(machine: Machine) -> None:
-    """Keys of diagnosis.json, with what has no name called empirical."""
-    one = replace(gear_finding(), family="transmission-error")
-    left = Remainder(("q2",), "q2", Form("curve"), 2.1, {"position": 0.004})
-    found = diagnosis_json(synthetic(machine, findings=(one,), remainder=left))
-    assert found["sets"] == [
-        {"effects": [["transmission-error", ["q1"]]], "probability": 0.6},
-        {"effects": [["transmission-error", ["q1"]], ["empirical", ["q2"]]], "probability": 0.3},
-        {"effects": [], "probability": 0.01},
-    ]
-    assert found["inclusion"] == [
-        {"effect": "transmission-error", "place": ["q1"], "probability": 0.93},
-        {"effect": "empirical", "place": ["q2"], "probability": 0.3},
-    ]
-    first, *rows = found["findings"]
-    assert first["family"] == "transmission-error"
-    assert first["replication"] == {"halves": [0.97, 0.9], "agree": True}
-    assert [f["family"] for f in rows] == [f["replication"] for f in rows] == [None]
-    assert found["remainder"]["gain"] == {"position": {"value": 0.004, "unit": "mm"}}
-    assert (found["disagreement"], found["noise"]) == (0.01, 1.0)
-    plain = replace(gear_finding(), replication=None)
-    bare = diagnosis_json(synthetic(machine, findings=(plain,), remainder=replace(left, gain={})))
-    assert bare["findings"][0]["family"] is bare["findings"][0]["replication"] is None
-    assert bare["remainder"]["gain"] is None
 
 
 @pytest.mark.parametrize("with_free", [True, False])
