@@ -23,7 +23,7 @@ from truepose.identification.report.results import calibration_json
 from truepose.identification.report.scene import scene_of
 from truepose.identification.report.steps import calibration_steps
 from truepose.identification.report.uncertainty import uncertainty_section
-from truepose.models.file.machine_file import ExpectedPose
+from truepose.models.file.sections import ExpectedPose
 from truepose.shown.document import Document, Items, Section, Table
 from truepose.shown.result import document
 from truepose.wording import shortened

@@ -31,7 +31,7 @@ from truepose.identification.report.diagnosis import diagnosis_document
 from truepose.identification.report.estimate import calibration_document
 from truepose.identification.report.json_text import json_text
 from truepose.identification.report.results import calibration_json, diagnosis_json, diagnosis_judgement
-from truepose.models.file.machine_file import ExpectedPose
+from truepose.models.file.sections import ExpectedPose
 from truepose.models.load import DIAGNOSIS
 from truepose.models.machine.machine import Machine
 from truepose.models.units import convert
