@@ -12,7 +12,7 @@ from truepose.identification.fit.estimated import Estimate
 from truepose.identification.report.numbers import known, significant, unit_symbol
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mount_terms import said_terms
-from truepose.shown.chart import Axis, Chart, Layer, Level, Marks, Shape, Span, Tone
+from truepose.shown.chart import Axis, Chart, Layer, Level, Marks, Shape, Tone
 from truepose.shown.document import Block, Charts, Fold, Section, Table, Text
 from truepose.shown.result import frame
 
@@ -131,7 +131,7 @@ def _departures(machine: Machine, fits: Mapping[str, Estimate], allowed: float |
 def _panel(names: Sequence[str], away: Mapping[str, Array], rows: Index, reach: float, limit: float) -> Chart:
     """Draw one line a parameter; what lies beyond the scale is put at its edge."""
     layers: list[Layer] = [
-        Span(-1.0, 1.0, "accent", "one tolerance"),
+        *(Level(side, "x", "one tolerance", dashed=False, tone="accent") for side in (-1.0, 1.0)),
         Level(0.0, "x", dashed=False, tone="free"),
     ]
     if limit > 0:

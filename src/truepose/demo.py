@@ -13,29 +13,19 @@ from truepose.commands.common import JsonOption, finish, progress, written
 from truepose.commands.results import DIAGNOSIS, check_directory, check_machine
 from truepose.errors import InputError
 
-FIRST = "telescope"
+NAMES = ("telescope", "mount", "nanopositioner", "polisher")
+"""Machines that come with a recording."""
 MACHINE, RECORDING, TRUTH = "machine.yaml", "recording.csv", "truth.json"
 
 
-def bundled() -> tuple[str, ...]:
-    """Names of the machines that come with a recording."""
-    folder = resources.files("truepose.models") / "machines"
-    complete = [
-        entry.name
-        for entry in folder.iterdir()
-        if all((entry / name).is_file() for name in (MACHINE, RECORDING))
-    ]
-    return tuple(sorted(complete, key=lambda name: (name != FIRST, name)))
-
-
-NameArg = Annotated[str, typer.Argument(metavar=f"[{'|'.join(bundled())}]", help="Which machine.")]
+NameArg = Annotated[str, typer.Argument(metavar=f"[{'|'.join(NAMES)}]", help="Which machine.")]
 OutputOption = Annotated[
     Path, typer.Option("-o", "--output", metavar="DIR", help="Directory for the results.")
 ]
 
 
 def demo(
-    name: NameArg = FIRST,
+    name: NameArg = NAMES[0],
     output: OutputOption = Path("truepose-demo"),
     as_json: JsonOption = False,
 ) -> None:
@@ -51,8 +41,8 @@ def demo(
     from truepose.models.load import load_machine
     from truepose.shown.text import first_screen
 
-    if name not in bundled():
-        raise InputError(f"demo: found {name!r}, expected one of {', '.join(bundled())}")
+    if name not in NAMES:
+        raise InputError(f"demo: found {name!r}, expected one of {', '.join(NAMES)}")
     check_directory(output, DIAGNOSIS)
     with (
         resources.as_file(resources.files("truepose.models") / "machines" / name) as bundle,

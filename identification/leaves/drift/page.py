@@ -31,7 +31,7 @@ from truepose.identification.report.numbers import (
 )
 from truepose.identification.report.scene import scene_of
 from truepose.identification.report.steps import machine_name, recording_names
-from truepose.shown.chart import Axis, Chart, Layer, Level, Line, Marks
+from truepose.shown.chart import Axis, Band, Chart, Layer, Level, Line, Marks
 from truepose.shown.document import (
     Block,
     Charts,
@@ -151,7 +151,8 @@ def _change_charts(found: Drift, shown: Sequence[Movement]) -> list[Chart]:
         layers: list[Layer] = [
             Level(0.0, "y", dashed=False),
             Line(np.array(x), change, "after"),
-            Marks(np.array(x), change, "after", error=std),
+            Band(np.array(x), change - std, change + std, "after"),
+            Marks(np.array(x), change, "after"),
         ]
         y = Axis(f"change [{unit_symbol(name) or '1'}]")
         out.append(Chart(movement.name, Axis(unit), y, layers))

@@ -28,14 +28,13 @@ class Axis:
 
 @dataclass(frozen=True)
 class Marks:
-    """Points (n,); ``error`` (n,) draws bars either side. ``by_row``: the k-th point is of the k-th row of the page."""
+    """Points (n,). ``by_row``: the k-th point is of the k-th row of the page."""
 
     x: Array
     y: Array
     tone: Tone
     name: str = ""
     shape: Shape = "dot"
-    error: Array | None = None
     by_row: bool = False
 
 
@@ -72,17 +71,7 @@ class Level:
     tone: Tone = "ink"
 
 
-@dataclass(frozen=True)
-class Span:
-    """A strip across the chart, between two values of the x axis."""
-
-    low: float
-    high: float
-    tone: Tone
-    name: str = ""
-
-
-Layer = Marks | Line | Band | Level | Span
+Layer = Marks | Line | Band | Level
 
 
 @dataclass(frozen=True)

@@ -50,10 +50,7 @@ def _values(layers: Sequence[Layer], axis: str) -> list[Array]:
     """What an axis has to show."""
     out: list[Array] = []
     for layer in layers:
-        if isinstance(layer, Marks):
-            spread = np.zeros(1) if layer.error is None else layer.error
-            out += [layer.x] if axis == "x" else [layer.y, layer.y - spread, layer.y + spread]
-        elif isinstance(layer, Line):
+        if isinstance(layer, Marks | Line):
             out.append(layer.x if axis == "x" else layer.y)
         elif isinstance(layer, Band):
             out += [layer.x] if axis == "x" else [layer.low, layer.high]

@@ -6,14 +6,13 @@ keeps a page of thousands of them small; a script finds the k-th point as the k-
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from html import escape
 
 import numpy as np
 
 from truepose.arrays import Array
-from truepose.shown.chart import Band, Chart, Level, Line, Marks, Span
+from truepose.shown.chart import Band, Chart, Level, Line, Marks
 from truepose.shown.chart_axes import WIDTH, Frame, axes, frame_of
 from truepose.shown.text import printable
 
@@ -34,7 +33,7 @@ FAR = 1e5
 def svg(chart: Chart) -> str:
     """Return the chart as one SVG element; numbers that no axis can hold are left out."""
     frame = frame_of(chart)
-    below = sorted(chart.layers, key=lambda layer: not isinstance(layer, (Level, Span)))
+    below = sorted(chart.layers, key=lambda layer: not isinstance(layer, Level))
     drawn = [part for layer in below for part in _DRAWN[type(layer)](layer, frame)]
     title = escape(printable(f"{chart.title}: {chart.y.title} against {chart.x.title}"))
     return (
@@ -47,23 +46,13 @@ def _marks(layer: Marks, frame: Frame) -> list[str]:
     x, y = frame.x.all(layer.x), frame.y.all(layer.y)
     top, floor = frame.y.end, frame.y.start
     gone = ~(np.isfinite(x) & np.isfinite(y))
-    out: list[str] = []
-    if layer.error is not None:
-        reach = frame.y.all(layer.y + layer.error) - y
-        bars = [
-            f"M{a:.1f} {b - r:.1f}V{b + r:.1f}"
-            for a, b, r in zip(x, y, reach, strict=True)
-            if math.isfinite(a) and math.isfinite(b) and math.isfinite(r)
-        ]
-        out.append(f'<path class="error t-{layer.tone}" d="{"".join(bars)}"/>')
     x, y = np.where(gone, -99.0, x), np.where(gone, -99.0, np.clip(y, top, floor))
     path = "".join(map(POINTS[layer.shape], x.tolist(), y.tolist()))
     rows = ' data-rows=""' if layer.by_row else ""
     name = f' data-name="{escape(printable(layer.name))}"' if layer.by_row else ""
-    out.append(
+    return [
         f'<path class="marks {layer.shape} t-{layer.tone}"{rows}{name} stroke-width="{SIZE[layer.shape]}" d="{path}"/>'
-    )
-    return out
+    ]
 
 
 def _line(layer: Line, frame: Frame) -> list[str]:
@@ -109,20 +98,9 @@ def _level(layer: Level, frame: Frame) -> list[str]:
     return [f'<path class="level{dash} t-{layer.tone}" d="{way}"/>']
 
 
-def _span(layer: Span, frame: Frame) -> list[str]:
-    """Within the frame, also where a strip has no end."""
-    if math.isnan(layer.low) or math.isnan(layer.high):
-        return []
-    a, b = np.clip([frame.x.at(layer.low), frame.x.at(layer.high)], frame.x.start, frame.x.end)
-    return [
-        f'<path class="band t-{layer.tone}" d="M{a:.1f} {frame.y.start:.1f}V{frame.y.end:.1f}H{b:.1f}V{frame.y.start:.1f}Z"/>'
-    ]
-
-
 _DRAWN: dict[type, Callable[..., list[str]]] = {
     Marks: _marks,
     Line: _line,
     Band: _band,
     Level: _level,
-    Span: _span,
 }

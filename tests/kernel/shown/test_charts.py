@@ -17,7 +17,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from support.examples import examples
-from truepose.shown.chart import Axis, Band, Chart, Layer, Level, Line, Marks, Shape, Span, legend
+from truepose.shown.chart import Axis, Band, Chart, Layer, Level, Line, Marks, Shape, legend
 from truepose.shown.chart_svg import svg
 from truepose.shown.scale import Scale, ends, ticks
 
@@ -45,14 +45,12 @@ def layers(draw: st.DrawFn) -> Layer:
     """A layer of any kind with any numbers in it."""
     n, text = draw(st.integers(0, 5)), draw(st.text(max_size=8))
     x, y, z = (draw(several(n)) for _ in range(3))
-    one, two = draw(ANY), draw(ANY)
-    error = draw(st.sampled_from([None, z]))
+    one = draw(ANY)
     kinds: list[Layer] = [
-        Marks(x, y, "before", text, draw(st.sampled_from(SHAPES)), error, draw(st.booleans())),
+        Marks(x, y, "before", text, draw(st.sampled_from(SHAPES)), draw(st.booleans())),
         Line(x, y, "after", text, draw(st.booleans())),
         Band(x, y, z, "free", text),
         Level(one, draw(st.sampled_from(["x", "y"])), text),
-        Span(one, two, "ink", text),
     ]
     return draw(st.sampled_from(kinds))
 
@@ -181,16 +179,6 @@ def test_the_kth_mark_is_the_kth_row_and_stands_where_the_axes_say(x: Array, y: 
             assert place[0] < 0  # out of sight, but there: it keeps its number
 
 
-def test_a_point_without_an_error_bar_is_shown_where_it_is() -> None:
-    y, error = np.array([0.0, 10.0]), np.array([1.0, np.nan])
-    bare, barred = (
-        ET.fromstring(svg(Chart("", Axis(""), Axis(""), [Marks(y, y, "ink", error=e), Level(-1.0, "y")])))
-        for e in (None, error)
-    )
-    assert path_of(barred, "marks").get("d") == path_of(bare, "marks").get("d")
-    assert path_of(barred, "error").get("d", "").count("M") == 1
-
-
 @given(several(7, st.floats(0.0, 5.0) | st.just(np.nan)))
 @LAWS
 def test_a_band_is_closed_about_each_known_stretch(y: Array) -> None:
@@ -203,16 +191,6 @@ def test_a_band_is_closed_about_each_known_stretch(y: Array) -> None:
     assert len(parts) == stretches
     assert sum(len(re.findall("[ML]", part)) for part in parts) == 2 * int(known.sum())
     assert all(part.count("M") == 1 for part in parts)
-
-
-def test_a_strip_without_an_end_stays_in_the_frame() -> None:
-    x = np.arange(5.0)
-    layers: list[Layer] = [Line(x, x, "ink"), Span(-np.inf, 2.0, "free"), Span(1.0, 99.0, "free")]
-    root = ET.fromstring(svg(Chart("", Axis(""), Axis(""), layers)))
-    left, _, _, right = frame_of(root)
-    places = [float(v) for one in root.iter("path") if "band" in (one.get("class") or "")
-              for v in re.findall(rf"[MH]({NUMBER})", one.get("d", ""))]  # fmt: skip
-    assert min(places) == left and max(places) == right
 
 
 @pytest.mark.parametrize("value", [2.0, 0.0, 4.0, 5.732439843310956e305, -1.0, float("inf"), float("nan")])

@@ -33,7 +33,7 @@ from truepose.identification.signatures.untestable import Untestable
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
-from truepose.shown.document import Items, Table
+from truepose.shown.document import Items
 from truepose.shown.html import page
 from truepose.shown.result import Shown, document
 from truepose.shown.text import LINES, first_screen
@@ -209,11 +209,6 @@ def of(items: Iterable[object], kind: type[Kind]) -> list[Kind]:
     return [item for item in items if isinstance(item, kind)]
 
 
-def rows(table: Table) -> list[list[str]]:
-    """The cells of a table, row by row."""
-    return [list(row) for row in table.rows]
-
-
 def report_html(found: Diagnosis, cautions: Sequence[str] | None = None) -> str:
     """The page of a diagnosis, below the cautions of a check where there was one."""
     told = diagnosis_document(found, checked=cautions is not None)
@@ -230,16 +225,6 @@ def diagnosis_lines(
 ) -> list[str]:
     """What ``truepose diagnose`` prints of a result."""
     return first_screen(diagnosis_document(found, output, **more), most)
-
-
-def summary_items(found: Shown, title: str) -> list[str]:
-    """What a list of the first screen says; nothing where there is no such list."""
-    return [
-        item
-        for block in document(found).summary
-        if isinstance(block, Items) and block.title == title
-        for item in block.items
-    ]
 
 
 def said_of(found: Shown) -> list[str]:

@@ -293,13 +293,3 @@ def test_of_a_long_recording_a_hundred_and_fifty_poses_and_fifteen_hundred_point
         assert f"arm at {some}, drawn by its own kinematics" in scene.told
         worst = data["poseRows"][data["first"]]
         assert fit.used[worst] and (worst == rows // 2 or rows > 150)
-
-
-@pytest.mark.parametrize("row", [2, 7])
-def test_the_pose_that_is_missed_most_is_shown_first(machines: Mapping[str, Machine], row: int) -> None:
-    """To either side, and by all of its readings; not one that the fit was not made to."""
-    fit, recording = missing(machines["arm"])
-    residual, used = np.full_like(fit.residual, 0.5), fit.used.copy()
-    residual[0, 0], residual[row], residual[5], used[5] = 1.1, -0.9, 9.0, False
-    scene = scene_of(replace(fit, residual=residual, used=used), None, recording, [])
-    assert scene is not None and scene.data["first"] == row
