@@ -17,7 +17,7 @@ from truepose.identification.leaves.readers.importing import frame_of
 from truepose.identification.leaves.readers.probe import Clock, Pairing, clock_of
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.load import load_recording
-from truepose.models.effects.latency import Latency
+from truepose.models.effects.timing import Latency
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.placed import PlacedEffect
 
