@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import pandas as pd
 
 from truepose.identification.leaves.planning.discriminate.experiment import Experiment
@@ -12,12 +10,9 @@ from truepose.identification.leaves.planning.plan import Plan
 from truepose.identification.leaves.planning.pose_tables import experiment_table, plan_table
 from truepose.identification.leaves.planning.words import plan_lines, plan_notes
 from truepose.identification.report.notes import worded
-from truepose.models.units import convert
-from truepose.shown.chart import Chart, strips
 from truepose.shown.document import Document, Items, Table
 from truepose.shown.result import document, frame
 
-_JOINTS_MOST = 12
 _UNITS = "in the units of the machine file"
 
 
@@ -29,7 +24,6 @@ def _(found: Plan) -> Document:
         summary=[Items(plan_lines(found)), Table.of(frame(found))],
         notes=plan_notes(found),
         more=f"to_frame() has all poses, {_UNITS}",
-        charts=partial(_poses, found),
     )
 
 
@@ -53,15 +47,3 @@ def _(found: Plan) -> pd.DataFrame:
 @frame.register
 def _(found: Experiment) -> pd.DataFrame:
     return experiment_table(found)
-
-
-def _poses(found: Plan) -> list[Chart]:
-    """Where the poses lie in the joints' ranges."""
-    values, ends = {}, {}
-    for k, actuator in enumerate(found.machine.mechanism.actuators[:_JOINTS_MOST]):
-        unit = found.machine.column_unit(actuator.reading)
-        low, high = actuator.range or (float(found.q[:, k].min()), float(found.q[:, k].max()))
-        low, high = (convert(end, actuator.reading_unit, unit) for end in (low, high))
-        ends[actuator.reading] = low, high, unit
-        values[actuator.reading] = convert(found.q[:, k], actuator.reading_unit, unit).tolist()
-    return strips(values, ends, "poses in the joints' ranges")
