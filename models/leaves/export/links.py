@@ -191,6 +191,11 @@ def _check(machine: Machine, values: Mapping[str, float], what: str) -> None:
         raise InputError(
             f"{machine.name}: joint {several[0]!r}: found a joint that follows several others, expected one for {what}"
         )
+    computed = [follower.joint for follower in mechanism.followers if follower.law is not None]
+    if computed:
+        raise InputError(
+            f"{machine.name}: joint {computed[0]!r}: found a joint that a formula moves, expected a ratio to another for {what}"
+        )
     check_links(machine, values, what)
 
 

@@ -244,7 +244,7 @@ def _follows(parts: Parts, kept: Iterable[int], where: str) -> dict[str, Follow]
             numbers = " ".join(f"{value:g}" for value in c.coefficients)
             raise InputError(
                 f"{said}: found the polynomial {numbers} (mm, rad) of {cut(c.lead)!r}, expected a linear one; type: graph "
-                "has a linkage as a loop of bodies"
+                "has others by `computed`"
             )
         if c.joint in direct:
             raise InputError(f"{said}: found a second one, expected one joint that it follows")
