@@ -15,9 +15,9 @@ from truepose.cli import app
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.learned_prior import EffectPrior, LearnedPrior, PlacePrior
 from truepose.identification.leaves.fleet.evidence import kept
+from truepose.identification.leaves.fleet.learn import write_prior
 from truepose.identification.leaves.fleet.place_evidence import PlaceEvidence, evidence
-from truepose.identification.leaves.fleet.prior_file import write_prior
-from truepose.identification.leaves.fleet.summary import Summary
+from truepose.identification.leaves.fleet.pooled import Pooled
 from truepose.identification.prior import SIZES
 
 CASE = TESTS / "golden_diagnoses/arm-two"
@@ -89,7 +89,7 @@ def test_what_is_kept_is_small_and_every_effect_at_every_place_is_in_it(usual: D
     assert size.log_amount == pytest.approx(
         np.log(abs(value.value)), abs=3.0 * value.std / abs(value.value) + 0.05
     )
-    assert Summary.of(document).machines == 1
+    assert Pooled.of([document]).machines == 1
 
 
 def test_the_command_takes_the_file_and_says_where_it_is_from(tmp_path: Path) -> None:
