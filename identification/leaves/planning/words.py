@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from truepose.identification.leaves.planning.plan import Plan
+import numpy as np
+
+from truepose.identification.leaves.planning.plan import CRITERION, TITLE, Plan
 from truepose.models.file.driver import Driver
 
 CROWDED = 0.02
@@ -13,13 +15,10 @@ CROWDED = 0.02
 
 def plan_lines(found: Plan) -> list[str]:
     """What was reached, against random poses."""
-    by_chance = (
-        "leave a direction open" if found.by_chance is None else "{:.4f} +- {:.4f}".format(*found.by_chance)
-    )
     by_exchange = "" if found.by_exchange is None else f"; by exchange {found.by_exchange:.4f}"
     lines = [
-        f"criterion {found.criterion.name}: {found.criterion.title} = {found.value:.4f}; random poses "
-        f"{by_chance} ({len(found.random)} sets){by_exchange}"
+        f"criterion {CRITERION}: {TITLE} = {found.value:.4f}; random poses {np.mean(found.random):.4f} +- "
+        f"{np.std(found.random):.4f} ({len(found.random)} sets){by_exchange}"
     ]
     if found.shrinkage is not None:
         lines.append(
@@ -51,13 +50,16 @@ def plan_notes(found: Plan) -> list[str]:
 
 def plan_json(found: Plan, columns: Sequence[str]) -> dict[str, object]:
     """The same as data; ``columns`` are those of the poses' table."""
-    mean, std = found.by_chance or (None, None)
-    random = {"mean": mean, "std": std, "sets": len(found.random)}
+    random = {
+        "mean": float(np.mean(found.random)),
+        "std": float(np.std(found.random)),
+        "sets": len(found.random),
+    }
     indices = {f"O{k}": float(getattr(found.indices, f"o{k}")) for k in range(1, 6)}
     return {
         "machine": found.machine.name,
         "method": found.method,
-        "criterion": found.criterion.name,
+        "criterion": CRITERION,
         "seed": found.seed,
         "poses": len(found.q),
         "columns": list(columns),

@@ -14,20 +14,15 @@ from numpy.typing import NDArray
 
 from support import MACHINES
 from support.examples import examples
-from support.experiments import BENT, COMPLIANT, UNEVEN, YIELDING, arm, planned, planned_on, poses, telescope
+from support.experiments import BENT, COMPLIANT, UNEVEN, YIELDING, arm, planned, planned_on, poses
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.leaves.planning.discriminate.experiment import discriminate
 from truepose.identification.leaves.planning.discriminate.factors import (
     EXPECTED,
-    MOST,
     Class,
-    Factor,
-    Offer,
-    Target,
     explanation,
     factors,
-    settings,
-    with_targets,
+    read_offer,
 )
 from truepose.identification.leaves.planning.discriminate.race import (
     Contest,
@@ -35,7 +30,6 @@ from truepose.identification.leaves.planning.discriminate.race import (
     Rows,
     chosen,
     recording_of,
-    signals,
 )
 from truepose.identification.leaves.planning.discriminate.words import sentences
 from truepose.identification.leaves.planning.information import PoseInformation
@@ -161,9 +155,9 @@ def test_rows_that_exist_count_and_more_rows_help() -> None:
     wanted = Class(tuple(explanation(text, machine) for text in (YIELDING, UNEVEN)))
     rows = Rows(poses(machine, 12, 5), {"payload": np.repeat([0.0, 5.0], 6)})
     recorded = recording_of(machine, rows, PoseInformation(machine).home)
-    alone = discriminate(machine, 6, wanted, offer=Offer.of(machine, "0,5"), candidates=poses(machine, 30))
+    alone = discriminate(machine, 6, wanted, offer=read_offer(machine, "0,5"), candidates=poses(machine, 30))
     both = discriminate(
-        machine, 6, wanted, offer=Offer.of(machine, "0,5"), recorded=recorded, candidates=poses(machine, 30)
+        machine, 6, wanted, offer=read_offer(machine, "0,5"), recorded=recorded, candidates=poses(machine, 30)
     )
     assert alone.already is None
     assert both.already is not None and 0.0 < both.already < both.expected
@@ -230,15 +224,6 @@ def test_sides_time_and_sessions_come_by_themselves() -> None:
     assert frame["time"].max() >= 3600.0 and (frame.groupby("session")["time"].diff().dropna() > 0.0).all()
 
 
-def test_rows_of_one_pose_share_a_number_whatever_the_side_and_the_time() -> None:
-    found = planned("arm", "actuator-scale@q1", "backlash@q1")
-    q = np.repeat(found.rows.q[:2], 2, axis=0)
-    side, time = np.array([1.0, -1.0, 1.0, -1.0]), np.arange(4.0)
-    for extra, numbers in (({}, [1, 1, 2, 2]), ({"payload": np.array([0.0, 2.0, 2.0, 2.0])}, [1, 2, 3, 3])):
-        rows = replace(found.rows, q=q, drivers={"approach.q1": side, "time": time} | extra)
-        assert experiment_table(replace(found, rows=rows))["pose"].tolist() == numbers
-
-
 def test_what_a_way_leaves_behind_is_varied_by_the_side() -> None:
     found = planned("arm", "friction-hysteresis@q2", "actuator-scale@q2")
     assert set(found.rows.drivers) == {"approach.q2"} and found.expected > 0.0
@@ -262,35 +247,11 @@ def test_amplitudes_default_to_what_is_expected_or_imitates() -> None:
     assert first[0] == pytest.approx(first[1], rel=0.05)
 
 
-def test_more_settings_than_can_be_tried_are_sampled_with_their_extremes() -> None:
-    varied = tuple(Factor(f"approach.q{k}", (1.0, -1.0), 1.0, True) for k in range(6))
-    tried = settings(varied, np.random.default_rng(0))
-    assert len(tried) == MOST == len(np.unique(tried, axis=0))
-    assert any(np.all(row == 1.0) for row in tried)
-    assert settings((), np.random.default_rng(0)).shape == (1, 0)
-
-
 def test_one_thermometer_in_the_air_serves_every_place() -> None:
     machine = arm()
     parts = explanation("thermal-expansion@link2", machine).forms[0]
-    (factor,) = factors(machine, parts, Offer.of(machine, named=["temperature.air=18,24"]))
+    (factor,) = factors(machine, parts, read_offer(machine, named=["temperature.air=18,24"]))
     assert factor.driver == "temperature.air" and factor.nominal == 18.0 and factor.offered
-
-
-def test_a_further_target_never_says_less() -> None:
-    machine = telescope()
-    wanted = Class(tuple(explanation(text, machine) for text in (COMPLIANT, BENT)))
-    target = Target.of("T1=173,-180,0", machine)
-    found = discriminate(
-        machine, 8, wanted, offer=Offer.of(machine, "0,5"), candidates=poses(machine, 20), targets=[target]
-    )
-    ((same, value),) = found.targets
-    assert same == target and value >= found.expected * (1.0 - 1e-6)
-    rows, reference = recording_of(machine, found.rows, PoseInformation(machine).home), machine.parameters
-    more = with_targets(machine, [target])
-    assert len(more.parameters) == len(reference) + 3
-    parts = [e.forms[0][0] for e in wanted.explanations]
-    assert set(signals(machine, rows, parts).names) < set(signals(more, rows, parts).names)
 
 
 def test_changes_of_length_count_from_one_reference_row(tmp_path: Path) -> None:

@@ -15,8 +15,8 @@ from truepose.errors import InputError
 from truepose.identification.leaves.planning.discriminate.factors import (
     MOST,
     Factor,
-    Offer,
     factors,
+    read_offer,
     settings,
     unplanned,
 )
@@ -48,13 +48,13 @@ def reads(*drivers: str, load: bool = False, slug: str = "some", **settings: flo
     ],
 )
 def test_a_driver_has_usual_levels_where_nobody_offers_others(driver: str, factor: Factor | None) -> None:
-    found = factors(arm(), [reads(driver), reads(driver)], Offer({}))
+    found = factors(arm(), [reads(driver), reads(driver)], {})
     assert found == (() if factor is None else (factor,))
 
 
 def test_an_experiment_begins_no_earlier_than_a_drift() -> None:
     """Of a recording with seconds since 1970: at time 0 a drift at a constant rate was 50 m away."""
-    (found,) = factors(arm(), [reads("time"), reads("time", start=1.8e9)], Offer({}))
+    (found,) = factors(arm(), [reads("time"), reads("time", start=1.8e9)], {})
     assert found == Factor(
         "time", (1.8e9, 1.8e9 + 1800.0, 1.8e9 + 3600.0, 1.8e9 + 5400.0, 1.8e9 + 7200.0), 1.8e9, True
     )
@@ -72,7 +72,7 @@ def test_an_experiment_begins_no_earlier_than_a_drift() -> None:
 def test_levels_that_are_offered_take_the_place_of_usual_ones(
     driver: str, levels: tuple[float, ...], nominal: float, offered: bool
 ) -> None:
-    offer = Offer({driver: levels, "pressure": (990.0, 1000.0)})
+    offer = {driver: levels, "pressure": (990.0, 1000.0)}
     (found,) = factors(arm(), [reads(driver)], offer)
     assert found == Factor(driver, levels, nominal, offered)
 
@@ -80,26 +80,28 @@ def test_levels_that_are_offered_take_the_place_of_usual_ones(
 def test_loads_are_varied_where_a_machine_has_masses_and_an_explanation_asks_for_them() -> None:
     bare = load_machine(MACHINES / "pus.yaml")
     for machine, load, expected in ((arm(), True, ["payload"]), (arm(), False, []), (bare, True, [])):
-        assert [f.driver for f in factors(machine, [reads(load=load)], Offer({}))] == expected
+        assert [f.driver for f in factors(machine, [reads(load=load)], {})] == expected
     still = replace(arm(), mechanism=replace(arm().mechanism, actuators=tuple(
         replace(a, range=None) for a in arm().mechanism.actuators)))  # fmt: skip
-    assert factors(still, [reads("velocity.q1")], Offer({})) == ()
+    assert factors(still, [reads("velocity.q1")], {}) == ()
 
 
 def test_offers_are_sorted_levels_each_once() -> None:
-    offer = Offer.of(arm(), "5,0,2.5,5", [" pressure = 1000,990", "velocity.q2=3", "temperature.tool=21,20"])
-    assert offer.levels == {
+    offer = read_offer(
+        arm(), "5,0,2.5,5", [" pressure = 1000,990", "velocity.q2=3", "temperature.tool=21,20"]
+    )
+    assert offer == {
         "payload": (0.0, 2.5, 5.0), "pressure": (990.0, 1000.0), "velocity.q2": (3.0,), "temperature.tool": (20.0, 21.0),
     }  # fmt: skip
-    assert Offer.of(arm()).levels == {} and Offer.of(arm(), "0").levels == {"payload": (0.0,)}
-    assert Offer.of(arm(), named=["temperature.shelf=20"]).levels == {"temperature.shelf": (20.0,)}
+    assert read_offer(arm()) == {} and read_offer(arm(), "0") == {"payload": (0.0,)}
+    assert read_offer(arm(), named=["temperature.shelf=20"]) == {"temperature.shelf": (20.0,)}
     for text in ("velocity.q9=1", "pressure", "payload=1", "=1,2"):
         with pytest.raises(InputError, match="expected DRIVER=value,value"):
-            Offer.of(arm(), named=[text])
+            read_offer(arm(), named=[text])
     for wrong, meant in (("temperatur.link2", "temperature.link2"), ("presure", "pressure"), ("velocty.q3", "velocity.q3"),
                          ("temprature.tool", "temperature.tool"), ("temperatur.air", "temperature.air")):  # fmt: skip
         with pytest.raises(InputError, match=f"did you mean .*{meant}"):
-            Offer.of(arm(), named=[f"{wrong}=1,2"])
+            read_offer(arm(), named=[f"{wrong}=1,2"])
 
 
 def test_what_has_a_past_is_noted_each_with_its_effect() -> None:
@@ -146,16 +148,6 @@ def test_rows_to_choose_from_vary_what_is_offered_and_hold_the_rest() -> None:
     assert not (pool.still["approach"] & ~pool.main).any() and not (pool.still["payload"] & ~pool.main).any()
     assert pool.beyond["temperature"].all() and np.sum(pool.nominal()) == 10
     assert (levels["payload"][pool.nominal()] == 0.0).all()
-
-
-@pytest.mark.parametrize(("count", "taken"), [(1, 300), (12, 200), (24, 120)])
-def test_the_more_settings_there_are_the_fewer_poses_are_tried(count: int, taken: int) -> None:
-    """2400 rows, and at least 120 poses; 120 of them with a factor that was not offered."""
-    payload = Factor("payload", tuple(map(float, range(count))), 0.0, count > 1)
-    varied = [payload, Factor("pressure", (1e3, 990.0), 1e3, False)]
-    pool = Pool.of(arm(), varied, poses(arm(), 300), np.random.default_rng(0))
-    assert int(np.sum(pool.main)) == taken * count
-    assert len(np.unique(pool.rows.q[~pool.main], axis=0)) == 120
 
 
 def test_poses_that_are_drawn_are_short_numbers_and_those_that_are_given_stay() -> None:

@@ -64,13 +64,6 @@ def test_rows_of_the_same_joints_share_a_number_in_order_of_appearance() -> None
     assert plan_table(backwards)["pose"].tolist() == [1, 2, 3, 2]
 
 
-def test_a_change_counts_from_the_row_of_its_origin() -> None:
-    """Rows are numbered one by one then, also those of the same joints."""
-    table = plan_table(plan(np.array([0, 0, 1, 2])))
-    assert list(table) == ["pose", "from", "q1", "q2"]
-    assert table["pose"].tolist() == [1, 2, 3, 4] and table["from"].tolist() == [1, 1, 2, 3]
-
-
 def test_an_experiment_of_changes_begins_with_its_reference() -> None:
     """Which stands under the drivers of the first row, and all rows count from it."""
     table = experiment_table(experiment({"payload": np.array([2.0, 5.0, 5.0, 5.0])}, np.array([0.25, 5.0])))

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -43,11 +43,6 @@ from truepose.models.file.driver import (
 from truepose.models.load import resolve_place
 from truepose.models.machine.kinematics import driver_default
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.mechanism import Parameter
-from truepose.models.sensors.base import Sensor
-from truepose.models.sensors.pose import Pose
-from truepose.models.sensors.targets import Targets
-from truepose.models.units import convert
 from truepose.wording import close_matches
 
 # -- Explanations that an experiment is to tell apart: an effect at a place, the forms it may take, its size
@@ -247,22 +242,19 @@ class Factor:
     offered: bool
 
 
-@dataclass(frozen=True)
-class Offer:
-    """What the user can vary: levels by driver, as ``payload``, ``temperature.leg1``, ``velocity.q2``."""
+Offer = Mapping[str, tuple[float, ...]]
+"""What the user can vary: levels by driver, as ``payload``, ``temperature.leg1``, ``velocity.q2``."""
 
-    levels: Mapping[str, tuple[float, ...]]
 
-    @classmethod
-    def of(cls, machine: Machine, payload: str = "", named: Sequence[str] = ()) -> Offer:
-        """From ``0,2.5,5`` kg and texts such as ``temperature.leg1=15,20,30``. Raises InputError for bad levels."""
-        levels = {PAYLOAD: _numbers(payload, "--payload")} if payload else {}
-        for text in named:
-            driver, equals, values = text.partition("=")
-            driver = driver.strip()
-            _check_driver(machine, driver, text, bool(equals))
-            levels[driver] = _numbers(values, text)
-        return cls(levels)
+def read_offer(machine: Machine, payload: str = "", named: Sequence[str] = ()) -> Offer:
+    """Read ``0,2.5,5`` kg and texts such as ``temperature.leg1=15,20,30``. Raises InputError for bad levels."""
+    levels = {PAYLOAD: _numbers(payload, "--payload")} if payload else {}
+    for text in named:
+        driver, equals, values = text.partition("=")
+        driver = driver.strip()
+        _check_driver(machine, driver, text, bool(equals))
+        levels[driver] = _numbers(values, text)
+    return levels
 
 
 def factors(machine: Machine, parts: Iterable[PlacedEffect], offer: Offer) -> tuple[Factor, ...]:
@@ -273,7 +265,7 @@ def factors(machine: Machine, parts: Iterable[PlacedEffect], offer: Offer) -> tu
     out, parts = {}, tuple(parts)
     for driver in _read(machine, parts, offer):
         nominal = driver_default(machine, driver, parts)
-        levels = offer.levels.get(Driver.of(driver).served_by(offer.levels))
+        levels = offer.get(Driver.of(driver).served_by(offer))
         automatic = _automatic(driver, nominal)
         if levels is not None:
             # held still, it stays at the level closest to what the machine file means
@@ -308,8 +300,8 @@ def _read(machine: Machine, parts: Iterable[PlacedEffect], offer: Offer) -> list
         names += [_column(name) for name in part.drivers]
         if part.needs_load and machine.loaded:
             names += [PAYLOAD, *machine.force_columns]
-    if AIR in offer.levels:  # one thermometer, whatever it stands for
-        names = [Driver.of(name).served_by(offer.levels) for name in names]
+    if AIR in offer:  # one thermometer, whatever it stands for
+        names = [Driver.of(name).served_by(offer) for name in names]
     return list(dict.fromkeys(names))
 
 
@@ -373,57 +365,3 @@ def _numbers(text: str, where: str) -> tuple[float, ...]:
     if where == "--payload" and min(values) < 0.0:
         raise InputError(f"{where}: found {min(values):g} kg, expected masses that are not negative")
     return tuple(sorted(set(values)))
-
-
-# -- Further targets on the tool body: machines that have them, to see what measuring them would bring
-
-_AXES = "xyz"
-
-
-@dataclass(frozen=True)
-class Target:
-    """A point (x, y, z) of the tool frame, mm."""
-
-    name: str
-    point: tuple[float, float, float]
-
-    @classmethod
-    def of(cls, text: str, machine: Machine) -> Target:
-        """``NAME=x,y,z`` in the length unit of the machine file. Raises InputError for anything else."""
-        name, _, rest = (part.strip() for part in text.partition("="))
-        units = machine.units
-        try:
-            x, y, z = (convert(float(part), units.length, "mm") for part in rest.split(","))
-        except ValueError:
-            raise InputError(f"--target {text}: expected NAME=x,y,z such as T1=150,0,20") from None
-        if not name or f"{name}.x" in machine.geometry:
-            raise InputError(f"--target {text}: found the name {name!r}, expected one that is not taken")
-        return cls(name, (x, y, z))
-
-
-def with_targets(machine: Machine, targets: Sequence[Target]) -> Machine:
-    """The machine with these points read as well: as precisely as its points, or its position, and as well known.
-
-    Raises InputError where the machine's sensors read neither points nor poses.
-    """
-    for k, sensor in enumerate(machine.sensors):
-        if isinstance(sensor, Targets):
-            tolerance = sensor.points[0].tolerance
-            more = replace(sensor, points=(*sensor.points, *_parameters(targets, tolerance)))
-            return replace(machine, sensors=(*machine.sensors[:k], more, *machine.sensors[k + 1 :]))
-    for sensor in machine.sensors:
-        if isinstance(sensor, Pose):
-            sigma = next(c.sigma for c in sensor.channels if c.kind == "position")
-            known = machine.file.tolerances.length if machine.file else 0.0
-            points: Sensor = Targets(_parameters(targets, known), sigma)
-            return replace(machine, sensors=(*machine.sensors, points))
-    found = ", ".join(sensor.type for sensor in machine.sensors)
-    raise InputError(f"--target: found the sensor {found}, expected `targets` or `pose`")
-
-
-def _parameters(targets: Sequence[Target], tolerance: float) -> tuple[Parameter, ...]:
-    return tuple(
-        Parameter(f"{target.name}.{axis}", "mm", target.point[k], tolerance, "target")
-        for target in targets
-        for k, axis in enumerate(_AXES)
-    )

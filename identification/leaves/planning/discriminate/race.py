@@ -128,14 +128,6 @@ class Signals:
         stacked = stacked.reshape(-1, stacked.shape[2])
         return np.asarray(stacked.T @ stacked)
 
-    def gram_among(self, names: Sequence[str]) -> Array:
-        """(k + w, k + w) the same among k constants ``names``, of some of which these rows say nothing."""
-        k, w = len(names), self.effects.shape[2]
-        at = np.concatenate([[names.index(name) for name in self.names], k + np.arange(w)]).astype(int)
-        out = np.zeros((k + w, k + w))
-        out[np.ix_(at, at)] = self.gram
-        return out
-
 
 def signals(machine: Machine, recording: Recording, parts: Sequence[PlacedEffect]) -> Signals:
     """What rows would tell at the drawing values, noise as stated; rows of role validation and such that cannot be
@@ -369,10 +361,6 @@ class Race:
     def values(self, design: Sequence[int]) -> Array:
         """(p,) expected log Bayes factor of each pair; of a rival's forms the one that does best counts."""
         return self._gathered([c.missed(design) for c in self.contests])
-
-    def worst(self, design: Sequence[int]) -> float:
-        """Of the pairs that count; 0 where there is none."""
-        return float(np.min(self.values(design)[self.counted], initial=np.inf)) if self.counted.any() else 0.0
 
     def judged(self, values: Array) -> Array:
         """Smooth stand-in, of shape (...), of the worst of the p pairs that count, from ``values`` (..., p)."""

@@ -21,7 +21,6 @@ def sentences(found: Experiment) -> list[str]:
     out = [*_verdict(found), _against_chance(found)]
     out += [_pair(pair) for pair in sorted(found.pairs, key=lambda p: p.expected)[:6]]
     out += [_worth(worth, found) for worth in found.worth]
-    out += [_target(target.name, value, found.expected) for target, value in found.targets]
     return [line for line in out if line]
 
 
@@ -42,9 +41,6 @@ def experiment_json(found: Experiment) -> dict[str, Any]:
         },
         "pairs": [_pair_json(pair) for pair in found.pairs],
         "factors": [_worth_json(worth) for worth in found.worth],
-        "targets": [
-            {"name": t.name, "point": list(t.point), "expected": value} for t, value in found.targets
-        ],
         "sentences": sentences(found),
     }
 
@@ -122,13 +118,6 @@ def _worth(worth: Worth, found: Experiment) -> str:
     if worth.expected <= 1.05 * found.expected:
         return f"{left}; varying it would bring nothing"
     return f"{left}; {_factors(worth.factors, found.machine)} would bring {worth.expected:.3g}"
-
-
-def _target(name: str, value: float, expected: float) -> str:
-    """A target is a point of a rigid tool, as a diagnosis takes it."""
-    if value <= 1.05 * expected:
-        return f"reading a further target {name} on the same rows would bring nothing"
-    return f"reading a further target {name} on the same rows would bring {value:.3g}"
 
 
 def _names(factors: Sequence[Factor]) -> str:
