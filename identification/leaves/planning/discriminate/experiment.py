@@ -2,7 +2,7 @@
 
 ``discriminate`` chooses rows (pose, payload, temperature, side, time) that maximise the expected log Bayes factor of
 whatever is true against its worst rival, geometry marginalised under its tolerances (``criterion``),
-and says what each factor brings.
+and says what it is expected to tell.
 """
 
 from __future__ import annotations
@@ -32,7 +32,6 @@ from truepose.identification.leaves.planning.discriminate.race import (
     Rows,
     chosen,
     hypotheses,
-    kind_of,
     ordered,
     race,
     recording_of,
@@ -79,26 +78,12 @@ class Pair:
         return self.twins or self.share < IDENTICAL
 
 
-@dataclass(frozen=True)
-class Worth:
-    """What a kind of factor is worth: expected log Bayes factor when all of ``factors`` are held at their nominal
-    value (offered), or varied over a usual span (not offered).
-
-    opened: where that tells pairs apart which the plan cannot, the expected log Bayes factor of the worst of them.
-    """
-
-    kind: str
-    factors: tuple[Factor, ...]
-    offered: bool
-    expected: float
-    opened: float | None = None
-
-
 @dataclass(frozen=True, repr=False)
 class Experiment(Shown):
     """Rows to measure, in a sensible order, and what they are expected to tell.
 
-    expected: of the worst pair; already: of the rows that exist; random (DRAWS,): of as many random rows.
+    expected: of the worst pair; already: of the rows that exist; random (DRAWS,): of as many random rows; held: drivers that
+    explanations read and nobody offered to vary.
     """
 
     machine: Machine
@@ -109,7 +94,7 @@ class Experiment(Shown):
     expected: float
     already: float | None
     random: Array
-    worth: tuple[Worth, ...]
+    held: tuple[str, ...]
     seed: int
     notes: tuple[Note, ...] = ()
 
@@ -169,18 +154,17 @@ def discriminate(
     progress("choosing rows")
     design = chosen(stage.main, n) if stage.main.counted.any() else stage.drawn(n, rng)
     random = [stage.worst(stage.values(stage.drawn(n, rng))) for _ in range(DRAWS)]
-    progress("weighing what is varied")
     values = stage.values(design)
     return Experiment(
         machine=machine,
         explanations=wanted.explanations,
-        rows=_in_order(pool.rows.take(np.flatnonzero(pool.main)[design])),
+        rows=_in_order(pool.rows.take(design)),
         reference=pool.reference if any(s.differs_from_row for s in machine.sensors) else None,
         pairs=stage.pairs(wanted.explanations, values),
         expected=stage.worst(values),
         already=None if recorded is None else stage.worst(stage.values([])),
         random=np.array(random),
-        worth=stage.worth(varied, len(design)),
+        held=tuple(factor.driver for factor in varied if len(factor.levels) == 1),
         seed=seed,
         notes=(*wanted.notes, *notes, *unplanned(parts), *_unused(offer, varied)),
     )
@@ -190,7 +174,6 @@ def discriminate(
 class _Stage:
     """Rows with what they would tell, hypotheses about it, and the race between them on the rows that are offered."""
 
-    pool: Pool
     field: Field
     found: tuple[Hypothesis, ...]
     main: Race
@@ -210,22 +193,21 @@ class _Stage:
         told = every.take(np.arange(1, len(pool.rows) + 1))  # without the reference row before them
         base = np.zeros_like(told.gram) if recorded is None else signals(machine, recorded, parts).gram
         field = Field(told, base, parts, wanted.others)
-        everywhere = field.gram(pool.main) * (n / np.sum(pool.main)) + field.base
+        everywhere = field.rows.gram * (n / len(pool.rows)) + field.base
         known = field.base
         if recorded is None:
-            nominal = pool.nominal()
-            known = field.gram(nominal) * (n / np.sum(nominal))
+            known = field.rows.take(pool.nominal).gram * (n / np.sum(pool.nominal))
         found = hypotheses(field, wanted.explanations, known, everywhere)
-        return cls(pool, field, found, race(field, found, pool.main))
+        return cls(field, found, race(field, found))
 
     def drawn(self, n: int, rng: np.random.Generator) -> list[int]:
         """``n`` random rows of those that are offered."""
-        available = int(np.sum(self.pool.main))
+        available = len(self.field.every)
         return [int(row) for row in rng.choice(available, n, replace=n > available)]
 
     def values(self, design: Sequence[int]) -> Array:
         """(p,) expected log Bayes factors; 0 where no row tells."""
-        return _values(self.main, design)
+        return np.where(self.main.counted, self.main.values(design), 0.0)
 
     def worst(self, values: Array) -> float:
         """Of values (p,), the least of those pairs that the plan can tell apart; 0 without any."""
@@ -233,24 +215,12 @@ class _Stage:
 
     def pairs(self, explanations: Sequence[Explanation], values: Array) -> tuple[Pair, ...]:
         """Every ordered pair with its value."""
-        share, counted = shares(self.field, self.found, self.main, self.pool.main), self.main.counted
+        share, counted = shares(self.field, self.found, self.main), self.main.counted
         pairs = [(explanations[i], explanations[j]) for i, j in ordered(len(explanations))]
         return tuple(
             Pair(a, b, float(values[k]), float(share[k]), bool(counted[k]), a.twin_of(b))
             for k, (a, b) in enumerate(pairs)
         )
-
-    def worth(self, varied: Sequence[Factor], n: int) -> tuple[Worth, ...]:
-        """Plans with each kind of factor held, or offered where it was not."""
-        out = []
-        for kind, mask in [*self.pool.still.items(), *self.pool.beyond.items()]:
-            on = race(self.field, self.found, mask)
-            values = _values(on, chosen(on, n, exchange=False) if on.counted.any() else [])
-            more = on.counted & ~self.main.counted
-            same = tuple(f for f in varied if kind_of(f) == kind)
-            opened = float(np.min(values[more])) if more.any() else None
-            out.append(Worth(kind, same, kind in self.pool.still, self.worst(values), opened))
-        return tuple(out)
 
 
 def _check(explanations: Sequence[Explanation], n: int) -> None:
@@ -276,11 +246,6 @@ def _weighing(machine: Machine, parts: Sequence[PlacedEffect], offer: Offer) -> 
         return machine, []
     hung = replace(machine, masses=(*machine.masses, Mass(PAYLOAD, 0.0, (0.0, 0.0, 0.0), "tool")))
     return hung, [Note("payload")] if PAYLOAD in offer else []
-
-
-def _values(on: Race, design: Sequence[int]) -> Array:
-    """(p,) expected log Bayes factors; 0 where no row tells."""
-    return np.where(on.counted, on.values(design), 0.0)
 
 
 def _in_order(rows: Rows) -> Rows:

@@ -1,7 +1,7 @@
 """What an experiment may vary beside the joints: payload, temperatures, sides of approach, time, sessions, speeds.
 
 A factor is a driver of the recording with the levels it may be set to. What explanations read and nobody offered
-stays at its nominal value; a usual span of it says what offering it would bring.
+stays at its nominal value.
 
 Explanations that an experiment is to tell apart: an effect at a place, the forms it may take, its size.
 
@@ -223,8 +223,8 @@ def _twins(explanation: Explanation) -> set[str]:
 SIDES = (1.0, -1.0)
 HOURS = (0.0, 0.5, 1.0, 1.5, 2.0)
 SESSIONS = (1.0, 2.0)
-WARMER, USUAL_PAYLOAD = 5.0, 5.0
-USUAL_WEATHER = {"pressure": (983.25, 1013.25, 1043.25), "humidity": (30.0, 50.0, 70.0)}
+HELD = (PAYLOAD, TEMPERATURE, VELOCITY, "pressure", "humidity")
+"""Kinds of drivers that can be held at a value."""
 MOST = 24
 """Settings of the factors that are tried at one pose; of more, some are drawn."""
 
@@ -233,13 +233,12 @@ MOST = 24
 class Factor:
     """A driver that may be set. levels: internal units (kg, degC, s, hPa, mm/s or rad/s); session: its number.
 
-    nominal: the level that it has where it is not varied. offered: whether the experiment may vary it.
+    nominal: the level that it has where it is not varied.
     """
 
     driver: str
     levels: tuple[float, ...]
     nominal: float
-    offered: bool
 
 
 Offer = Mapping[str, tuple[float, ...]]
@@ -270,11 +269,11 @@ def factors(machine: Machine, parts: Iterable[PlacedEffect], offer: Offer) -> tu
         if levels is not None:
             # held still, it stays at the level closest to what the machine file means
             nominal = min(levels, key=lambda level: abs(level - nominal))
-            out[driver] = Factor(driver, levels, nominal, len(levels) > 1)
+            out[driver] = Factor(driver, levels, nominal)
         elif automatic:
-            out[driver] = Factor(driver, automatic, automatic[0], True)
-        elif span := _usual(machine, driver):
-            out[driver] = Factor(driver, span, nominal, False)
+            out[driver] = Factor(driver, automatic, automatic[0])
+        elif Driver.of(driver).kind in HELD:
+            out[driver] = Factor(driver, (nominal,), nominal)
     return tuple(out.values())
 
 
@@ -331,21 +330,13 @@ def _automatic(driver: str, nominal: float) -> tuple[float, ...]:
     return SESSIONS if driver == SESSION else ()
 
 
-def _usual(machine: Machine, name: str) -> tuple[float, ...]:
-    """A usual span of a driver that was not offered, its nominal level first; empty where nobody can say."""
-    driver, nominal = Driver.of(name), driver_default(machine, name)
-    if name == PAYLOAD:
-        return (0.0, nominal or USUAL_PAYLOAD)
-    if driver.thermal:
-        return (nominal, nominal + WARMER)
-    if driver.kind == VELOCITY:
-        low, high = machine.mechanism.actuator(driver.place).range or (0.0, 0.0)
-        return (nominal, (high - low) / 10.0) if high > low else ()
-    return USUAL_WEATHER.get(name, ())
-
-
 def _check_driver(machine: Machine, driver: str, text: str, complete: bool) -> None:
-    known = [*USUAL_WEATHER, *(Driver(VELOCITY, joint).name for joint in machine.mechanism.readings), AIR]
+    known = [
+        "pressure",
+        "humidity",
+        *(Driver(VELOCITY, joint).name for joint in machine.mechanism.readings),
+        AIR,
+    ]
     known += [Driver(TEMPERATURE, part).name for part in (*machine.mechanism.lengths, "tool")]
     known += machine.force_columns
     if not complete or (driver not in known and not Driver.of(driver).thermal):
