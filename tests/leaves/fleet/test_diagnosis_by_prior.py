@@ -101,13 +101,3 @@ def test_the_command_takes_the_file_and_says_where_it_is_from(tmp_path: Path) ->
     assert done.exit_code == 0, done.output
     notes = json.loads((tmp_path / "out/diagnosis.json").read_text(encoding="utf-8"))["notes"]
     assert "the prior was learned from 80 machines (80 serial)" in notes
-
-
-def test_a_file_that_is_no_prior_is_refused_in_one_line(tmp_path: Path) -> None:
-    (tmp_path / "prior.yaml").write_text("schema: truepose/prior/1\nmachines: -1\n", encoding="utf-8")
-    files = [str(CASE / "machine.yaml"), str(CASE / "recording.csv")]
-    refused = CliRunner().invoke(
-        app, ["diagnose", *files, "--prior", str(tmp_path / "prior.yaml"), "-o", str(tmp_path / "out")]
-    )
-    assert refused.exit_code == 2 and not (tmp_path / "out").exists()
-    assert "prior.yaml: machines:" in refused.output and len(refused.output.strip().splitlines()) == 1
