@@ -154,8 +154,9 @@ class _Beside:
         spike_slab = self._problem.spike_slab
         by_size = spike_slab.terms.log_prior(rest) + slot_odds(self._problem.richness, len(rest))
         out = np.full((2, len(self._problem.causes)), -np.inf)
-        for odds, sizes in zip(out, (True, spike_slab.noticeable), strict=True):
-            np.logaddexp.at(odds, self._cause, np.logaddexp.reduce(np.where(sizes, by_size, -np.inf), axis=0))
+        noticed = np.where(spike_slab.noticeable, by_size, -np.inf)
+        for odds, sizes in zip(out, (by_size, noticed), strict=True):
+            np.logaddexp.at(odds, self._cause, np.logaddexp.reduce(sizes, axis=0))
         return out
 
 

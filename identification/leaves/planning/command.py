@@ -157,8 +157,7 @@ def _calibrate(
 ) -> Planned:
     """Plan the poses that calibrate best."""
     from truepose.identification.leaves.planning.plan import plan as run
-    from truepose.identification.leaves.planning.pose_tables import plan_table
-    from truepose.identification.leaves.planning.words import plan_json, plan_lines, plan_notes
+    from truepose.identification.leaves.planning.showing import plan_json, plan_lines, plan_notes, plan_table
 
     chosen = method or ("continuous" if given is None else "exchange")
     found = run(machine, n, method=chosen, seed=seed, candidates=given, progress=say)
@@ -180,7 +179,7 @@ def _tell_apart(
         read_offer,
     )
     from truepose.identification.leaves.planning.discriminate.words import experiment_json, sentences
-    from truepose.identification.leaves.planning.pose_tables import experiment_table
+    from truepose.identification.leaves.planning.showing import experiment_table
     from truepose.identification.recording.load import load_recording
     from truepose.identification.report.notes import worded
 

@@ -15,7 +15,7 @@ from support.plans import NAMES, poses
 from truepose.identification.fit.problem import prior_of
 from truepose.identification.leaves.planning.information import PoseInformation
 from truepose.identification.leaves.planning.plan import Landscape, plan
-from truepose.identification.leaves.planning.pose_tables import plan_table
+from truepose.identification.leaves.planning.showing import plan_table
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.simulate import simulate, with_inputs
 from truepose.identification.recording.load import load_recording

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from truepose.identification.leaves.planning.discriminate.experiment import Experiment
 from truepose.identification.leaves.planning.discriminate.race import Rows
 from truepose.identification.leaves.planning.plan import Plan
-from truepose.identification.leaves.planning.pose_tables import BETWEEN, experiment_table, plan_table
+from truepose.identification.leaves.planning.showing import BETWEEN, experiment_table, plan_table
 from truepose.models.file.driver import SESSION, TIME
 from truepose.models.machine.machine import Machine
 
