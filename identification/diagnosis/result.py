@@ -17,7 +17,7 @@ from truepose.identification.signatures.untestable import Missing, Untestable
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.empirical import Empirical
 from truepose.models.file.driver import DriverKind
-from truepose.models.file.machine_file import NO_WORSE
+from truepose.models.file.sections import NO_WORSE
 from truepose.models.machine.machine import Machine
 from truepose.shown.result import Shown, Written, frame
 
@@ -288,8 +288,6 @@ class Diagnosis(Written, Fitted):
     ``report(path)`` writes the report, ``save(directory)`` ``diagnosis.json``, ``improved.yaml`` and ``report.html``; the
     constants are in ``after.to_frame()``.
     """
-
-    internal = frozenset({"examined", "terms"})
 
     nominal: Machine
     recording: Recording

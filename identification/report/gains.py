@@ -11,7 +11,7 @@ from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.summary import FitSummary, rms_by_kind
 from truepose.identification.report.applied_words import rows_words
 from truepose.identification.report.numbers import NONE, finer, known, significant, unit_symbol
-from truepose.models.file.machine_file import ExpectedPose
+from truepose.models.file.sections import ExpectedPose
 from truepose.models.machine.machine import Machine
 from truepose.shown.document import Gain
 
@@ -29,20 +29,16 @@ def diagnosis_gains(diagnosis: Diagnosis) -> list[Gain]:
     fits = {name: diagnosis.fits[name] for name in ("free", "before", "after")}
     held = all(fit.validation_rms is not None for fit in fits.values())
     rms = {name: (fit.validation_rms if held else fit.rms) or {} for name, fit in fits.items()}
-    changed, proof = bool(diagnosis.terms), diagnosis.proof
-    turn = ""
-    if changed and not held and proof is not None and known(proof.ratio) and proof.ratio < 1.0:
-        turn = f"; held out in turn, rms falls to {significant(proof.ratio)} of plain calibration's"
     floors, units = stated_noise(diagnosis.nominal), diagnosis.nominal.residual_units
     return [
         *_applied_gain(diagnosis),
         *(
             _gain(
                 f"{kind} error, rms",
-                {name: rms[name][kind] for name in ("free", "before")} if changed else {},
+                {name: rms[name][kind] for name in ("free", "before")} if diagnosis.terms else {},
                 after,
                 units[kind],
-                f"{HELD_OUT if held else FITTED}{turn}",
+                HELD_OUT if held else FITTED,
                 floors[kind],
             )
             for kind, after in rms["after"].items()

@@ -27,18 +27,10 @@ OWN_TOLERANCE = 1.0
 """Tolerances from its drawing within which no constant speaks against a model, however little the readings move it."""
 NOTHING = ("the recording holds one session only", "nothing to vary")
 """Reasons why an effect cannot be tested where nothing is amiss."""
-REASONS = 4
-"""Most reasons why effects could not be tested that are told at first."""
 ALARMS = {
-    "residual": ("lack of fit", "does an ordinary fit, parameters free, leave more than noise?"),
-    "prior_conflict": (
-        "conflict with tolerances",
-        "do the readings want parameters that the drawings exclude?",
-    ),
-    "structure": (
-        "structure in residuals",
-        "do residuals under tolerances follow a driver or the order of rows?",
-    ),
+    "residual": "lack of fit",
+    "prior_conflict": "conflict with tolerances",
+    "structure": "structure in residuals",
 }
 
 
@@ -107,17 +99,29 @@ def reasons(diagnosis: Diagnosis) -> list[str]:
             "With parameters held to their tolerances, misfit chi2/dof is"
             f" {significant(before.chi2_per_dof)}{'' if adequate else ended}; 1 is noise alone."
         )
-    if diagnosis.terms and not adequate:
-        out.append(_worst(diagnosis))
     if misfit_clause(diagnosis):
         out.append(f"Beside all effects, noise of {significant(diagnosis.noise)} stated sigmas is likeliest.")
     if diagnosis.proof is not None and not adequate:
         out.append(_held_out(diagnosis.proof))
-    alarms = [ALARMS[name][0] for name, alarm in diagnosis.alarms.items() if alarm.raised is not adequate]
-    if alarms:
-        lead = "Quiet" if adequate else "Alarms that a true model raises once in a hundred recordings"
-        out.append(f"{lead}: {joined(alarms)}.")
+    out += _alarm_words(diagnosis, adequate=adequate)
     return [*out, *(_best_candidate(diagnosis) if adequate else [])]
+
+
+def _alarm_words(diagnosis: Diagnosis, *, adequate: bool) -> list[str]:
+    """Return which alarms are raised; of an adequate model which are not, and what explains the others."""
+    raised = [ALARMS[name] for name, alarm in diagnosis.alarms.items() if alarm.raised]
+    quiet = [ALARMS[name] for name, alarm in diagnosis.alarms.items() if not alarm.raised]
+    if not adequate:
+        lead = "Alarms that a true model raises once in a hundred recordings"
+        return [f"{lead}: {joined(raised)}."] if raised else []
+    out = [f"Quiet: {joined(quiet)}."] if quiet else []
+    if raised:
+        wide = max(diagnosis.inflation.values(), default=1.0)
+        out.append(
+            f"Raised: {joined(raised)}; but no explanation is likelier than none: noise of"
+            f" {significant(diagnosis.noise, 2)} and tolerances of {significant(wide, 2)} times the stated explain it."
+        )
+    return out
 
 
 def _best_candidate(diagnosis: Diagnosis) -> list[str]:
@@ -129,18 +133,6 @@ def _best_candidate(diagnosis: Diagnosis) -> list[str]:
         f"The best of {several(len(diagnosis.candidates), 'explanation')} weighed, {named(best)}, reaches a log Bayes factor of"
         f" {significant(best.log_bayes_factor)}: after its share of prior probability, too little for a name."
     ]
-
-
-def _worst(diagnosis: Diagnosis) -> str:
-    before, after = diagnosis.fits["before"], diagnosis.fits["after"]
-    if not known(after.worst_allowed):
-        return "No parameter has a finite tolerance, so none can be judged against its drawing."
-    where = "within" if after.worst_parameter_sigma <= after.worst_allowed else "still above"
-    return (
-        f"Without effects the readings push {before.worst_parameter} {significant(before.worst_parameter_sigma)} tolerances"
-        f" from its drawing; with them the farthest is {after.worst_parameter} at {significant(after.worst_parameter_sigma)},"
-        f" {where} the {significant(after.worst_allowed)} that a true model keeps to in 99 of 100 cases."
-    )
 
 
 def _held_out(proof: Proof) -> str:
@@ -236,7 +228,7 @@ def untestable_lines(
         if reason not in NOTHING and one.effect not in past:
             groups.setdefault(reason, []).append(one.effect)
     ranked = sorted(groups.items(), key=lambda item: "`" not in item[0])
-    return [f"{joined([names(slug) for slug in slugs])}: {reason}" for reason, slugs in ranked[:REASONS]]
+    return [f"{joined([names(slug) for slug in slugs])}: {reason}" for reason, slugs in ranked]
 
 
 def _reason(why: str) -> str:

@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from functools import partial
 
 import pandas as pd
 
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.machine_sketch import sketch
 from truepose.models.machine.mechanism import Actuator, element_of
 from truepose.models.units import convert
 from truepose.shown.document import Document, Items, Table
@@ -41,7 +39,6 @@ def _document(machine: Machine) -> Document:
         f"{len(parameters)} constants, {len(free)} of them free",
         summary=[Items(facts), Table(["joint", "kind", "range", "unit"], rows)],
         more="to_frame() has every constant",
-        charts=partial(sketch, machine),
     )
 
 

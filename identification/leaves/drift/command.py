@@ -10,15 +10,16 @@ from typing import Annotated
 import typer
 
 from truepose.commands.common import (
+    GateOption,
     JsonOption,
     MachineArg,
     RecordingsArg,
     ShuffledOption,
     finish,
+    gated,
     progress,
     written,
 )
-from truepose.commands.gate import GateOption, gated
 from truepose.commands.results import DRIFT, check_directory, check_machine
 from truepose.errors import InputError
 

@@ -30,7 +30,7 @@ from truepose.identification.report.numbers import (
     unit_symbol,
 )
 from truepose.identification.report.steps import machine_name, recording_names
-from truepose.shown.chart import Axis, Chart, Layer, Level, Line, Marks
+from truepose.shown.chart import Axis, Band, Chart, Layer, Level, Line, Marks
 from truepose.shown.document import (
     Block,
     Charts,
@@ -68,7 +68,6 @@ def drift_document(found: Drift) -> Document:
         _steps(found),
         drift_notes(found),
         more="to_frame(), drift.json and report.html have all",
-        charts=lambda: _change_charts(found, [m for m in shown if m.change][:MOST_PANELS]),
         sections=lambda: _sections(found, shown),
     )
 
@@ -132,10 +131,11 @@ def _change_charts(found: Drift, shown: Sequence[Movement]) -> list[Chart]:
         layers: list[Layer] = [
             Level(0.0, "y", dashed=False),
             Line(np.array(x), change, "after"),
-            Marks(np.array(x), change, "after", error=std),
+            Band(np.array(x), change - std, change + std, "after"),
+            Marks(np.array(x), change, "after"),
         ]
         y = Axis(f"change [{unit_symbol(name) or '1'}]")
-        out.append(Chart(movement.name, Axis(unit), y, layers, told=movement_sentence(found, movement)))
+        out.append(Chart(movement.name, Axis(unit), y, layers))
     return out
 
 

@@ -12,6 +12,7 @@ import typer
 from truepose.commands.common import (
     BAD_INPUT,
     DirectoryOption,
+    GateOption,
     JsonOption,
     PluginOption,
     ShuffledOption,
@@ -19,7 +20,6 @@ from truepose.commands.common import (
     finish,
     written,
 )
-from truepose.commands.gate import GateOption
 from truepose.commands.identify import PriorOption
 from truepose.commands.progress import counted
 from truepose.commands.results import FLEET, check_directory

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -18,7 +17,6 @@ from truepose.identification.report.notes import worded
 from truepose.models.file.driver import APPROACH, SESSION, TIME, Driver
 from truepose.models.machine.machine import Machine
 from truepose.models.units import convert
-from truepose.shown.chart import Chart, strips
 from truepose.shown.document import Document, Items, Table
 from truepose.shown.result import document, frame
 
@@ -161,7 +159,6 @@ def plan_json(found: Plan, columns: Sequence[str]) -> dict[str, object]:
     }
 
 
-_JOINTS_MOST = 12
 _UNITS = "in the units of the machine file"
 
 
@@ -173,7 +170,6 @@ def _(found: Plan) -> Document:
         summary=[Items(plan_lines(found)), Table.of(frame(found))],
         notes=plan_notes(found),
         more=f"to_frame() has all poses, {_UNITS}",
-        charts=partial(_poses, found),
     )
 
 
@@ -187,15 +183,3 @@ def _(found: Experiment) -> Document:
         notes=worded(found.notes),
         more=f"to_frame() has all rows, {_UNITS}",
     )
-
-
-def _poses(found: Plan) -> list[Chart]:
-    """Where the poses lie in the joints' ranges."""
-    values, ends = {}, {}
-    for k, actuator in enumerate(found.machine.mechanism.actuators[:_JOINTS_MOST]):
-        unit = found.machine.column_unit(actuator.reading)
-        low, high = actuator.range or (float(found.q[:, k].min()), float(found.q[:, k].max()))
-        low, high = (convert(end, actuator.reading_unit, unit) for end in (low, high))
-        ends[actuator.reading] = low, high, unit
-        values[actuator.reading] = convert(found.q[:, k], actuator.reading_unit, unit).tolist()
-    return strips(values, ends, "poses in the joints' ranges")

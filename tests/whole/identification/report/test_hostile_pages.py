@@ -16,6 +16,7 @@ import yaml
 import truepose
 from support.browser import browser, tried
 from support.examples import by_day
+from support.reports import MACHINE as PLAIN
 from support.reports import calibration_html, report_html
 from support.told_drift import drift_html
 from support.told_fleet import fleet_html
@@ -51,33 +52,12 @@ return {title: document.title,
 
 
 def machine(folder: Path) -> Machine:
-    document: dict[str, Any] = {
-        "schema": "truepose/machine/1",
-        "name": "arm",
-        "units": {"length": "mm", "angle": "deg"},
-        "gravity": [0, 0, -9.81],
-        "mechanism": {
-            "type": "serial",
-            "joints": [
-                {
-                    "name": FIRST,
-                    "kind": "revolute",
-                    "r": 400,
-                    "d": 50,
-                    "range": [-170, 170],
-                    "gear_ratio": 121,
-                },
-                {"name": SECOND, "kind": "revolute", "alpha": 90, "d": 150, "range": [-90, 90]},
-            ],
-        },
-        "frames": {
-            "tool": {"in": "flange", "xyz": [300, 0, 40], "rpy": [0, 0, 0], "tolerance": {"xyz": 1, "rpy": 1}}
-        },
-        "masses": {MASS: {"kg": 2.0, "com": [0, 0, 10], "in": "tool", "tolerance": {"kg": 0.1}}},
-        "drivers": [{"name": DRIVER, "unit": "degC", "drives": "temperature"}],
-        "sensor": {"type": "position", "sigma": {"xyz": 0.01}},
-        "tolerances": {"length": 0.1, "angle": 0.1},
-    }
+    document: dict[str, Any] = yaml.safe_load(PLAIN)
+    for joint, name in zip(document["mechanism"]["joints"], (FIRST, SECOND), strict=True):
+        joint["name"] = name
+    document["gravity"] = [0, 0, -9.81]
+    document["masses"] = {MASS: {"kg": 2.0, "com": [0, 0, 10], "in": "tool", "tolerance": {"kg": 0.1}}}
+    document["drivers"] = [{"name": DRIVER, "unit": "degC", "drives": "temperature"}]
     path = folder / "machine.yaml"
     path.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
     return replace(truepose.load_machine(path), name=MACHINE)  # files cannot have it
