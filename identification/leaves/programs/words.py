@@ -46,19 +46,25 @@ def correction_notes(found: Correction, machine: Machine, limit: Limit) -> list[
     """Say what was taken for granted, and what a person should look at."""
     bare, toolless = found.unnamed
     at = ", ".join(f"{name} = {value:g}" for name, value in found.drivers.items())
-    every = [
-        (f"corrections of more than {limit.position:g} mm or {limit.rotation:g} deg: ", _listed(_beyond(found, limit))),
-        ("axes pass a border, so that numbers of the configuration changed with them: ",
-         _listed([one for one in found.done if one.reconfigured])),
-        ("motions that got a pose of their own, because what they name is a frame as well, goes by several frames or is "
-         "worked out: ", _listed([one for one in found.done if one.target.copies is not None])),
-        ("", bare and f"poses that name no base ({bare}) stand in the robot's own; --base tells another"),
-        ("", toolless and f"poses that name no tool ({toolless}) are the machine file's tool's; --tool tells another"),
-        ("taken for the machine file's tool: ",
-         found.assumed and f"{', '.join(found.assumed)}; --frame NAME=... gives another"),
-        ("at all targets: ", at and f"{at}; --at NAME=VALUE gives others"),
-    ]  # fmt: skip
-    out = [f"{head}{what}" for head, what in every if what]
+    turned = _listed([one for one in found.done if one.reconfigured])
+    copied = _listed([one for one in found.done if one.target.copies is not None])
+    why = "what they name is a frame as well, goes by several frames or is worked out"
+    notes = {
+        f"corrections of more than {limit.position:g} mm or {limit.rotation:g} deg: ": _listed(
+            _beyond(found, limit)
+        ),
+        "axes pass a border, so that numbers of the configuration changed with them: ": turned,
+        f"motions that got a pose of their own, because {why}: ": copied,
+        f"poses that name no base ({bare}) stand in the robot's own; ": "--base tells another"
+        if bare
+        else "",
+        f"poses that name no tool ({toolless}) are the machine file's tool's; ": "--tool tells another"
+        if toolless
+        else "",
+        "taken for the machine file's tool (--frame NAME=... gives another): ": ", ".join(found.assumed),
+        "at all targets (--at NAME=VALUE gives others): ": at,
+    }
+    out = [f"{head}{what}" for head, what in notes.items() if what]
     if not (machine.file and machine.file.nominal):
         out.append("the machine file has no `nominal:`; its own constants are taken for the controller's")
     return out
