@@ -44,23 +44,18 @@ def correction_lines(found: Correction, title: str, source: Path, output: Path) 
 
 def correction_notes(found: Correction, machine: Machine, limit: Limit) -> list[str]:
     """Say what was taken for granted, and what a person should look at."""
+    beyond = f"corrections of more than {limit.position:g} mm or {limit.rotation:g} deg: "
     bare, toolless = found.unnamed
     at = ", ".join(f"{name} = {value:g}" for name, value in found.drivers.items())
     turned = _listed([one for one in found.done if one.reconfigured])
     copied = _listed([one for one in found.done if one.target.copies is not None])
     why = "what they name is a frame as well, goes by several frames or is worked out"
     notes = {
-        f"corrections of more than {limit.position:g} mm or {limit.rotation:g} deg: ": _listed(
-            _beyond(found, limit)
-        ),
+        beyond: _listed(_beyond(found, limit)),
         "axes pass a border, so that numbers of the configuration changed with them: ": turned,
         f"motions that got a pose of their own, because {why}: ": copied,
-        f"poses that name no base ({bare}) stand in the robot's own; ": "--base tells another"
-        if bare
-        else "",
-        f"poses that name no tool ({toolless}) are the machine file's tool's; ": "--tool tells another"
-        if toolless
-        else "",
+        "poses that name no base stand in the robot's own (--base tells another): ": bare,
+        "poses that name no tool are the machine file's tool's (--tool tells another): ": toolless,
         "taken for the machine file's tool (--frame NAME=... gives another): ": ", ".join(found.assumed),
         "at all targets (--at NAME=VALUE gives others): ": at,
     }
