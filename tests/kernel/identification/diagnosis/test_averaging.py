@@ -140,32 +140,6 @@ def test_a_mean_that_readings_contradict_is_not_used_but_widens(found: Found, li
     assert np.max(mixed.std / np.maximum(likeliest.std, 1e-300)) > 5.0
 
 
-def test_in_a_diagnosis_sure_things_stay(found: Found, likeliest: Estimate) -> None:
-    """A name shares its amplitude with its twin, which is the same function; together they keep it.
-
-    What stands elsewhere is open.
-    """
-    after = averaged(found, likeliest)
-
-    def by_place(fit: Estimate) -> dict[tuple[str, ...], float]:
-        out: dict[tuple[str, ...], float] = {}
-        for effect in fit.fitted_effects():
-            if effect.effect.slug != "empirical":
-                out[effect.place] = out.get(effect.place, 0.0) + sum(effect.amplitudes)
-        return out
-
-    mean, sure = by_place(after), by_place(likeliest)
-    assert {place: mean[place] for place in sure} == pytest.approx(sure, rel=0.1)
-    for place in set(mean) - set(sure):
-        held = [
-            share
-            for state, share in found.posterior.states
-            if any(found.catalogue.candidates[i].place == place for i in chosen(found.problem, state))
-        ]
-        assert sum(held) >= LEADING
-    assert after.chi2 <= (1.0 + WORSE) * likeliest.chi2
-
-
 # -- what has a part in it ----------------------------------------------------------------------------------------
 
 

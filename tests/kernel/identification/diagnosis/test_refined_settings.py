@@ -20,7 +20,6 @@ from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue, catalogue
 from truepose.identification.signatures.lines import PARTS, refined
 from truepose.identification.signatures.signatures import Signatures
-from truepose.models.effects.base import effects
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
@@ -185,12 +184,6 @@ def test_a_large_effect_between_two_lags_has_its_name_and_is_written(tmp_path: P
     assert sum(e.values["alpha"] for e in written) == pytest.approx(
         finding.parameters["alpha"].value, rel=0.02
     )
-
-
-def test_more_refraction_than_there_is_raises_a_question() -> None:
-    air = effects.get("air-refraction", "test")()
-    assert "thermometer" in air.found({"share": 4.5}, {"share": 0.1})
-    assert "thermometer" not in air.found({"share": 1.6}, {"share": 0.1})
 
 
 # -- creep from session to session ---------------------------------------------------------------------------

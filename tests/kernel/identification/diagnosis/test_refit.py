@@ -37,7 +37,7 @@ from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
-from truepose.identification.report.applied_words import applied_words, check_applicable, expected_pose
+from truepose.identification.report.applied_words import check_applicable, expected_pose
 from truepose.models import lie
 from truepose.models.effects.empirical import Empirical
 from truepose.models.load import load_machine
@@ -144,37 +144,6 @@ def comparison(ratio: float, pose: float) -> Comparison:
     return Comparison("role", ones, ratio**2 * ones, (), PoseError(1.0, pose))
 
 
-@pytest.mark.parametrize(
-    ("ratio", "pose", "worse"),
-    [(0.5, 0.5, False), (1.0, 1.0, False), (0.5, 1.03, True), (1.03, 0.5, True), (1.01, 1.01, False)],
-)
-def test_neither_readings_nor_the_tool_may_get_worse(ratio: float, pose: float, worse: bool) -> None:
-    assert comparison(ratio, pose).worse is worse
-
-
-@pytest.mark.parametrize(
-    ("with_forms", "names", "worse"),
-    [
-        ((0.9, 0.9), None, False),
-        ((1.5, 0.9), None, True),
-        ((0.9, 1.5), None, True),
-        ((1.5, 1.5), (1.5, 1.5), False),
-        ((1.5, 1.5), (1.5, 1.2), True),
-        ((0.9, 0.9), (0.5, 0.5), False),
-    ],
-)
-def test_forms_answer_for_the_ends_that_they_make_worse(
-    with_forms: tuple[float, float], names: tuple[float, float] | None, worse: bool
-) -> None:
-    """What is as bad there with names alone is not their doing; what is better than plain calibration is no harm."""
-
-    def ended(errors: tuple[float, float]) -> Comparison:
-        end = BlockProof("outermost poses", 10, *errors, extrapolates=True)
-        return replace(comparison(0.5, 0.5), blocks=(end, BlockProof("validation rows", 10, 9.0, 9.0)))
-
-    assert ended(with_forms).worse_beyond(None if names is None else ended(names)) is worse
-
-
 def test_a_model_that_leaves_the_tool_worse_gives_way_to_a_smaller_one(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -258,18 +227,6 @@ def test_a_file_that_leaves_the_tool_worse_is_refused(tmp_path: Path) -> None:
             check_applicable(machine)
 
 
-def test_what_was_left_out_for_the_tools_sake_is_said() -> None:
-    good, bad = PoseError(0.07, 0.05), PoseError(0.07, 0.26)
-    both = {"ordinary": 0.08, "drawing": 0.07}
-    assert applied_words(Applied(WHOLE, "role", good, 0.5, good, 0.5, both)) == []
-    (left,) = applied_words(Applied("names", "role", good, 0.6, bad, 0.5, both))
-    assert "the tool would be worse" in left and "effects with a name alone" in left
-    (only,) = applied_words(Applied("plain", "blocks", PoseError(0.07, 0.07), 1.0, None, 1.4))
-    assert "held-out readings get worse" in only and "plain calibration" in only
-    (unread,) = applied_words(Applied(WHOLE, "role", None, 0.5, None, 0.5))
-    assert "no sensor reads its position" in unread
-
-
 # -- sure names, and constants that leave their tolerances --------------------------------------------------------
 
 
@@ -313,13 +270,6 @@ def test_gains_are_told_against_the_better_plain_calibration_and_the_one_held_to
     assert choice.compared(better.fit).ratio == pytest.approx(1.0)
     assert choice.drawing_alone.ratio > 1.5 and choice.beside_drawing(better.fit).ratio < 0.7
     assert choice.may_be_applied(better, better, choice.beside_drawing(better.fit))
-
-
-def test_rows_for_validation_judge_where_there_are_any(choice: Choice) -> None:
-    fit = choice.drawing
-    assert choice.as_it_is(fit) is None
-    assert choice.as_it_is(fit) is None
-    assert choice.compared(fit).ratio == pytest.approx(1.0) and choice.compared(fit).split == "blocks"
 
 
 @pytest.mark.parametrize(("share", "strays"), [(0.9, False), (1.1, True)])

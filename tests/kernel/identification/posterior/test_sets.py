@@ -76,23 +76,6 @@ def test_odds_of_one_more_are_the_ratio_of_two_posteriors(seed: int) -> None:
         assert np.all(found[:, [0, 3]] == -np.inf)
 
 
-def test_a_conditional_is_its_odds_and_nothing() -> None:
-    dense = catalogue_problem(0)
-    problem = SpikeSlab(dense.design, dense.unknowns, single(*[1] * 6), SIZES)
-    point = GridPoint((1,), 0, 0)
-    conditional = problem.conditional(point, ((2, 1),))
-    slot = -1.3
-    odds = np.exp(problem.log_odds(point, ((2, 1),)) + slot)
-    np.testing.assert_allclose(conditional.terms(slot), odds.sum(axis=0) / (1.0 + odds.sum()), atol=1e-12)
-    assert conditional.log_total(slot) == pytest.approx(np.log1p(odds.sum()))
-    rng = np.random.default_rng(1)
-    drawn = [conditional.draw(slot, rng) for _ in range(20_000)]
-    for term in range(6):
-        for size in range(2):
-            share = odds[size, term] / (1.0 + odds.sum())
-            assert drawn.count((term, size)) / 20_000 == pytest.approx(share, abs=0.015)
-
-
 @given(st.lists(st.tuples(st.integers(0, 5), st.integers(0, 1)), unique_by=lambda m: m[0], max_size=6))
 def test_the_log_prior_of_a_set_is_that_of_drawing_it_from_the_urns(members: list[tuple[int, int]]) -> None:
     """In any order; what a set and the set with a term more differ by is the prior odds of that term."""
