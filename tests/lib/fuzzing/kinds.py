@@ -227,5 +227,3 @@ KINDS = (
     Kind("plug-ins", _plugins),
     Kind("robot programs", _programs),
 )
-
-__all__ = ["KINDS", "Kind", "Seed"]

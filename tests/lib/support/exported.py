@@ -110,9 +110,8 @@ class TableReader:
             if self.units[letter] == "mm":
                 motion["XYZ".index(letter), 3] = moved
             else:
-                motion[:3, :3] = Rotation.from_euler(
-                    "xyz"["ABC".index(letter)], moved, degrees=True
-                ).as_matrix()
+                about = "xyz"["ABC".index(letter)]
+                motion[:3, :3] = Rotation.from_euler(about, moved, degrees=True).as_matrix()
                 point[:3, 3], back[:3, 3] = self.centre[letter], -self.centre[letter]
             out = out @ point @ motion @ wrong @ back
         return out @ self.home
@@ -206,17 +205,3 @@ def urdf_pose(urdf: str, readings: dict[str, float], tip: str, root: str) -> Arr
         out = step @ move @ out
         link = joint.find("parent").get("link")  # type: ignore[union-attr, assignment]
     return out
-
-
-__all__ = [
-    "LINKS",
-    "TableReader",
-    "closed_in_mujoco",
-    "frame",
-    "mujoco_module",
-    "read_table",
-    "site_pose",
-    "tool_of",
-    "ur_pose",
-    "urdf_pose",
-]

@@ -151,6 +151,3 @@ def _shift(x: float, z: float) -> Array:
     out = np.eye(4)
     out[0, 3], out[2, 3] = x, z
     return out
-
-
-__all__ = ["HIGH", "JOINTS", "LOW", "constants", "document", "frames", "readings", "soft_arm", "torques"]

@@ -56,13 +56,8 @@ def pose_of(q: Array) -> tuple[Array, Array]:
         place = place + turn @ [0.0, 0.0, r]
     place = place + turn @ [20.0, 30.0, 90.0]
     base = Rotation.from_euler("ZYX", [140, 3, -5], degrees=True).as_matrix()
-    return base @ turn @ Rotation.from_euler(
-        "ZYX", [10, 20, 30], degrees=True
-    ).as_matrix(), place @ base.T + [
-        1500,
-        -300,
-        200,
-    ]
+    probe = Rotation.from_euler("ZYX", [10, 20, 30], degrees=True).as_matrix()
+    return base @ turn @ probe, place @ base.T + [1500, -300, 200]
 
 
 def written(folder: Path, seconds: float, ppm: float = 0.0, period: float = 0.0) -> tuple[Path, Path]:

@@ -136,6 +136,3 @@ def stands(moved: Moved, arm: Arm) -> Array:
     """Where an arm's tool comes (4, 4) when a controller that believes the drawing is sent there."""
     q = DRAWN.with_tool(moved.tool).inverse(moved.pose, Q0)
     return arm.with_tool(moved.tool).pose(q)
-
-
-__all__ = ["Controller", "Moved", "stands"]

@@ -132,20 +132,8 @@ def written(dialect: str, nodes: list[Node], function: tuple[str, list[Node]] | 
         f'PERS wobjdata {name}:=[FALSE,TRUE,"",{numbers_of(_near([0.7 - k] * 6), "rapid")},[[0,0,0],[1,0,0,0]]];'
         for k, name in enumerate(NEAR)
     ]
-    return "\n".join(
-        [
-            "MODULE job",
-            *tools,
-            *bases,
-            "PROC main()",
-            "ConfL\\Off;",
-            *body,
-            "ENDPROC",
-            *called,
-            "ENDMODULE",
-            "",
-        ]
-    )
+    begin, end = ["PROC main()", "ConfL\\Off;"], ["ENDPROC", *called, "ENDMODULE", ""]
+    return "\n".join(["MODULE job", *tools, *bases, *begin, *body, *end])
 
 
 def _lines(dialect: str, nodes: list[Node], own: dict[str, str]) -> Iterator[str]:
@@ -191,6 +179,3 @@ def _shift(dialect: str, which: int, value: int) -> Iterator[str]:
     else:
         yield f"{NEAR[which]}[0] = {value / 1000}"
         yield from ["set_tcp(fd)"] * which
-
-
-__all__ = ["DRAWN", "Q0", "REAL", "Node", "functions", "programs", "written"]

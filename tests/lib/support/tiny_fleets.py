@@ -102,6 +102,3 @@ def write_fleet(folder: Path, faults: Mapping[str, Sequence[Fault]]) -> Path:
     for seed, (name, own) in enumerate(faults.items()):
         write_machine(folder / name, rows(seed, own))
     return folder
-
-
-__all__ = ["GAIN", "MACHINE", "PLAY", "machine_text", "rows", "write_fleet", "write_machine"]
