@@ -17,6 +17,7 @@ import yaml
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from support import plain_kinematics
 from support.skips import NO_MUJOCO
 from truepose.identification.compensation.inverse import PoseSolver
 from truepose.models.file.machine_file import SCHEMA, checked_machine
@@ -79,9 +80,7 @@ def ur_pose(text: str, q: Array) -> Array:
 def frame(xyz: str | Sequence[float] | Array, rpy: str | Sequence[float] | Array) -> Array:
     """(4, 4) in mm of an origin in m and rad; roll, pitch, yaw about fixed axes."""
     position, angles = ([float(v) for v in (w.split() if isinstance(w, str) else w)] for w in (xyz, rpy))
-    out = np.eye(4)
-    out[:3, :3], out[:3, 3] = Rotation.from_euler("xyz", angles).as_matrix(), np.multiply(position, 1000)
-    return out
+    return plain_kinematics.frame(np.multiply(position, 1000), angles)
 
 
 @dataclass

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
+
+from support.plain_kinematics import step
 
 Array = NDArray[np.float64]
 SIGMA, LENGTH, ANGLE = 0.01, 0.1, 0.0005
@@ -62,14 +63,11 @@ def built(rng: np.random.Generator, scale: float = 1.0) -> dict[str, float]:
 
 def points(p: Mapping[str, float], q: Array) -> Array:
     """(n, 3) points of the tool at joints (n, 2): forward kinematics written out, mm and rad."""
-    point = np.tile([p["tool.x"], p["tool.y"], p["tool.z"]], (len(q), 1))
-    for k, joint in ((1, "q2"), (0, "q1")):
-        about_z = Rotation.from_rotvec(np.outer(q[:, k] + p[f"{joint}.theta"], [0.0, 0.0, 1.0]))
-        up, out = np.array([0.0, 0.0, p[f"{joint}.r"]]), np.array([p[f"{joint}.d"], 0.0, 0.0])
-        point = about_z.apply(point + up) + out
-        turn = Rotation.from_euler("y", p[f"{joint}.beta"]) * Rotation.from_euler("x", p[f"{joint}.alpha"])
-        point = turn.apply(point)
-    return np.asarray(point)
+    pose = np.eye(4)
+    for k, joint in enumerate(JOINTS):
+        pose = pose @ step([p[f"{joint}.{key}"] for key in ("beta", "alpha", "d", "theta", "r")], q[:, k])
+    point = pose @ [p["tool.x"], p["tool.y"], p["tool.z"], 1.0]
+    return np.asarray(point[:, :3])
 
 
 def rows(seed: int, faults: Sequence[Fault] = (), count: int = ROWS) -> pd.DataFrame:

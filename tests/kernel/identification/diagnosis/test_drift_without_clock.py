@@ -16,11 +16,9 @@ from numpy.typing import NDArray
 from support.drifting_arm import (
     JOINTS,
     SIGMA,
-    TURN_SIGMA,
     built,
     machine_text,
-    rotation,
-    rotation_vector,
+    noisy,
     tool_pose,
 )
 from support.examples import by_day
@@ -53,13 +51,7 @@ def recorded(moves: Moves, order: str = "random", seed: int = 5, n: int = N) -> 
     for k in range(n):
         here, joints = dict(p), q[k].copy()
         moves(here, joints, k / (n - 1))
-        pose = tool_pose(here, joints)
-        noise = np.radians(TURN_SIGMA) * rng.standard_normal(3)
-        turned = pose[:3, :3]
-        for axis, angle in zip("xyz", noise, strict=True):
-            turned = turned @ rotation(axis, angle)[:3, :3]
-        place = pose[:3, 3] + SIGMA * rng.standard_normal(3)
-        rows.append([*np.degrees(q[k]), *place, *np.degrees(rotation_vector(turned))])
+        rows.append([*np.degrees(q[k]), *noisy(tool_pose(here, joints), rng)])
     return pd.DataFrame(rows, columns=[*JOINTS, "x", "y", "z", "rx", "ry", "rz"])
 
 
