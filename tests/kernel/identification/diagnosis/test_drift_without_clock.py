@@ -41,7 +41,7 @@ def arm(folder: Path) -> Machine:
     return load_machine(folder / "arm.yaml")
 
 
-def recorded(moves: Moves, order: str = "random", seed: int = 5, n: int = N) -> pd.DataFrame:
+def recorded(moves: Moves, order: str = "random", seed: int = 6, n: int = N) -> pd.DataFrame:
     """Rows in the order of acquisition, no clock; ``raster``: the second joint goes up in eight steps, once."""
     rng = np.random.default_rng(seed)
     p, q = built(rng), np.radians(rng.uniform(-110, 110, (n, len(JOINTS))))
