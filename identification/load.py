@@ -9,7 +9,7 @@ from truepose.identification.recording.load import Sources, tables
 from truepose.identification.recording.load import load_recording as load_rows
 from truepose.identification.recording.recording import Recording
 from truepose.leaves import modules_named
-from truepose.models.given import MachineLike, as_machine
+from truepose.models.machine.machine import MachineLike, as_machine
 
 
 def load_recording(

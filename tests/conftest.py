@@ -12,6 +12,7 @@ import tempfile
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "TRUEPOSE_THREADS"):
     os.environ.setdefault(_name, "1")  # before numpy is imported; workers of pytest-xdist inherit it
@@ -31,7 +32,7 @@ from support.skips import NOTHING_BESIDE, SHARED, judge  # noqa: E402
 from truepose.models.machine.builder import builders  # noqa: E402
 from truepose.models.machine.effect import effects  # noqa: E402
 from truepose.models.machine.sensor import sensors  # noqa: E402
-from truepose.models.registry import PREFIX  # noqa: E402
+from truepose.models.registry import PREFIX, Registry  # noqa: E402
 
 settings.register_profile("truepose", deadline=None, derandomize=True, max_examples=25)
 # for .ci/nightly: another seed each time, which --hypothesis-seed gives, so that nothing else may be remembered
@@ -100,8 +101,11 @@ def _patience() -> Iterator[None]:
 def forgotten() -> Iterator[None]:
     """Names that are registered within, and plug-ins that are loaded, are not known afterwards."""
     known = set(sys.modules)
-    with effects.as_before(), sensors.as_before(), builders.as_before():
-        yield
+    registries: tuple[Registry[Any], ...] = (effects, sensors, builders)
+    before = [{name: registry.get(name, "") for name in registry} for registry in registries]
+    yield
+    for registry, entries in zip(registries, before, strict=True):
+        registry._entries = entries
     for name in set(sys.modules) - known:
         if name.startswith(PREFIX):
             del sys.modules[name]

@@ -23,9 +23,8 @@ from truepose.arrays import Array, Mask
 from truepose.errors import InputError
 from truepose.identification.recording.recording import Recording, frozen
 from truepose.models.machine.closure import home_readings
-from truepose.models.machine.couplings import turns_freely
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.mechanism import Actuator
+from truepose.models.machine.mechanism import Actuator, turns_freely
 from truepose.models.units import convert
 
 Limits: TypeAlias = tuple[float, float]

@@ -22,8 +22,8 @@ from truepose.identification.recording.own_equipment import begun, with_own_equi
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.table import Table, is_table, read_table, table_in_memory
-from truepose.models.machine.couplings import coupling_matrix, turns_freely
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.mechanism import coupling_matrix, turns_freely
 
 Source: TypeAlias = "str | os.PathLike[str] | Table | pd.DataFrame | Mapping[str, Any]"
 """One recording: a file (text, Parquet, Excel, a ROS bag), a DataFrame, or a dict of columns; units as in a file."""

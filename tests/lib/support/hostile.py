@@ -13,6 +13,7 @@ import numpy as np
 
 from support.generated_c import COMPILER, WARNINGS
 from truepose.codegen.c import generate
+from truepose.codegen.features import ALL, Features
 from truepose.codegen.layout import layout_of
 from truepose.codegen.printer import Real
 from truepose.models.machine.kinematics import symbolic_model
@@ -36,14 +37,14 @@ def hostile_program(
     folder: Path,
     real: Real,
     flags: Sequence[str],
-    features: str | None = None,
+    features: Features | str = ALL,
     changed: tuple[str, str] = ("", ""),
 ) -> Path:
     """The program that calls all functions of a machine's C, in ``folder``; ``changed``: a text of NAME_kin.c and what stands
     in its place."""
     assert COMPILER is not None
     compiler, name = [COMPILER, *flags], machine.name
-    files = generate(machine, folder, real, **({} if features is None else {"features": features}))
+    files = generate(machine, folder, real, features=features)
     header = (folder / f"{name}_kin.h").read_text()
     if changed[0]:
         code = folder / f"{name}_kin.c"

@@ -132,8 +132,8 @@ def written(dialect: str, nodes: list[Node], function: tuple[str, list[Node]] | 
         f'PERS wobjdata {name}:=[FALSE,TRUE,"",{numbers_of(_near([0.7 - k] * 6), "rapid")},[[0,0,0],[1,0,0,0]]];'
         for k, name in enumerate(NEAR)
     ]
-    begin, end = ["PROC main()", "ConfL\\Off;"], ["ENDPROC", *called, "ENDMODULE", ""]
-    return "\n".join(["MODULE job", *tools, *bases, *begin, *body, *end])
+    main = ["PROC main()", "ConfL\\Off;", *body, "ENDPROC"]
+    return "\n".join(["MODULE job", *tools, *bases, *main, *called, "ENDMODULE", ""])
 
 
 def _lines(dialect: str, nodes: list[Node], own: dict[str, str]) -> Iterator[str]:

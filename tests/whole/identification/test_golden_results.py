@@ -19,7 +19,8 @@ import pytest
 
 from support import TESTS
 from support.fleets import mixed_machines
-from support.fringe_journeys import FIBRE, journey
+from support.fringe_journeys import journey
+from support.fringe_signal import FIBRE
 from support.golden import differences
 from support.golden_results import Json, calibrated, counted, is_same, kept, summed, weighed
 from support.results import drifting

@@ -220,7 +220,7 @@ def _in_scales(form: Form, amplitudes: Sequence[float]) -> Array:
 
 
 def _twins(explanation: Explanation) -> set[str]:
-    return {slug for part in explanation.forms[0] for slug in part.effect.twins(part.settings_map)}
+    return {slug for part in explanation.forms[0] for slug in part.twins}
 
 
 # -- What an experiment may vary beside the joints: payload, temperatures, sides of approach, time, sessions, speeds

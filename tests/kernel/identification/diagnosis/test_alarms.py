@@ -241,7 +241,6 @@ def test_statistics_of_structure_are_logs_of_chi_square(case: Case, driver: str)
     assert found.share == pytest.approx(along / float(np.sum(r**2)))
 
 
-Array = NDArray[np.float64]
 ROWS, CHANNELS = 57, 2
 
 
@@ -313,7 +312,6 @@ def test_chance_is_drawn_as_white_residuals_make_it(monkeypatch: pytest.MonkeyPa
         assert kstest(rank, "uniform").pvalue > 0.01
 
 
-Array = NDArray[np.float64]
 READINGS, FREE = 60, 12
 
 

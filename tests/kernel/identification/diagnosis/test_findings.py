@@ -114,7 +114,7 @@ def test_a_cause_has_one_probability_wherever_it_is_told() -> None:
 def test_twins_share_a_name_by_how_likely_they_are(arm: Machine) -> None:
     """A series of waves a turn may come from the gear or from the encoder: no reading tells."""
     wave = with_effect(arm, "transmission-error", ("q1",), {"orders": 3.0})
-    likely = wave.effect.twins(wave.settings_map)
+    likely = wave.twins
     assert likely
     cat = Catalogue((wave,), (-2.0,), ())
     one = Named(

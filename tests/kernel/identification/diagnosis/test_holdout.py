@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from support.examples import examples
 from support.recordings import rows_of
-from support.searched_arm import Case
 from truepose.identification.diagnosis.holdout import (
     OUTERMOST,
     VALIDATION,
@@ -25,8 +24,9 @@ from truepose.identification.diagnosis.holdout import (
     ratio_interval,
 )
 from truepose.identification.diagnosis.result import BlockProof, PoseError
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.recording.recording import Recording
-from truepose.models.file.machine_file import NO_WORSE
+from truepose.models.file.sections import NO_WORSE
 
 Array = NDArray[np.float64]
 NOTHING = np.zeros(0)
@@ -258,7 +258,9 @@ def test_extrapolations_are_farther_heavier_and_warmer_than_what_they_are_predic
 
 
 @pytest.mark.parametrize(("heaviest", "held"), [(0.3, True), (0.65, False)])
-def test_no_more_than_two_fifths_are_held_out_at_once(case: Case, heaviest: float, held: bool) -> None:
+def test_no_more_than_two_fifths_are_held_out_at_once(
+    case: tuple[Estimate, Recording], heaviest: float, held: bool
+) -> None:
     """Loads of which the heaviest are most of all: the others say too little to predict them from."""
     _, recording = case
     n = len(recording)
@@ -270,7 +272,7 @@ def test_no_more_than_two_fifths_are_held_out_at_once(case: Case, heaviest: floa
     assert blocks[0].name == OUTERMOST and all(3 <= b.rows.sum() <= 0.4 * n for b in blocks)
 
 
-def test_repeats_of_a_pose_are_held_out_together(case: Case) -> None:
+def test_repeats_of_a_pose_are_held_out_together(case: tuple[Estimate, Recording]) -> None:
     _, recording = case
     n = len(recording)
     pose = np.arange(n, dtype=np.int64) // 2

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from support.recordings import rows_of
-from support.searched_arm import Case
 from support.sensor_bench import STAGE, STAGE_HEAD, Bench
 from support.signature_rows import columns_at
 from truepose.errors import ConvergenceError
@@ -194,7 +193,7 @@ def test_rows_are_told_that_are_twice_as_far_as_all_others(tmp_path: Path, times
 
 @pytest.mark.parametrize("most", [1000.0, 60.0, 20.0, 1.0])
 def test_an_ordinary_fit_without_a_bottom_is_sought_with_ever_narrower_tolerances(
-    case: Case, monkeypatch: pytest.MonkeyPatch, most: float
+    case: tuple[Estimate, Recording], monkeypatch: pytest.MonkeyPatch, most: float
 ) -> None:
     """From a hundred times the stated ones to ten times; the fit under the stated ones stands in for the rest."""
     before, recording = case
@@ -209,16 +208,13 @@ def test_an_ordinary_fit_without_a_bottom_is_sought_with_ever_narrower_tolerance
         return "converged"
 
     monkeypatch.setattr("truepose.identification.diagnosis.null_fits.estimate", fails)
-    start, far = np.zeros(3), np.zeros(len(recording), dtype=bool)
+    start, far = np.zeros(3), np.zeros(len(recording), dtype=np.bool_)
     found: object = free_fit(before.nominal, recording, before, far, start)
     widths = [FREE_WIDENING * share for share in (1.0, 1.0 / 3.0, 0.1)]
     count = next((k for k, w in enumerate(widths, start=1) if w <= most), 3)
     assert tried == pytest.approx(widths[:count])
     assert found == "converged" if widths[-1] <= most else found is before
     assert starts[0] is start and all(s is before.p for s in starts[1:])
-
-
-Array = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")
@@ -322,7 +318,7 @@ def longer(column: str, rows: Mapping[int, float], unit: float) -> Callable[[pd.
 
 
 def _without(bench: Bench, recording: Recording, rows: list[int]) -> tuple[Estimate, NDArray[np.bool_]]:
-    far = np.zeros(len(recording), dtype=bool)
+    far = np.zeros(len(recording), dtype=np.bool_)
     far[rows] = True
     return estimate(bench.machine, recording, exclude=far), far
 

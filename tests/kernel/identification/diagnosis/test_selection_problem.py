@@ -263,9 +263,6 @@ def test_what_has_no_name_makes_no_other_place_likelier(listed: tuple[Catalogue,
         np.testing.assert_allclose(change, change[0, 0], atol=1e-9)
 
 
-Array = NDArray[np.float64]
-
-
 def test_a_name_falls_where_tolerances_are_wide_enough_to_stand_in_for_it(
     shifts: tuple[PlacedEffect, ...],
 ) -> None:

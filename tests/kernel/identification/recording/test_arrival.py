@@ -173,6 +173,6 @@ def test_one_shuffled_file_takes_the_order_from_all(tmp_path: Path) -> None:
 
 
 def test_the_band_is_narrower_than_what_friction_is_looked_for() -> None:
-    from truepose.models.effects.friction_hysteresis import WIDTHS
+    from truepose.models.effects.play import WIDTHS
 
     assert min(WIDTHS) > TREMBLING
