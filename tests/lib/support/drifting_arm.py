@@ -11,12 +11,11 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from support.plain_kinematics import frame, step
+from truepose.arrays import Array
 
-Array = NDArray[np.float64]
 JOINTS = {
     "q1": {"r": 300.0},
     "q2": {"alpha": -90.0, "d": 50.0, "theta": -90.0},

@@ -8,15 +8,14 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from support import MACHINES
+from truepose.arrays import Array
 from truepose.models.file.machine_file import write_machine
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 from truepose.models.units import convert
 
-Array = NDArray[np.float64]
 Keys = Mapping[str, Mapping[str, Any]]
 URDF = """<robot name="pair">
   <link name="base"/> <link name="lower"/> <link name="upper"/>

@@ -14,17 +14,16 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import yaml
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from support import plain_kinematics
 from support.skips import NO_MUJOCO
+from truepose.arrays import Array
 from truepose.identification.compensation.inverse import PoseSolver
 from truepose.models.file.machine_file import SCHEMA, checked_machine
 from truepose.models.load import build_machine
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 Pose = Callable[[Array], Array]
 """Readings (nq,) mm and rad to the tool (4, 4) mm."""
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from support.recordings import rows_of
+from truepose.arrays import Array
 from truepose.identification.recording.recording import Recording
-
-Array = NDArray[np.float64]
 
 
 def joined_rows(

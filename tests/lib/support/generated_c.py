@@ -14,16 +14,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from support.examples import NIGHT
 from support.generated_machines import BODIES, machine_of
+from truepose.arrays import Array
 from truepose.codegen.c import generate
 from truepose.codegen.printer import Real
 from truepose.models.machine.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 COMPILER = shutil.which("gcc") or shutil.which("cc")
 WARNINGS = [
     "-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Wshadow", "-Werror",

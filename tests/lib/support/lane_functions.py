@@ -8,14 +8,13 @@ from pathlib import Path
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from support.generated_c import compile_library
+from truepose.arrays import Array
 from truepose.codegen.expressions import Graph
 from truepose.codegen.lanes import LanePrinter, lane_runtime
 from truepose.codegen.printer import Real
 
-Array = NDArray[np.float64]
 Evaluate = Callable[[Array, Array], Array]
 TARGETS: dict[str, tuple[str, ...]] = {
     "this processor": ("-march=native", "-fno-math-errno"),

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from support.generated_c import LEVEL, Built, compile_library
 from support.generated_machines import HEAD, RAILS, TURNS
+from truepose.arrays import Array
 from truepose.codegen.c import generate
 from truepose.codegen.printer import Real
 from truepose.models.load import load_machine
 from truepose.models.machine.kinematics import symbolic_model
 
-Array = NDArray[np.float64]
 _BARE_RAILS = RAILS.split("masses:")[0].replace("range: [-20", "screw_pitch: 5, range: [-20")
 _BACKLASH = "  - {effect: backlash, place: [rho4], parameters: {b: {value: 0.02, unit: mm}}}\n"
 _HEAT = "  - {effect: thermal-expansion, place: [leg3], parameters: {alpha: {value: 1.2e-5, unit: 1/K}}}\n"

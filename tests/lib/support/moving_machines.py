@@ -8,16 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from support.recordings import rows_of
 from support.telescope_legs import UNEVEN, leg_rows
+from truepose.arrays import Array
 from truepose.identification.recording.recording import Recording
 from truepose.models.file.names import nearest_name
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 HEAD = "schema: truepose/machine/1\nname: {name}\n"
 TOLERANCES = "tolerances: {length: 0.1, angle: 0.1}\n"
 FRAMED = """

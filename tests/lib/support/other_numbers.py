@@ -13,9 +13,8 @@ from typing import Any
 import casadi as ca
 import mpmath  # type: ignore[import-untyped]
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from truepose.arrays import Array
 
 
 def _complex_atan2(y: Any, x: Any) -> Any:

@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from support.plain_kinematics import frame, step
+from truepose.arrays import Array
 
-Array = NDArray[np.float64]
 JOINTS: Mapping[str, Mapping[str, float]] = {
     "q1": {"r": 400.0},
     "q2": {"alpha": -90.0, "d": 120.0, "theta": -90.0},

@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.leaves.planning.information import PoseInformation
 from truepose.identification.leaves.planning.plan import CRITERIA, Landscape, Objective
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 NAMES = ("serial", "pus", "ups", "distance")
 
 

@@ -6,12 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from support.plain_kinematics import frame, step
+from truepose.arrays import Array
 
-Array = NDArray[np.float64]
 JOINTS = ((0, 0, 330), (50, -90, 0), (440, 0, 0), (35, -90, 420), (0, 90, 0), (0, -90, 80))
 """d (mm), alpha (deg) and r (mm) of each joint."""
 MACHINE = """schema: truepose/machine/1

@@ -9,12 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from support import plain_kinematics
+from truepose.arrays import Array
 
-Array = NDArray[np.float64]
 KEYS = ("beta", "alpha", "d", "theta", "r")
 # like an IRB 120: lower arm upright and wrist in front at zero
 DRAWN = np.array(

@@ -9,13 +9,11 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from support.program_robots import Arm
 from support.run_programs import DRAWN, Q0
-
-Array = NDArray[np.float64]
+from truepose.arrays import Array
 
 
 @dataclass(frozen=True)

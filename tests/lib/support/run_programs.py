@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from support.program_robots import arms, frame, numbers_of
+from truepose.arrays import Array
 
-Array = NDArray[np.float64]
 Q0 = np.array([0.35, 0.25, -0.3, 0.4, 0.9, -0.5])
 """Joints far from singular poses and ends of ranges; all that is drawn is near."""
 DRAWN, REAL = arms()

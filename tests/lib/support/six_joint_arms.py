@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from support.generated_c import LEVEL, compile_library
+from truepose.arrays import Array
 from truepose.codegen.c import generate
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 INSIDE = Path(__file__).parent / "inside_arm.c"
 _FIELDS = ("beta", "alpha", "d", "theta", "r")
 

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from scipy.optimize import root
 
 from support.plain_kinematics import step
+from truepose.arrays import Array
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 ROWS = np.array(  # alpha, d, theta, r of each joint: deg and mm
     [[0, 0, 0, 300], [90, 50, 10, 0], [0, 400, 0, 20], [90, 30, 0, 350], [-90, 0, 0, 10], [90, 0, -20, 90]]
 )

@@ -8,11 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from support.plain_kinematics import step
+from truepose.arrays import Array
 
-Array = NDArray[np.float64]
 SIGMA, LENGTH, ANGLE = 0.01, 0.1, 0.0005
 MACHINE = """schema: truepose/machine/1
 name: tiny

@@ -5,12 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from support.plain_kinematics import frame
+from truepose.arrays import Array
 
-Array = NDArray[np.float64]
 # name: parent, child, xyz (mm), rpy (rad), axis; every joint turns
 JOINTS = {
     "waist": ("pelvis", "torso", (0, 0, 300), (0, 0.1, 0), (0, 0, 1)),

@@ -10,11 +10,10 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from support.generated_c import Built, compile_library
+from truepose.arrays import Array
 
-Array = NDArray[np.float64]
 SIMULINK = Path(__file__).parent / "simulink"
 """A stand-in for Simulink's headers."""
 PORTS = ctypes.POINTER(ctypes.c_double)

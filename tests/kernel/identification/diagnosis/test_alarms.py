@@ -15,6 +15,7 @@ from scipy.stats import chi2, kstest
 from scipy.stats import f as fisher
 
 from support.recordings import rows_of
+from truepose.arrays import Array
 from truepose.identification.diagnosis import alarms
 from truepose.identification.diagnosis.alarms import (
     Functions,
@@ -121,7 +122,6 @@ def test_the_variance_of_replicates_is_unbiased(case: Case, repeats: tuple[int, 
     assert np.mean(squares) == pytest.approx(9.0, abs=4.0 * 9.0 * np.sqrt(2.0 / dof / len(squares)))
 
 
-Array = NDArray[np.float64]
 Case = tuple[Estimate, Recording]
 
 

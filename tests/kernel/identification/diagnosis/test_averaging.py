@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from support.linear_problems import SIZES, random_problem, single
 from support.searched_arm import PLAY, SCALE, held, searched
+from truepose.arrays import Array
 from truepose.identification.diagnosis import averaging
 from truepose.identification.diagnosis.averaging import WORSE, averaged
 from truepose.identification.diagnosis.posterior_summary import LEADING
@@ -23,9 +23,6 @@ from truepose.identification.fit.estimated import Estimate
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.posterior.state import State, moments, typical
-
-Array = NDArray[np.float64]
-
 
 # -- moments of a state -----------------------------------------------------------------------------------------
 

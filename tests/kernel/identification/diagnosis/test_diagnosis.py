@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import binom, kstest
 
 from support.reports import diagnosis_lines
 from support.shifting_bench import Bench, clock, the_only
 from truepose.api import diagnose
+from truepose.arrays import Array
 from truepose.identification.diagnosis import alarms
 from truepose.identification.diagnosis.alarms import conflict_with_tolerances
 from truepose.identification.diagnosis.result import Diagnosis
@@ -31,8 +31,6 @@ from truepose.identification.report.results import diagnosis_json
 from truepose.identification.signatures.candidates import catalogue
 from truepose.identification.signatures.signatures import Signatures
 from truepose.models.load import load_machine
-
-Array = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")

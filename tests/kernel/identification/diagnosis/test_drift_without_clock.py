@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 
 from support.drifting_arm import (
     JOINTS,
@@ -23,6 +22,7 @@ from support.drifting_arm import (
 )
 from support.examples import by_day
 from truepose.api import diagnose, predict
+from truepose.arrays import Array
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.predict import unheard
@@ -30,7 +30,6 @@ from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 N = 80
 Moves = Callable[[dict[str, float], Array, float], None]
 """Changes constants and true joint angles (rad) at a share of the way through the recording."""

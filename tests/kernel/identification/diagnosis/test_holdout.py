@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from support.examples import examples
 from support.recordings import rows_of
+from truepose.arrays import Array
 from truepose.identification.diagnosis.holdout import (
     OUTERMOST,
     VALIDATION,
@@ -28,7 +28,6 @@ from truepose.identification.fit.estimated import Estimate
 from truepose.identification.recording.recording import Recording
 from truepose.models.file.sections import NO_WORSE
 
-Array = NDArray[np.float64]
 NOTHING = np.zeros(0)
 HEAVY, WARM = "heaviest loads", "warmest rows"
 
@@ -183,19 +182,6 @@ def test_rows_all_alike_in_reach_make_no_outermost_block() -> None:
     assert OUTERMOST not in [b.name for b in blocks]
     _, few = held_out_blocks(rows({}, 8), np.ones(8, dtype=bool))
     assert OUTERMOST not in [b.name for b in few] and sum(b.rows.sum() for b in few) == 8
-
-
-def test_the_thermometer_that_varies_most_tells_the_warmest_rows() -> None:
-    n, rng = 100, np.random.default_rng(6)
-    calm, lively = 20.0 + 0.1 * rng.standard_normal(n), 25.0 + 3.0 * rng.standard_normal(n)
-    for drivers in (
-        {"temperature.air": calm, "temperature.q1": lively},
-        {"temperature.air": lively, "temperature.q1": calm},
-    ):
-        _, blocks = held_out_blocks(rows(drivers, n), np.ones(n, dtype=bool))
-        (warm,) = (b.rows for b in blocks if b.name == WARM)
-        assert lively[warm].min() > np.median(lively)
-        assert 0.1 * n <= warm.sum() <= 0.2 * n + 1
 
 
 def test_the_interval_of_a_ratio_holds_19_in_20() -> None:

@@ -18,6 +18,7 @@ from scipy.stats import chi2
 from support.recordings import rows_of
 from support.sensor_bench import STAGE, STAGE_HEAD, Bench
 from support.signature_rows import columns_at
+from truepose.arrays import Array
 from truepose.errors import ConvergenceError
 from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.diagnosis.null_fits import (
@@ -37,7 +38,6 @@ from truepose.identification.recording.recording import Recording
 from truepose.identification.report.results import diagnosis_json
 from truepose.identification.signatures.signatures import Signatures
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 

@@ -9,9 +9,9 @@ from typing import cast
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from support.effects import with_effect
+from truepose.arrays import Array
 from truepose.identification.diagnosis import proof as black_box_module
 from truepose.identification.diagnosis.proof import Waves, black_box, injected_recovered, linear_test
 from truepose.identification.diagnosis.search import Found
@@ -26,7 +26,6 @@ from truepose.identification.signatures.linearisation import Linearisation
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 Case = tuple[Estimate, Recording]
 
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.predictor import Predictor
@@ -22,8 +22,6 @@ from truepose.identification.signatures.lines import PARTS, refined
 from truepose.identification.signatures.signatures import Signatures
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
-
-Array = NDArray[np.float64]
 
 TEXT = """
 schema: truepose/machine/1

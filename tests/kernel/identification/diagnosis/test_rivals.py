@@ -15,6 +15,7 @@ from scipy.stats import norm
 from support.searched_arm import PLAY, SCALE, Case, searched
 from support.searched_arm import held as held_case
 from support.signature_rows import columns_at
+from truepose.arrays import Array
 from truepose.identification import prior
 from truepose.identification.diagnosis import rivals
 from truepose.identification.diagnosis.rivals import forms_hold
@@ -25,7 +26,6 @@ from truepose.identification.recording.load import load_recording
 from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
 
-Array = NDArray[np.float64]
 UNTESTED = 1.0 / (1.0 + prior.ONLY_ALIKE)
 
 

@@ -8,11 +8,11 @@ from typing import cast
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.stats import multivariate_normal
 
 from support.effects import with_effect
 from support.linear_models import ANGLE, LENGTH, READINGS, catalogue_of, linear, unit
+from truepose.arrays import Array
 from truepose.identification import prior
 from truepose.identification.diagnosis.posterior_summary import Named
 from truepose.identification.diagnosis.proof import WIDENINGS, flip_inflation
@@ -161,9 +161,6 @@ def test_forms_that_make_the_remainder_are_carried_the_largest_first(
     assert sum(s.share for s in shapes[:-1]) <= WORTH
     for shape in shapes:
         assert len(shape.sigma) == len(forms[shape.candidate].coefficients) and np.all(shape.sigma >= 0.0)
-
-
-Array = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")

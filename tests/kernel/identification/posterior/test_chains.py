@@ -10,7 +10,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from support.examples import by_day
 from support.linear_problems import (
@@ -24,6 +23,7 @@ from support.linear_problems import (
     single,
     spike_slab,
 )
+from truepose.arrays import Array
 from truepose.identification.posterior import posterior as chains
 from truepose.identification.posterior import sampler as finding
 from truepose.identification.posterior import sampler as sampling
@@ -34,7 +34,6 @@ from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.posterior.state import State, best_point, log_posterior
 from truepose.identification.prior import Richness
 
-Array = NDArray[np.float64]
 TERMS = 6
 ALL = Reach((0, 1), (0, 1))
 LONG = 100

@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.stats import norm
 
 from support.linear_problems import (
@@ -19,6 +18,7 @@ from support.linear_problems import (
     random_problem,
     single,
 )
+from truepose.arrays import Array
 from truepose.identification.posterior.design import GridPoint, Term, Terms
 from truepose.identification.posterior.marginal import (
     LARGEST_COST,
@@ -30,7 +30,6 @@ from truepose.identification.posterior.marginal import (
 )
 from truepose.identification.prior import BOUND_DOUBT, Sizes
 
-Array = NDArray[np.float64]
 TERMS = single(1, 2, 1, 3)
 WIDTH = 7
 POINTS: Sequence[GridPoint] = (GridPoint((1, 0), 0, 0), GridPoint((0, 1), 1, 2), GridPoint((2, 1), 2, 1))

@@ -7,16 +7,15 @@ from typing import cast
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from support.linear_problems import catalogue_problem, single, spike_slab
+from truepose.arrays import Array
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.posterior import Posterior, Tally, class_probability, mode
 from truepose.identification.posterior.sampler import Sweep, Visit
 from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.posterior.state import State
 
-Array = NDArray[np.float64]
 POINT = GridPoint((1,), 0, 0)
 
 

@@ -11,19 +11,17 @@ from typing import cast
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from support.effect_machines import STAGE, read_machines
 from support.effects import with_effect
 from support.exact_fits import formula_of, posed
 from support.moving_machines import written
 from support.reports import gear_finding
+from truepose.arrays import Array
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.report.formulas import Formula, coupling_matrix, formula, terms_of
 from truepose.models.effects.base import PlacedEffect, Site
 from truepose.models.machine.machine import Machine
-
-Array = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")
