@@ -10,7 +10,7 @@ import numpy as np
 from support import MACHINES
 from truepose.arrays import Array
 from truepose.identification.leaves.planning.discriminate.experiment import Experiment, discriminate
-from truepose.identification.leaves.planning.discriminate.factors import Class, Offer, explanation
+from truepose.identification.leaves.planning.discriminate.factors import Class, explanation, read_offer
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine, Mass
 
@@ -46,7 +46,7 @@ def planned_on(
     machine: Machine, *texts: str, n: int = 10, payload: str = "", vary: tuple[str, ...] = ()
 ) -> Experiment:
     wanted = Class(tuple(explanation(text, machine) for text in texts))
-    offer = Offer.of(machine, payload, vary)
+    offer = read_offer(machine, payload, vary)
     return discriminate(machine, n, wanted, offer=offer, candidates=poses(machine, 30))
 
 

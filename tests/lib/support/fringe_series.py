@@ -1,4 +1,4 @@
-"""Light of a mirror whose way is known, and rows that its moves join, for tests of fringe counting."""
+"""Rows that moves of a mirror join, for tests of fringe counting."""
 
 from __future__ import annotations
 

@@ -38,6 +38,7 @@ def diagnosis(verdict: str, *findings: Finding, **others: object) -> Diagnosis:
     quiet |= {
         "disagreement": 0.0,
         "noise": 1.0,
+        "inflation": {},
         "structure": Alarm(0.1, 0.5),
         "before": still(),
         "after": still(),

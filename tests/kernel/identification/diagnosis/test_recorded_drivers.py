@@ -155,7 +155,7 @@ def tilting(folder: Path, **more: np.ndarray) -> Path:
 def test_a_column_that_is_tried_is_found_and_then_declared(tmp_path: Path) -> None:
     rows = tilting(tmp_path, noise=np.random.default_rng(1).normal(size=70))
     command = ["diagnose", str(tmp_path / "arm.yaml"), str(rows), "-o", str(tmp_path / "out")]
-    done = CliRunner().invoke(app, [*command, "--try-columns"])
+    done = CliRunner().invoke(app, [*command, "--try-columns", "all"])
     assert done.exit_code == 0, done.output
     said = " ".join(done.output.split())
     assert "tried as drivers: incline and noise: each has 1/2 of the prior of a driver" in said

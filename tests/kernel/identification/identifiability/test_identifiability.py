@@ -218,17 +218,5 @@ def test_the_command_speaks_and_writes(tmp_path: Path) -> None:
     document: Mapping[str, object] = json.loads(run("identifiability", machine, "--json"))
     assert document["schema"] == "truepose/identifiability/1" and document["rank"] == 9
     run("identifiability", machine, "-o", tmp_path / "one.json")
-    run("identifiability", machine, "-o", tmp_path / "two")
-    one, two = (
-        json.loads(p.read_text("utf-8"))
-        for p in (tmp_path / "one.json", tmp_path / "two/identifiability.json")
-    )
-    assert one == two and one["parameters"] == document["parameters"]
-
-
-def test_every_parameter_is_listed_when_asked_for() -> None:
-    machine = MACHINES / "ups.yaml"
-    brief, whole = run("identifiability", machine), run("identifiability", machine, "--all")
-    assert "to_frame(), or --json, has all" in brief
-    assert all(f"\n  leg{k}.gain " in whole for k in range(1, 7))
-    assert len(whole) > len(brief)
+    one = json.loads((tmp_path / "one.json").read_text("utf-8"))
+    assert one["parameters"] == document["parameters"]
