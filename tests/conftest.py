@@ -7,22 +7,32 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
+import tempfile
 from collections.abc import Generator, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "TRUEPOSE_THREADS"):
     os.environ.setdefault(_name, "1")  # before numpy is imported; workers of pytest-xdist inherit it
+if os.environ.pop(
+    "PYTHONDONTWRITEBYTECODE", ""
+):  # else each process that tests start compiles all that it imports
+    os.environ["PYTHONPYCACHEPREFIX"] = str(Path(tempfile.gettempdir()) / "truepose-bytecode")
 
 import pytest  # noqa: E402
 from hypothesis import settings  # noqa: E402
 
 pytest.register_assert_rewrite("support")
 
-from support.bytecode import share_bytecode  # noqa: E402
 from support.examples import examples  # noqa: E402
 from support.generated_c import SANITIZERS, Built, build, has_sanitizers  # noqa: E402
-from support.plugins import forgotten  # noqa: E402
 from support.skips import NOTHING_BESIDE, SHARED, judge  # noqa: E402
+from truepose.models.machine.builder import builders  # noqa: E402
+from truepose.models.machine.effect import effects  # noqa: E402
+from truepose.models.machine.sensor import sensors  # noqa: E402
+from truepose.models.registry import PREFIX, Registry  # noqa: E402
 
 settings.register_profile("truepose", deadline=None, derandomize=True, max_examples=25)
 # for .ci/nightly: another seed each time, which --hypothesis-seed gives, so that nothing else may be remembered
@@ -41,7 +51,6 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     """Before workers start, which inherit this: a shell's job in the background is started with SIGINT ignored."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    share_bytecode(config)
 
 
 @pytest.hookimpl(wrapper=True)
@@ -86,6 +95,20 @@ def _patience() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(progress, "DELAY", 600.0)
         yield
+
+
+@contextmanager
+def forgotten() -> Iterator[None]:
+    """Names that are registered within, and plug-ins that are loaded, are not known afterwards."""
+    known = set(sys.modules)
+    registries: tuple[Registry[Any], ...] = (effects, sensors, builders)
+    before = [{name: registry.get(name, "") for name in registry} for registry in registries]
+    yield
+    for registry, entries in zip(registries, before, strict=True):
+        registry._entries = entries
+    for name in set(sys.modules) - known:
+        if name.startswith(PREFIX):
+            del sys.modules[name]
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -290,7 +290,8 @@ def _by_rows(
     rng = np.random.default_rng(SEED)
     project = projector(fit, recording)
     back = np.argsort(order)  # noise is drawn in the order of acquisition: shuffled rows get the same draws
-    drawn = (rng.standard_normal(r.shape)[back] for _ in range(draws_for(r)))
+    draws = DRAWS if r.size < 50_000 else DRAWS // 5
+    drawn = (rng.standard_normal(r.shape)[back] for _ in range(draws))
     largest = list[Array]()
     while some := list(islice(drawn, max(1, DRAWN_TOGETHER // max(r.size, 1)))):
         noise = [_standard(left * told) for left in project(np.array(some))]
@@ -303,11 +304,6 @@ def _standard(residual: Array) -> Array:
     """Channels of unit rms, far values pulled in: heavy tails are no structure."""
     scale = np.sqrt(np.mean(residual**2, axis=0))
     return np.clip(residual / np.where(scale > 0, scale, 1.0), -3.5, 3.5)
-
-
-def draws_for(r: Array) -> int:
-    """How many random draws judge residuals (n, m): fewer of many readings."""
-    return DRAWS if r.size < 50_000 else DRAWS // 5
 
 
 def _order(fit: Estimate, recording: Recording) -> Index:

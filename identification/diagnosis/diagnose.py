@@ -88,7 +88,8 @@ def conclude(fits: Fits, found: Found, examine: Examine | None = None) -> Diagno
     said, choice = run_both(lambda: summarised(there, model.fit), lambda: Choice.of(there, fits))
     supported = keep_supported(said, there, model.fit, partial(replications, found, rms=fits.rms))
     summary, recording = supported.summary, found.signatures.recording
-    choice = choice.with_known(summary.sure(NAMED))
+    sure = {found.catalogue.candidates[i].label for i in summary.sure(NAMED)}
+    choice = replace(choice, known=choice.known | sure)
     quiet = conclude_nothing(fits, found, supported, choice, examine)
     if quiet.verdict == "adequate":
         return quiet

@@ -211,10 +211,6 @@ class Choice:
         known = frozenset(e.label for e in before.effects)
         return cls(found, before, fits.outliers, split, plain, trials, known)
 
-    def with_known(self, sure: Collection[int]) -> Choice:
-        """Return the choice where candidates ``sure`` are known, too."""
-        return replace(self, known=self.known | {self.found.catalogue.candidates[i].label for i in sure})
-
     @property
     def baselines(self) -> dict[str, float]:
         """Rms error of the tool's position, mm, with both calibrations; empty where no sensor reads it."""

@@ -44,10 +44,6 @@ class Own:
         self._at = np.arange(design.width) if left is None else left
         self._seen = design.seen[self._at]
 
-    def among_terms(self, left: Index, terms: Terms) -> Own:
-        """Return the same products by the columns ``left`` (w,) alone, by which ``terms`` count theirs."""
-        return Own(self._design, terms, self._weights, self._at[left])
-
     @Cached
     def score(self) -> Array:
         """(w,) products with e."""
@@ -222,7 +218,8 @@ class Marginal:
         halves = Halves.from_turned(
             np.vstack([self._beside.all[:, left], further]), np.concatenate([self._beside.turned, turned])
         )
-        return Marginal(terms, above.among_terms(left, terms), halves, self.log_evidence + gain)
+        own = Own(above._design, terms, above._weights, above._at[left])
+        return Marginal(terms, own, halves, self.log_evidence + gain)
 
     def without(self, at: Index) -> Marginal:
         """Without some of the columns that were taken in last: their places ``at`` (k,) among these."""

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from truepose.arrays import Array, Index, Mask
-from truepose.identification.posterior.design import Design, GridPoint, SameSize, Term, Terms, Unknowns
+from truepose.identification.posterior.design import Design, GridPoint, Term, Terms, Unknowns
 from truepose.identification.posterior.halves import map_large
 from truepose.identification.posterior.marginal import Marginal, log_gains, marginal, nbytes, plausibility
 from truepose.identification.prior import LONG, Sizes
@@ -30,12 +30,6 @@ In nanoseconds of a processor of 2023, about."""
 def cost_of_taking(columns: int, width: int) -> float:
     """Return what it takes to take in some columns beside ``width`` others."""
     return CALL + DENSE * columns**2 * (columns / 3.0 + width)
-
-
-def cost_of_weighing(groups: Sequence[SameSize], sizes: int) -> float:
-    """Return what it takes to weigh all terms at all sizes."""
-    shapes = [group.columns.shape for group in groups]
-    return float(sum(CALL + count * k**2 * sizes * (SMALL + DENSE * k) for count, k in shapes))
 
 
 REMEMBERED = 80_000_000
@@ -311,8 +305,10 @@ class SpikeSlab:
             there = [self.beside(points[k], rest, leaving if points[k] == here else ()) for k in new]
             groups = [group for group in self._open.by_size if np.isfinite(prior[:, group.terms]).any()]
             odds = log_gains(there, self.sizes, groups) + prior
+            shapes, s = [group.columns.shape for group in groups], len(self.sizes.values)
+            cost = float(sum(CALL + count * k**2 * s * (SMALL + DENSE * k) for count, k in shapes))
             for _ in new:
-                self.work += cost_of_weighing(groups, len(self.sizes.values))
+                self.work += cost
             return [Conditional(o, m.log_evidence) for o, m in zip(odds, there, strict=True)]
 
         return self._conditionals.get_all([(p, rest) for p in points], made)

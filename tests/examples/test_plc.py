@@ -130,14 +130,6 @@ def test_the_declaration_is_the_struct(built: Built) -> None:
     assert list(block.aMaxCorrection) == pytest.approx([UNLIMITED] * 6)
 
 
-def test_the_constants_of_the_declaration_are_the_header_s() -> None:
-    header = (EXAMPLE / "FB_Compensate.h").read_text()
-    readme = (EXAMPLE / "README.md").read_text()
-    numbers = re.findall(r"#define (COMPENSATE_\w+) (\d+)", header)
-    assert [int(number) for _, number in numbers] == [1, 2, 3, 4, DRIVER_RANGE, MAX_STEP, MAX_CORRECTION]
-    assert all(re.search(rf"^\| {number} \|", readme, re.M) for _, number in numbers)
-
-
 def test_the_commands_are_those_of_truepose_compensate(built: Built, path: Path6) -> None:
     block = built.block()
     found = []
@@ -265,13 +257,6 @@ def test_off_is_no_error_and_the_next_start_begins_at_the_drives(built: Built, p
     actual = path.nominal[0] + 0.02
     found = built.cycle(block, path.nominal[0], path.drivers[0], actual)
     assert np.abs(found - actual).max() <= 1.01e-4 + built.rounding
-
-
-def test_two_blocks_share_nothing(built: Built, path: Path6) -> None:
-    first, second = built.block(), built.block()
-    one = built.cycle(first, path.nominal[0], path.drivers[0])
-    built.cycle(second, path.nominal[50], path.drivers[50])
-    assert list(first.aCommand) == one.tolist()
 
 
 def test_the_command_of_the_readme_compiles_it(tmp_path: Path) -> None:

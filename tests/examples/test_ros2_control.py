@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -16,8 +17,7 @@ from numpy.typing import NDArray
 
 from support import ROOT
 from support.generated_c import COMPILER, WARNINGS, needs_compiler
-from support.managed_controller import AT_ONCE, TO_ROS, Controller
-from support.rail_arm import NAME, STRAIGHT, Path6, compensated, parameter, planned, written
+from support.rail_arm import DRIVERS, NAME, STRAIGHT, Path6, compensated, parameter, planned, written
 
 Array = NDArray[np.float64]
 EXAMPLE = ROOT / "examples" / "ros2_control"
@@ -27,12 +27,57 @@ CPP = shutil.which("g++") or shutil.which("c++")
 STRICT = ["-std=c++17", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror"]
 COUNTED = [f"-Wl,--wrap={name}" for name in ("malloc", "calloc", "realloc")]
 OK, ERROR = 0, 1
+TO_ROS = np.array([1e-3, 1.0, 1.0, 1.0, 1.0, 1.0])
+"""mm and rad to m and rad."""
+AT_ONCE = {"correction_rate": 1e9}
+"""No limit to how fast the correction changes."""
 
 pytestmark = [
     pytest.mark.nightly,
     needs_compiler,
     pytest.mark.skipif(CPP is None, reason="no C++ compiler found"),
 ]
+
+
+@dataclass(frozen=True)
+class Updates:
+    """What a controller manager saw: (n,) return codes, allocations in updates, and commands (n, 6) in mm and rad."""
+
+    codes: Array
+    allocations: Array
+    commands: Array
+    said: str
+
+
+@dataclass(frozen=True)
+class Controller:
+    """The compiled controller of the machine in ``folder``."""
+
+    folder: Path
+    machine: Path
+    program: Path
+
+    def start(
+        self, nominal: Array, drivers: Array, given: Mapping[str, object], mode: str
+    ) -> subprocess.CompletedProcess[str]:
+        """The program with references in mm and rad and parameters beside the usual ones."""
+        parameters = {"joints": " ".join(f"joint{k}" for k in range(1, 7)), **given}
+        file = self.folder / "parameters.txt"
+        file.write_text("".join(f"{name} {value}\n" for name, value in parameters.items()))
+        rows = np.hstack([nominal * TO_ROS, drivers])
+        text = [f"#drivers {' '.join(DRIVERS)}", *(" ".join(f"{v:.17g}" for v in row) for row in rows)]
+        command = [str(self.program), str(file), mode]
+        return subprocess.run(
+            command, input="\n".join(text) + "\n", check=False, capture_output=True, text=True
+        )
+
+    def run(
+        self, nominal: Array, drivers: Array, given: Mapping[str, object] = AT_ONCE, mode: str = "chained"
+    ) -> Updates:
+        done = self.start(nominal, drivers, given, mode)
+        assert done.returncode == 0, done.stderr
+        table = np.array([[float(word) for word in line.split()] for line in done.stdout.splitlines()])
+        return Updates(table[:, 0], table[:, 1], table[:, 2:] / TO_ROS, done.stderr)
 
 
 @pytest.fixture(scope="module")
@@ -211,20 +256,6 @@ def test_it_compiles_for_single_precision(tmp_path: Path) -> None:
 
 
 # ---- the package around it: what only a workspace would find out ----
-
-
-def includes() -> set[str]:
-    """Packages whose headers the controller includes."""
-    return set(re.findall(r'#include "(\w+)/', SOURCE.read_text()))
-
-
-def test_the_package_names_what_the_controller_includes() -> None:
-    package = ElementTree.parse(EXAMPLE / "package.xml").getroot()
-    assert {one.text for one in package.findall("depend")} == includes()
-    cmake = (EXAMPLE / "CMakeLists.txt").read_text()
-    (listed,) = re.findall(r"set\(dependencies\s+([^)]*)\)", cmake)
-    assert set(listed.split()) == includes()
-    assert package.findtext("name") in re.findall(r"project\((\w+)", cmake)
 
 
 def test_the_plugin_is_the_class_that_is_exported() -> None:

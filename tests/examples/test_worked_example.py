@@ -48,7 +48,3 @@ def test_the_machine_as_built_uses_nothing_of_truepose(example: Any) -> None:
     np.testing.assert_allclose(example.tip(lift, swing), np.column_stack([expected, lift]), atol=1e-12)
     source = re.search(r"^def tip.*?^def ", SCRIPT.read_text(encoding="utf-8"), re.S | re.M)
     assert source and not re.search(r"truepose\.\w", source.group())
-
-
-def test_the_example_is_short() -> None:
-    assert len(SCRIPT.read_text(encoding="utf-8").splitlines()) <= 150

@@ -19,12 +19,12 @@ from truepose.cli import app
 
 LONG = {"calibrate", "codegen", "compensate", "drift", "export", "identifiability", "plan"}
 """Commands that read what others read, and work on it for long."""
-KIND = {kind.name: kind for kind in KINDS if kind.name != "plug-ins"}  # which are their user's own code
+KIND = {name: make for name, make in KINDS.items() if name != "plug-ins"}  # which are their user's own code
 
 
 @cache
 def _seeds(kind: str, folder: Path) -> list[Seed]:
-    return KIND[kind].make(folder)
+    return KIND[kind](folder)
 
 
 @pytest.mark.parametrize("kind", KIND)

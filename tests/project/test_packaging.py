@@ -16,17 +16,11 @@ from support import ROOT
 from truepose.cli import app
 
 FOLDERS = ("models", "identification", "codegen")
-README = (ROOT / "README.md").read_text(encoding="utf-8")
 GUIDE = (ROOT / "docs" / "reference" / "architecture.md").read_text(encoding="utf-8")
 (PLUGIN,) = [
     block
     for block in re.findall(r"^```python\n(.*?)^```", GUIDE, re.DOTALL | re.MULTILINE)
     if '"travel-cubic"' in block
-]
-COMMANDS = [
-    line
-    for block in re.findall(r"^```sh\n(.*?)^```", README, re.DOTALL | re.MULTILINE)
-    for line in block.splitlines()
 ]
 DATA = {
     "truepose/py.typed",
@@ -83,12 +77,6 @@ def test_the_wheel_holds_the_tracked_files_and_nothing_else(tmp_path: Path) -> N
         "not tracked": set(),
     }
     assert licence
-
-
-def test_the_tests_command_of_the_readme_is_that_of_ci() -> None:
-    (command,) = [line for line in COMMANDS if "pytest" in line]
-    assert command in (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
-    assert os.access(ROOT / ".ci" / "run", os.X_OK)
 
 
 PLUGGED = ["--plugin", "travel_cubic.py"]

@@ -98,18 +98,24 @@ def test_a_process_that_dies_takes_nothing_with_it_but_its_task(processes: int) 
 
 
 class Client:
-    """A cluster's client, as far as it is asked."""
+    """A cluster's client, as far as it is asked; without ``states`` its workers have no truepose."""
 
     def __init__(self, threads: Mapping[str, int], states: Mapping[str, Any] | None = None) -> None:
-        self.threads, self.states = threads, states
+        self.threads, self.states, self.open = threads, states, 0
+
+    def __enter__(self) -> None:
+        self.open += 1
+
+    def __exit__(self, *_: object) -> None:
+        self.open -= 1
 
     def nthreads(self) -> Mapping[str, int]:
         return self.threads
 
-    def run(self, _: object) -> Mapping[str, Any]:
+    def run(self, state: Callable[[], object]) -> Mapping[str, Any]:
         if self.states is None:
             raise ModuleNotFoundError("No module named 'truepose'")
-        return self.states
+        return self.states or {"tcp://a": state()}
 
 
 @pytest.mark.parametrize(("threads", "at_once"), [({}, 1), ({"a": 1}, 1), ({"a": 2, "b": 3}, 5)])
@@ -164,25 +170,14 @@ def test_linear_algebra_has_one_thread_where_its_first_variable_says_so(
     assert several_threads(environment) == wrong
 
 
-class Scheduler:
-    """As much of Dask's client as is asked for before it is used."""
+class Scheduler(Client):
+    """The client of two workers that are like this process."""
 
     def __init__(self, address: str, timeout: float = 0.0) -> None:
         if address == "tcp://nobody":
             raise OSError("timed out")
-        self.address, self.timeout, self.open = address, timeout, 0
-
-    def __enter__(self) -> None:
-        self.open += 1
-
-    def __exit__(self, *_: object) -> None:
-        self.open -= 1
-
-    def nthreads(self) -> dict[str, int]:
-        return {"a": 1, "b": 1}
-
-    def run(self, state: Callable[[], object]) -> dict[str, object]:
-        return {"tcp://a": state()}
+        super().__init__({"a": 1, "b": 1}, {})
+        self.address, self.timeout = address, timeout
 
 
 def test_a_cluster_is_looked_at_before_it_is_used(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from truepose import bounded
-from truepose.errors import LONGEST, InputError
+from truepose.errors import InputError, TrueposeError
 from truepose.identification.leaves.programs.dialects import text_of
 from truepose.identification.leaves.readers.importing import read_foreign
 from truepose.identification.recording.table import read_table
@@ -84,20 +86,29 @@ def test_what_is_no_file_is_not_waited_for(tmp_path: Path) -> None:
         bounded.read_input(Path("/dev/null"))
 
 
-@pytest.mark.parametrize("letters", [LONGEST, LONGEST + 1, 10 * LONGEST])
-def test_a_message_has_its_beginning_and_its_end(letters: int) -> None:
-    """However long what a hostile file held; a letter that drives a terminal takes more than one."""
-    said = str(InputError("a" + "x" * (letters - 2) + "z"))
-    if letters == LONGEST:
-        assert said == "a" + "x" * (letters - 2) + "z"
-    else:
-        assert len(said) == LONGEST + len(" [...] ") and said.count("x [...] ") == 1
-    assert said[0] == "a" and (said[-1] == "z" or letters > 4 * LONGEST)
-    assert str(InputError("a\x1b[2Jb\nc")) == "a\\x1b[2Jb\nc"
-
-
 def test_of_a_long_text_no_more_than_its_beginning_is_looked_at() -> None:
     """Four times what is shown; a file may be a million blanks before a word."""
     assert cut(" " * 39 + "word", 10) == "w..."
     assert cut(" " * 40 + "word", 10) == "..."
     assert cut(" " * 36 + "word", 10) == "word"
+
+
+LONGEST, BETWEEN = 1500, " [...] "
+
+
+@given(st.text(max_size=40), st.integers(1, 400))
+def test_a_message_can_be_shown(text: str, times: int) -> None:
+    said = str(TrueposeError(text * times))
+    assert len(said) <= LONGEST + len(BETWEEN)
+    assert all(c.isprintable() or c == "\n" for c in said)
+
+
+@given(st.text(st.characters(categories=["L", "N", "P"], include_characters=" \n"), max_size=LONGEST))
+def test_one_that_can_be_shown_is_said_as_it_is(text: str) -> None:
+    assert str(TrueposeError(text)) == text
+
+
+def test_a_long_one_keeps_its_beginning_and_its_end() -> None:
+    text = "".join(chr(ord("a") + k % 26) for k in range(LONGEST + 1))
+    assert str(TrueposeError(text)) == text[: LONGEST // 2] + BETWEEN + text[-LONGEST // 2 :]
+    assert str(TrueposeError("\x1b[31m")) == "\\x1b[31m"

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from truepose.identification import prior
 from truepose.identification.diagnosis.rivals import held_probability
-from truepose.identification.fit.tolerance_classes import PartClass, tolerance_cost, widenings
+from truepose.identification.fit.tolerance_classes import PartClass, part_classes, tolerance_cost, widenings
 from truepose.identification.posterior.design import Unknowns
 from truepose.identification.prior import Doubt, Richness, Sizes, beyond_usual, noise_log_prior, slab
 
@@ -105,14 +105,6 @@ def test_a_doubt_is_two_normals_in_the_log(doubt: Doubt) -> None:
     )
 
 
-def test_kinds_of_reading_are_off_by_one_factor_rather_than_each_by_its_own() -> None:
-    """They come from one instrument: a ratio of one is no less sure than a sigma that is right, far ones are rarer."""
-    sigma, ratio = prior.SIGMA_DOUBT, prior.RATIO_DOUBT
-    assert ratio.log_prior(0.0) >= sigma.log_prior(0.0)
-    assert ratio.log_prior(2.0) < sigma.log_prior(2.0)
-    assert ratio.right > 0.5
-
-
 @pytest.mark.parametrize("rms", [0.3, 1.0, 5.0, 40.0])
 def test_the_grid_of_noise_holds_what_is_stated_and_what_the_misfit_would_need(rms: float) -> None:
     """In steps no longer than what a stated sigma is right to; a sigma may be stated too large, but not by much."""
@@ -162,11 +154,31 @@ def test_what_is_not_tested_against_its_rivals_is_no_surer_than_promised() -> No
     assert prior.FORM_ERROR < prior.OFF_FORM[0] < prior.OFF_FORM[1] < prior.OFF_FORM[2] == 1.0
 
 
-@pytest.mark.parametrize(("weight", "number"), [(prior.URN, 4.0), (prior.ALIKE, 1.0)])
-def test_urns_begin_with_as_many_draws_as_promised(weight: float, number: float) -> None:
-    assert weight == number
+NAMES = [f"leg{k}.{p}" for k in range(1, 7) for p in ("a.x", "b.x", "u.x", "length")]
+KINDS = [{"u": "angle"}.get(name.split(".")[1], "length") for name in NAMES]
 
 
-def test_a_fleet_moves_odds_and_sizes_by_the_factors_that_are_promised() -> None:
-    """docs/topics/fleet-prior.md: effects scatter by 1.5 in the log, places of one effect by 1."""
-    assert (prior.FLEET_ODDS, prior.FLEET_PLACES) == (1.5, 1.0)
+def test_classes_tell_parts_of_a_leg_apart_and_keep_frames_together() -> None:
+    classes = part_classes([*NAMES, "base.x"], [*KINDS, "frame"])
+    assert set(classes) == {
+        PartClass("length", "leg.a"),
+        PartClass("length", "leg.b"),
+        PartClass("length", "leg.length"),
+        PartClass("angle", "leg.u"),
+        PartClass("frame"),
+    }
+    assert (
+        part_classes(["q1.d", "q1.r", "q2.d"], ["length"] * 3) == (PartClass("length"),) * 3
+    )  # too few for a class
+
+
+def test_inflations_are_whole_kinds_and_single_classes() -> None:
+    classes = (PartClass("length", "leg.a"), PartClass("length", "leg.b"), PartClass("angle", "leg.u"))
+    rows, log_prior = widenings(classes)
+    cost = dict(zip(rows, log_prior, strict=True))
+    assert {(2.0, 2.0, 4.0), (2.0, 1.0, 1.0)} <= set(rows) and len(set(rows)) == len(rows)
+    # one optimist for all lengths costs what one wrong class costs
+    assert cost[2.0, 2.0, 1.0] == pytest.approx(cost[2.0, 1.0, 1.0])
+    # everything off by one factor is one doubt, two kinds by different ones are two
+    assert cost[2.0, 2.0, 2.0] == pytest.approx(cost[2.0, 2.0, 1.0])
+    assert cost[2.0, 2.0, 4.0] < cost[2.0, 2.0, 2.0]

@@ -18,10 +18,10 @@ from support.two_arms import (
     RIGHT_TOOL,
     TARGETS,
     TOOL,
-    Array,
     chain,
     pose,
 )
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models.load import load_machine
 from truepose.models.machine.assembly import Statics

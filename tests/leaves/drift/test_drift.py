@@ -14,20 +14,18 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from support import MACHINES
 from support.drifting_arm import HOUR, SIGMA, TURN_SIGMA, machine_text, tolerance, write_sequence
 from support.reports import said_of
+from truepose.arrays import Array
 from truepose.cli import app
 from truepose.errors import InputError
 from truepose.identification.leaves.drift.analysis import Drift, drift
 from truepose.identification.leaves.drift.words import drift_json, drift_notes
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

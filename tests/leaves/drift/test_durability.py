@@ -14,6 +14,7 @@ from scipy import stats
 
 from support import MACHINES
 from support.drifting_arm import HOUR, SIGMA, TURN_SIGMA, machine_text, write_sequence
+from truepose.arrays import Array
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.problem import Prior, Problem, prior_of
@@ -23,8 +24,6 @@ from truepose.identification.leaves.drift.sizes import Check, durability, fit_wh
 from truepose.identification.prediction.predict import predict
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,9 @@ from typer.testing import CliRunner
 from support import MACHINES
 from support import fringe_signal as signals
 from support.examples import by_day
-from support.fringe_journeys import FIBRE, cut, journeys
+from support.fringe_journeys import cut, journeys
 from support.fringe_journeys import journey as series
+from support.fringe_signal import FIBRE
 from truepose.cli import app
 from truepose.errors import InputError
 from truepose.identification.leaves.fringes.excursions import Fault

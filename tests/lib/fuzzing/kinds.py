@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -30,14 +30,6 @@ class Seed:
             (folder / name).write_bytes(text)
 
 
-@dataclass(frozen=True)
-class Kind:
-    """Files of one form."""
-
-    name: str
-    make: Callable[[Path], list[Seed]]
-
-
 M, R = "machine.yaml", "recording.csv"
 ON_MACHINES = (
     ("calibrate", M, R, "-o", "out/fit"),
@@ -52,40 +44,26 @@ ON_MACHINES = (
     ("drift", M, R, R),
 )
 ON_RECORDINGS = ON_MACHINES[:6]
+INIT = ("init", "--urdf", "arm.urdf", "-o", "out/arm.yaml")
 
 
 def _machines(folder: Path) -> list[Seed]:
-    return [
-        Seed(M, case.machine.encode(), ON_MACHINES, {R: case.recording.encode()})
-        for case in seeds.cases(folder)
-    ]
+    return [Seed(M, c.machine.encode(), ON_MACHINES, {R: c.recording.encode()}) for c in seeds.cases(folder)]
 
 
 def _recordings(folder: Path) -> list[Seed]:
     return [
-        Seed(R, case.recording.encode(), ON_RECORDINGS, {M: case.machine.encode()})
-        for case in seeds.cases(folder)
+        Seed(R, c.recording.encode(), ON_RECORDINGS, {M: c.machine.encode()}) for c in seeds.cases(folder)
     ]
 
 
 def _urdf(folder: Path) -> list[Seed]:
     machine, rows = seeds.URDF_MACHINE.encode(), b"pan,lift\n10,20\n-30,5\n40,60\n"
     commands = (
-        ("init", "--urdf", "arm.urdf", "-o", "out/arm.yaml"),
-        ("init", "--urdf", "arm.urdf", "--tip-link", "jaw", "-o", "out/arm.yaml"),
-        (
-            "init",
-            "--urdf",
-            "arm.urdf",
-            "--expand",
-            "--base-link",
-            "world",
-            "--tip-link",
-            "tip",
-            "-o",
-            "out/arm.yaml",
-        ),
-        ("init", "--urdf", "arm.urdf", "--tip-link", "tip,jaw,thumb", "-o", "out/arm.yaml"),
+        INIT,
+        (*INIT, "--tip-link", "jaw"),
+        (*INIT, "--expand", "--base-link", "world", "--tip-link", "tip"),
+        (*INIT, "--tip-link", "tip,jaw,thumb"),
         ("simulate", M, R, "-o", "out/seen.csv"),
         ("codegen", M, "-o", "out/c"),
     )
@@ -185,11 +163,8 @@ def _plugins(folder: Path) -> list[Seed]:
         ("effects", "stretched-belt", "--plugin", "belt.py"),
     )
     document = yaml.safe_load(case.machine)
-    entry = {
-        "effect": "stretched-belt",
-        "place": ["q1"],
-        "parameters": {"k": {"value": 0.01, "unit": "1/rad^2"}},
-    }
+    size = {"k": {"value": 0.01, "unit": "1/rad^2"}}
+    entry = {"effect": "stretched-belt", "place": ["q1"], "parameters": size}
     own = document_text({**document, "effects": [entry]})
     beside = {M: case.machine.encode(), R: case.recording.encode(), "belt.yaml": own.encode()}
     return [Seed("belt.py", seeds.PLUGIN.encode(), commands, beside)]
@@ -199,13 +174,8 @@ def _programs(folder: Path) -> list[Seed]:
     from support.program_robots import arms, machine_file
 
     machine = machine_file(folder, arms()[1]).read_bytes()
-    files = {
-        "job.src": seeds.KRL,
-        "job.mod": seeds.RAPID,
-        "job.script": seeds.URSCRIPT,
-        "job.csv": seeds.TABLE,
-    }
-    out = []
+    texts, out = (seeds.KRL, seeds.RAPID, seeds.URSCRIPT, seeds.TABLE), []
+    files = dict(zip(("job.src", "job.mod", "job.script", "job.csv"), texts, strict=True))
     for name, text in files.items():
         way = ("--dialect", "csv") if name.endswith(".csv") else ()
         command = ("compensate", M, name, "-o", f"out/{name}", "--anyway", *way)
@@ -213,19 +183,18 @@ def _programs(folder: Path) -> list[Seed]:
     return out
 
 
-KINDS = (
-    Kind("machine files", _machines),
-    Kind("recordings", _recordings),
-    Kind("URDF", _urdf),
-    Kind("MJCF", _mjcf),
-    Kind("MCAP", _bags),
-    Kind("sqlite bags", _sqlite_bags),
-    Kind("ROS 1 bags", _ros1_bags),
-    Kind("workbooks", _workbooks),
-    Kind("probe logs", _probe_logs),
-    Kind("points and stars", _points),
-    Kind("plug-ins", _plugins),
-    Kind("robot programs", _programs),
-)
-
-__all__ = ["KINDS", "Kind", "Seed"]
+KINDS: Mapping[str, Callable[[Path], list[Seed]]] = {
+    "machine files": _machines,
+    "recordings": _recordings,
+    "URDF": _urdf,
+    "MJCF": _mjcf,
+    "MCAP": _bags,
+    "sqlite bags": _sqlite_bags,
+    "ROS 1 bags": _ros1_bags,
+    "workbooks": _workbooks,
+    "probe logs": _probe_logs,
+    "points and stars": _points,
+    "plug-ins": _plugins,
+    "robot programs": _programs,
+}
+"""Makers of good files, by what these are."""

@@ -36,6 +36,3 @@ def mutants(draw: st.DrawFn, seed: Seed) -> bytes:
             pieces = (st.sampled_from(BYTES), st.binary(max_size=8), st.just(2 * data[low:high]))
             data = data[:low] + draw(st.one_of(*pieces)) + data[high:]
     return data
-
-
-__all__ = ["mutants"]

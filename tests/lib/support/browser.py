@@ -14,18 +14,10 @@ from typing import Any
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 FLAGS = (
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--no-first-run",
-    "--hide-scrollbars",
-    "--virtual-time-budget=8000",
-    "--enable-logging=stderr",
-)
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--disable-background-networking",
+    "--disable-component-update", "--disable-sync", "--no-first-run", "--hide-scrollbars",
+    "--virtual-time-budget=8000", "--enable-logging=stderr",
+)  # fmt: skip
 _FOUND = re.compile(r'<pre id="found-by-test"[^>]*>(.*?)</pre>', re.DOTALL)
 
 

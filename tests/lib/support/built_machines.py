@@ -7,16 +7,15 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from support.moving_machines import record, written
 from support.telescope_legs import leg_rows
+from truepose.arrays import Array
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 MADE = "tolerances: {length: 0.2, angle: 0.1}\n"
 FRAMES = """
 frames:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import yaml
 from scipy.spatial.transform import Rotation
 
 import truepose
@@ -20,54 +21,30 @@ from truepose.models.file.yaml_document import document_text
 JOINTS = tuple(f"q{k}" for k in range(1, 7))
 
 
-ARM: dict[str, Any] = {
-    "schema": "truepose/machine/1",
-    "name": "arm",
-    "gravity": [0.0, 0.0, -9.80665],
-    "mechanism": {
-        "type": "serial",
-        "convention": "standard",
-        "joints": [
-            {"name": "q1", "kind": "revolute", "a": 30.0, "alpha": -90.0, "d": 380.0, "theta": 0.0},
-            {"name": "q2", "kind": "revolute", "a": 440.0, "alpha": 0.0, "d": 0.0, "theta": -90.0},
-            {"name": "q3", "kind": "revolute", "a": 35.0, "alpha": -90.0, "d": 0.0, "theta": 0.0},
-            {"name": "q4", "kind": "revolute", "a": 0.0, "alpha": 90.0, "d": 420.0, "theta": 0.0},
-            {"name": "q5", "kind": "revolute", "a": 0.0, "alpha": -90.0, "d": 0.0, "theta": 0.0},
-            {"name": "q6", "kind": "revolute", "a": 0.0, "alpha": 0.0, "d": 80.0, "theta": 0.0},
-        ],
-    },
-    "frames": {
-        "base": {
-            "in": "world",
-            "xyz": [900.0, -300.0, 150.0],
-            "rpy": [2.0, -1.0, 70.0],
-            "tolerance": {"xyz": 5, "rpy": 1},
-        },
-        "tool": {
-            "in": "flange",
-            "xyz": [60.0, -40.0, 130.0],
-            "rpy": [10.0, 20.0, 30.0],
-            "tolerance": {"xyz": 2, "rpy": 0.5},
-        },
-    },
-    "sensor": {"type": "pose", "sigma": {"xyz": 0.03, "rot": 0.005}},
-    "tolerances": {"length": 0.2, "angle": 0.05},
-    "masses": {"forearm": {"kg": 8.0, "com": [0.0, 0.0, 100.0], "in": "link4"}},
-}
-
-
-ROWS = 45
-
-
-FEW = 12
-
-
+ARM: dict[str, Any] = yaml.safe_load("""
+schema: truepose/machine/1
+name: arm
+gravity: [0.0, 0.0, -9.80665]
+mechanism:
+  type: serial
+  convention: standard
+  joints:
+    - {name: q1, kind: revolute, a: 30.0, alpha: -90.0, d: 380.0, theta: 0.0}
+    - {name: q2, kind: revolute, a: 440.0, alpha: 0.0, d: 0.0, theta: -90.0}
+    - {name: q3, kind: revolute, a: 35.0, alpha: -90.0, d: 0.0, theta: 0.0}
+    - {name: q4, kind: revolute, a: 0.0, alpha: 90.0, d: 420.0, theta: 0.0}
+    - {name: q5, kind: revolute, a: 0.0, alpha: -90.0, d: 0.0, theta: 0.0}
+    - {name: q6, kind: revolute, a: 0.0, alpha: 0.0, d: 80.0, theta: 0.0}
+frames:
+  base: {in: world, xyz: [900.0, -300.0, 150.0], rpy: [2.0, -1.0, 70.0], tolerance: {xyz: 5, rpy: 1}}
+  tool: {in: flange, xyz: [60.0, -40.0, 130.0], rpy: [10.0, 20.0, 30.0], tolerance: {xyz: 2, rpy: 0.5}}
+sensor: {type: pose, sigma: {xyz: 0.03, rot: 0.005}}
+tolerances: {length: 0.2, angle: 0.05}
+masses: {forearm: {kg: 8.0, com: [0.0, 0.0, 100.0], in: link4}}
+""")
+ROWS, FEW = 45, 12
 EXACT: dict[str, Any] = {"type": "pose", "sigma": {"xyz": 0.03, "rot": 0.005}}
-
-
 Document = dict[str, Any]
-
-
 Spoilt = tuple[Document, pd.DataFrame]
 
 
@@ -99,9 +76,8 @@ def recorded(seed: int = 3) -> pd.DataFrame:
     for k, row in enumerate(ARM["mechanism"]["joints"]):
         off = rng.standard_normal(4) * [0.2, 0.0009, 0.2, 0.0009]
         pose = pose @ turn("z", q[:, k] + np.radians(row["theta"]) + off[1]) @ shift(2, row["d"] + off[0])
-        pose = (
-            pose @ shift(0, row["a"] + off[2]) @ turn("x", np.full(ROWS, np.radians(row["alpha"]) + off[3]))
-        )
+        pose = pose @ shift(0, row["a"] + off[2])
+        pose = pose @ turn("x", np.full(ROWS, np.radians(row["alpha"]) + off[3]))
     pose = pose @ standing(ARM["frames"]["tool"])
     noise = rng.standard_normal((ROWS, 6)) * [0.03, 0.03, 0.03, 9e-5, 9e-5, 9e-5]
     seen = Rotation.from_matrix(pose[:, :3, :3]) * Rotation.from_rotvec(noise[:, 3:])

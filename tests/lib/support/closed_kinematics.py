@@ -7,14 +7,12 @@ from functools import cache
 
 import numpy as np
 import sympy as sp  # type: ignore[import-untyped]
-from numpy.typing import NDArray
 
 from support.moving_machines import nominal
+from truepose.arrays import Array
 from truepose.models import lie
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import Direction
-
-Array = NDArray[np.float64]
 
 
 def platform_pose(rng: np.random.Generator) -> tuple[Array, Array]:

@@ -8,16 +8,15 @@ from pathlib import Path
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from support.moving_machines import FRAMED, POSE
 from support.telescope_legs import UNEVEN, leg_rows
+from truepose.arrays import Array
 from truepose.models.file.names import nearest_name
 from truepose.models.load import load_machine
 from truepose.models.machine.kinematics import SymbolicModel
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 HEAD = "schema: truepose/machine/1\nname: {name}\ntolerances: {{length: 0.2, angle: 0.1}}\n"
 ARM = """
 mechanism:

@@ -11,9 +11,11 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from support.plain_kinematics import frame, step
+from truepose.arrays import Array
+
 JOINTS = {
     "q1": {"r": 300.0},
     "q2": {"alpha": -90.0, "d": 50.0, "theta": -90.0},
@@ -29,60 +31,34 @@ FREE = {
 TOOL = (20.0, -10.0, 80.0)
 SIGMA, TURN_SIGMA = 0.02, 0.01  # mm, deg
 HOUR = 3600.0
-MOVES = "xyz"
-
-
-def rotation(axis: str, angle: float) -> Array:
-    """4x4 turn about a coordinate axis."""
-    c, s = np.cos(angle), np.sin(angle)
-    out = np.eye(4)
-    i, j = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
-    out[i, i] = out[j, j] = c
-    out[i, j], out[j, i] = -s, s
-    return out
-
-
-def translation(*xyz: float) -> Array:
-    out = np.eye(4)
-    out[:3, 3] = xyz
-    return out
-
-
-def frame(p: Mapping[str, float], name: str) -> Array:
-    """Rz(yaw) Ry(pitch) Rx(roll) at xyz."""
-    place = translation(*(p[f"{name}.{a}"] for a in MOVES))
-    return (
-        place
-        @ rotation("z", p[f"{name}.rz"])
-        @ rotation("y", p[f"{name}.ry"])
-        @ rotation("x", p[f"{name}.rx"])
-    )
+MOVES, KEYS = "xyz", ("beta", "alpha", "d", "theta", "r")
 
 
 def tool_pose(p: Mapping[str, float], q: Array) -> Array:
     """Khalil and Kleinfinger's chain with Hayati's turn, mm and rad."""
-    pose = frame(p, "base")
+    base, tool = (
+        frame([p[f"{name}.{a}"] for a in MOVES], [p[f"{name}.r{a}"] for a in MOVES])
+        for name in ("base", "tool")
+    )
     for name, reading in zip(JOINTS, q, strict=True):
-        b, a, d, t, r = (p[f"{name}.{key}"] for key in ("beta", "alpha", "d", "theta", "r"))
-        pose = pose @ rotation("y", b) @ rotation("x", a) @ translation(d, 0, 0)
-        pose = pose @ rotation("z", t + reading) @ translation(0, 0, r)
-    return pose @ frame(p, "tool")
+        base = base @ step([p[f"{name}.{key}"] for key in KEYS], reading)
+    return base @ tool
 
 
-def rotation_vector(turn: Array) -> Array:
-    """Of a rotation matrix by less than half a turn."""
-    angle = np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1))
-    axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-    return axis * (0.5 if angle < 1e-9 else angle / (2 * np.sin(angle)))
+def noisy(pose: Array, rng: np.random.Generator, factor: float = 1.0) -> list[float]:
+    """What the sensor reads of a pose: position in mm times ``factor``, rotation vector in deg."""
+    place = pose[:3, 3] + SIGMA * rng.standard_normal(3)
+    noise = np.radians(TURN_SIGMA) * rng.standard_normal(3)
+    turned = Rotation.from_matrix(pose[:3, :3]) * Rotation.from_euler("XYZ", noise)
+    return [*(factor * place), *np.degrees(turned.as_rotvec())]
 
 
 def nominal() -> dict[str, float]:
     """Drawing values, mm and rad."""
-    keys = ("beta", "alpha", "d", "theta", "r")
     p = {
         f"{j}.{k}": v.get(k, 0.0) * (1.0 if k in "dr" else np.pi / 180)
         for j, v in JOINTS.items()
-        for k in keys
+        for k in KEYS
     }
     zero = {f"{f}.{a}": 0.0 for f in ("base", "tool") for a in ("x", "y", "z", "rx", "ry", "rz")}
     return p | zero | {f"tool.{a}": v for a, v in zip(MOVES, TOOL, strict=True)}
@@ -92,11 +68,8 @@ def tolerance(name: str) -> float:
     """mm or rad."""
     part, axis = name.split(".")
     if part in ("base", "tool"):
-        return (
-            {"base": 2.0, "tool": 1.0}[part]
-            if axis in MOVES
-            else np.radians({"base": 1.0, "tool": 0.5}[part])
-        )
+        length, angle = {"base": (2.0, 1.0), "tool": (1.0, 0.5)}[part]
+        return length if axis in MOVES else float(np.radians(angle))
     value = FREE.get(name, 0.0)
     return value if axis in "dr" else float(np.radians(value))
 
@@ -136,12 +109,7 @@ def recorded(
     rows = []
     for k in range(n):
         q = np.radians(rng.uniform(-110, 110, len(JOINTS)))
-        pose = tool_pose(p, q)
-        place = pose[:3, 3] + SIGMA * rng.standard_normal(3)
-        noise = np.radians(TURN_SIGMA) * rng.standard_normal(3)
-        turned = pose[:3, :3] @ rotation("x", noise[0])[:3, :3] @ rotation("y", noise[1])[:3, :3]
-        turned = turned @ rotation("z", noise[2])[:3, :3]
-        row = [*np.degrees(q), *(factor * place), *np.degrees(rotation_vector(turned))]
+        row = [*np.degrees(q), *noisy(tool_pose(p, q), rng, factor)]
         rows.append(row if time is None else [time + 10.0 * k, *row])
     head = [*JOINTS, "x", "y", "z", "rx", "ry", "rz"]
     return pd.DataFrame(rows, columns=head if time is None else ["time", *head])

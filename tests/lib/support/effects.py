@@ -7,15 +7,14 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from support.effect_machines import READINGS
+from truepose.arrays import Array
 from truepose.models.effects.base import Place, PlacedEffect, Settings, Site, effects
 from truepose.models.machine.assembly import load_scale
 from truepose.models.machine.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 DRIVERS = {"time": 5000.0, "payload": 4.0, "temperature": 27.0, "approach": -1.0, "session": 1.0}
 DRIVERS |= {"stop": 0.1, "loop": -0.1, "creep": 0.2, "velocity": 0.3, "pressure": 985.0, "step": 0.2}
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from support.effect_machines import READINGS
 from support.moving_machines import record
+from truepose.arrays import Array
 from truepose.identification.fit.estimate import result
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.leastsquares import Solution, Status
@@ -20,7 +20,6 @@ from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect, Site
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 ROWS = 40
 
 

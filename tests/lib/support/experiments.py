@@ -6,15 +6,14 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from support import MACHINES
+from truepose.arrays import Array
 from truepose.identification.leaves.planning.discriminate.experiment import Experiment, discriminate
 from truepose.identification.leaves.planning.discriminate.factors import Class, explanation, read_offer
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine, Mass
 
-Array = NDArray[np.float64]
 LEGS = "+".join(f"leg{k}" for k in range(1, 7))
 COMPLIANT = f"leg-compliance@{LEGS}:c=1e-3"
 BENT = "platform-deformation@platform:kappa=0.01,form=0"

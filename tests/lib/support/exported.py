@@ -14,17 +14,17 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import yaml
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from support import plain_kinematics
 from support.generated_machines import BODIES
 from support.skips import NO_MUJOCO
+from truepose.arrays import Array
 from truepose.identification.compensation.inverse import PoseSolver
 from truepose.models.file.machine_file import SCHEMA, checked_machine
 from truepose.models.load import build_machine
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 Pose = Callable[[Array], Array]
 """Readings (nq,) mm and rad to the tool (4, 4) mm."""
 MOUNTED = (
@@ -115,9 +115,7 @@ def ur_pose(text: str, q: Array) -> Array:
 def frame(xyz: str | Sequence[float] | Array, rpy: str | Sequence[float] | Array) -> Array:
     """(4, 4) in mm of an origin in m and rad; roll, pitch, yaw about fixed axes."""
     position, angles = ([float(v) for v in (w.split() if isinstance(w, str) else w)] for w in (xyz, rpy))
-    out = np.eye(4)
-    out[:3, :3], out[:3, 3] = Rotation.from_euler("xyz", angles).as_matrix(), np.multiply(position, 1000)
-    return out
+    return plain_kinematics.frame(np.multiply(position, 1000), angles)
 
 
 @dataclass
@@ -146,9 +144,8 @@ class TableReader:
             if self.units[letter] == "mm":
                 motion["XYZ".index(letter), 3] = moved
             else:
-                motion[:3, :3] = Rotation.from_euler(
-                    "xyz"["ABC".index(letter)], moved, degrees=True
-                ).as_matrix()
+                about = "xyz"["ABC".index(letter)]
+                motion[:3, :3] = Rotation.from_euler(about, moved, degrees=True).as_matrix()
                 point[:3, 3], back[:3, 3] = self.centre[letter], -self.centre[letter]
             out = out @ point @ motion @ wrong @ back
         return out @ self.home
@@ -228,17 +225,3 @@ def urdf_pose(urdf: str, readings: dict[str, float], tip: str, root: str) -> Arr
         out = step @ move @ out
         link = joint.find("parent").get("link")  # type: ignore[union-attr, assignment]
     return out
-
-
-__all__ = [
-    "LINKS",
-    "TableReader",
-    "closed_in_mujoco",
-    "frame",
-    "mujoco_module",
-    "read_table",
-    "site_pose",
-    "tool_of",
-    "ur_pose",
-    "urdf_pose",
-]

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit, logsumexp
 
+from truepose.arrays import Array
 from truepose.identification.leaves.fleet.hierarchy import STEPS, effect_steps
 from truepose.identification.leaves.fleet.likelihood import KERNEL, SLAB
 from truepose.identification.prior import FLEET_PLACES, SIZES
 
-Array = NDArray[np.float64]
 NOISE = 0.02
 """1-sigma with which a recording shows an effect's one coefficient, in expected sizes."""
 MOST = 15.0

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from support.fringe_signal import FIBRE, WAVELENGTH, Detector, Run, displacement, run
+from support.fringe_signal import WAVELENGTH, Detector, Run, displacement, run
 
 Maker = Callable[[np.random.Generator], Run]
 RATE = 1e4
@@ -50,6 +50,3 @@ def cut(make: Maker, shift: bool) -> Maker:
         return replace(one, t=t, signal=one.signal[keep], wavelength=one.wavelength[keep])
 
     return broken
-
-
-__all__ = ["FIBRE", "RATE", "REST", "SCAN", "Maker", "cut", "journey", "journeys"]

@@ -7,33 +7,26 @@ import ctypes
 import re
 import shutil
 import subprocess
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from support.examples import NIGHT
 from support.generated_machines import BODIES, machine_of
+from truepose.arrays import Array
 from truepose.codegen.c import generate
 from truepose.codegen.printer import Real
 from truepose.models.machine.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 COMPILER = shutil.which("gcc") or shutil.which("cc")
 WARNINGS = [
-    "-std=c99",
-    "-Wall",
-    "-Wextra",
-    "-Wpedantic",
-    "-Wconversion",
-    "-Wdouble-promotion",
-    "-Wshadow",
-    "-Werror",
-]
+    "-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Wshadow", "-Werror",
+]  # fmt: skip
 LEVEL = "-O2" if NIGHT else "-O0"
 """Of the compiler: it takes a quarter of the time where it need not optimise, and gives the same numbers."""
 SANITIZERS = ["-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all"]
@@ -92,27 +85,23 @@ class Built:
         return np.array([[float(v) for v in row] for row in rows[1 : count + 1]])
 
 
+def compile_library(folder: Path, sources: Iterable[str], *flags: str, name: str = "lib.so") -> ctypes.CDLL:
+    """Compile C in its folder with every warning an error, and load it."""
+    assert COMPILER is not None
+    command = [COMPILER, *WARNINGS, *flags, "-shared", "-fPIC", *sources, "-lm", "-o", name]
+    subprocess.run(command, cwd=folder, check=True)
+    return ctypes.CDLL(str(folder / name))
+
+
 @cache
 def build(where: Path, name: str, real: Real) -> Built:
-    assert COMPILER is not None
     machine = machine_of(where, name)
     directory = where / f"{name}_{real}"
     generate(machine, directory, real)
-    arguments = [
-        COMPILER,
-        *WARNINGS,
-        "-O1"
-        if real == "double"
-        else LEVEL,  # some warnings come with optimisation; the C is the same in both
-        "-shared",
-        "-fPIC",
-        f"{name}_kin.c",
-        "-lm",
-        "-o",
-        f"lib{name}.so",
-    ]
-    subprocess.run(arguments, cwd=directory, check=True)
-    library = ctypes.CDLL(str(directory / f"lib{name}.so"))
+    level = (
+        "-O1" if real == "double" else LEVEL
+    )  # some warnings come with optimisation; the C is the same in both
+    library = compile_library(directory, [f"{name}_kin.c"], level, name=f"lib{name}.so")
     return Built(machine, symbolic_model(machine, machine.effects), real, directory, library)
 
 

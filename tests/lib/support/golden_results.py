@@ -6,7 +6,7 @@ Kept is what another processor rounds alike: fits that end in one point, log evi
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 import truepose
+from support.golden import Where
 from truepose.identification import prior
 from truepose.identification.diagnosis.null_fits import null_fits
 from truepose.identification.diagnosis.search import Expansion, Start, prepared
@@ -132,19 +133,9 @@ def kept(value: Any) -> Any:
     return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
 
 
-def differences(old: Any, new: Any, where: tuple[str, ...] = ()) -> Iterator[str]:
-    """Sentences on what is not as it was."""
-    if isinstance(old, dict) and isinstance(new, dict) and list(old) == list(new):
-        for key in old:
-            yield from differences(old[key], new[key], (*where, key))
-    elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
-        for k, pair in enumerate(zip(old, new, strict=True)):
-            yield from differences(*pair, (*where, str(k)))
-    elif not _alike(old, new, FLOOR if OF_ORDER_ONE & set(where) else 1e-9):
-        yield f"{' '.join(where)} was {old} and is {new}"
-
-
-def _alike(old: Any, new: Any, floor: float) -> bool:
+def is_same(where: Where, old: Any, new: Any) -> bool:
+    """Return whether two numbers of results are as near as they must be, and all else equal."""
     if isinstance(old, float) and isinstance(new, float):
+        floor = FLOOR if OF_ORDER_ONE & set(where) else 1e-9
         return bool(np.isclose(new, old, rtol=SHARE, atol=floor, equal_nan=True))
     return bool(old == new)

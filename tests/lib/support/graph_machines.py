@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from support import MACHINES
+from truepose.arrays import Array
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
@@ -22,7 +22,6 @@ from truepose.models.load import load_machine
 from truepose.models.machine.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 Document = dict[str, Any]
 
 

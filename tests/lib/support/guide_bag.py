@@ -7,18 +7,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 import truepose
+from truepose.arrays import Array
 from truepose.cli import app
 
 POSES, SAMPLES, RATE, START = 40, 20, 20.0, 1_700_000_000.0
 """How many poses, messages at each, messages a second, and the time of the first one (s)."""
 SCATTER = 2e-5
 """1-sigma of one reading of the tracker, m."""
-Array = NDArray[np.float64]
 
 
 def write_bag(folder: Path, poses: int = POSES, samples: int = SAMPLES, storage: str = "MCAP") -> Path:

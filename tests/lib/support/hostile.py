@@ -13,6 +13,7 @@ import numpy as np
 
 from support.generated_c import COMPILER, WARNINGS
 from truepose.codegen.c import generate
+from truepose.codegen.features import ALL, Features
 from truepose.codegen.layout import layout_of
 from truepose.codegen.printer import Real
 from truepose.models.machine.kinematics import symbolic_model
@@ -36,27 +37,21 @@ def hostile_program(
     folder: Path,
     real: Real,
     flags: Sequence[str],
-    features: str | None = None,
+    features: Features | str = ALL,
     changed: tuple[str, str] = ("", ""),
 ) -> Path:
     """The program that calls all functions of a machine's C, in ``folder``; ``changed``: a text of NAME_kin.c and what stands
     in its place."""
     assert COMPILER is not None
     compiler, name = [COMPILER, *flags], machine.name
-    files = (
-        generate(machine, folder, real)
-        if features is None
-        else generate(machine, folder, real, features=features)
-    )
+    files = generate(machine, folder, real, features=features)
     header = (folder / f"{name}_kin.h").read_text()
     if changed[0]:
         code = folder / f"{name}_kin.c"
         code.write_text(code.read_text().replace(*changed))
     (folder / "limits.h").write_text(_limits(machine, header, real))
     shutil.copy(DRIVER, folder)
-    own = [
-        file.name for file in files if re.fullmatch(rf"{name}_\w+\.c", file.name) and file.parent == folder
-    ]
+    own = [f.name for f in files if re.fullmatch(rf"{name}_\w+\.c", f.name) and f.parent == folder]
     _run(folder, [*compiler, *WARNINGS, "-c", *own])
     objects = [source.replace(".c", ".o") for source in own]
     _run(folder, [*compiler, "-std=c99", f"-DNAME={name}", DRIVER.name, *objects, "-lm", "-o", "hostile"])
@@ -77,13 +72,8 @@ def answers(program: Path, *numbers: int) -> Answers:
 def functions(program: Path) -> set[str]:
     """Functions that are declared in the headers beside a program, as they are called in its answers."""
     text = "".join(path.read_text() for path in program.parent.glob("*_*.h"))
-    return set(
-        re.findall(
-            r"^int \w+?_(fk_from|fk_n|fk|ik_n|ik_all|ik|jac|compensate_n|compensate|point|state_\w+)\(",
-            text,
-            re.M,
-        )
-    )
+    names = r"fk_from|fk_n|fk|ik_n|ik_all|ik|jac|compensate_n|compensate|point|state_\w+"
+    return set(re.findall(rf"^int \w+?_({names})\(", text, re.M))
 
 
 def _run(where: Path, command: list[str]) -> None:
@@ -115,6 +105,3 @@ def _limits(machine: Machine, header: str, real: Real) -> str:
         + f"#define CLOSED {int(bool(len(model.home)))}\n#define POINTED {axis}\n"
         + f"#define BRANCHES {f'{machine.name}_BRANCHES' if f'{machine.name}_ik_all' in header else 0}\n"
     )
-
-
-__all__ = ["Answers", "answers", "functions", "hostile_program"]

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import ctypes
-import subprocess
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-from support.generated_c import COMPILER, WARNINGS
+from support.generated_c import compile_library
+from truepose.arrays import Array
 from truepose.codegen.expressions import Graph
 from truepose.codegen.lanes import LanePrinter, lane_runtime
 from truepose.codegen.printer import Real
 
-Array = NDArray[np.float64]
 Evaluate = Callable[[Array, Array], Array]
 TARGETS: dict[str, tuple[str, ...]] = {
     "this processor": ("-march=native", "-fno-math-errno"),
@@ -58,13 +56,9 @@ def compiled(
     where: Path, q: ca.SX, p: ca.SX, outputs: Sequence[ca.SX], real: Real, flags: Sequence[str]
 ) -> Evaluate:
     """The function over rows (n, nq) and p, computed in ``real``."""
-    assert COMPILER is not None
     where.mkdir(parents=True, exist_ok=True)
-    source, library = where / "lanes.c", where / "lanes.so"
-    source.write_text(c_text(q, p, outputs, real))
-    command = [COMPILER, *WARNINGS, "-O2", *flags, "-shared", "-fPIC", str(source), "-lm", "-o", str(library)]
-    subprocess.run(command, check=True)
-    function = ctypes.CDLL(str(library)).evaluate
+    (where / "lanes.c").write_text(c_text(q, p, outputs, real))
+    function = compile_library(where, ["lanes.c"], "-O2", *flags).evaluate
     size, kind = sum(output.numel() for output in outputs), np.float64 if real == "double" else np.float32
 
     def evaluate(rows: Array, shared: Array) -> Array:

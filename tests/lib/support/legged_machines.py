@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import subprocess
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
@@ -12,14 +11,14 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from support.generated_c import COMPILER, LEVEL, WARNINGS, Built
+from support.generated_c import LEVEL, Built, compile_library
 from support.generated_machines import HEAD, RAILS, TURNS
+from truepose.arrays import Array
 from truepose.codegen.c import generate
 from truepose.codegen.printer import Real
 from truepose.models.load import load_machine
 from truepose.models.machine.kinematics import symbolic_model
 
-Array = NDArray[np.float64]
 _BARE_RAILS = RAILS.split("masses:")[0].replace("range: [-20", "screw_pitch: 5, range: [-20")
 _BACKLASH = "  - {effect: backlash, place: [rho4], parameters: {b: {value: 0.02, unit: mm}}}\n"
 _HEAT = "  - {effect: thermal-expansion, place: [leg3], parameters: {alpha: {value: 1.2e-5, unit: 1/K}}}\n"
@@ -83,17 +82,10 @@ class Legged(Built):
 @cache
 def legged(where: Path, name: str, real: Real = "double", flags: tuple[str, ...] = ()) -> Legged:
     """One of LEGGED, generated and compiled with ``flags`` too."""
-    assert COMPILER is not None
     directory = where / "-".join([f"legged_{name}", real, *(flag.strip("-") for flag in flags)])
     file = where / f"{name}.yaml"
     file.write_text(HEAD.format(name=name) + LEGGED[name])
     machine = load_machine(file)
     generate(machine, directory, real)
-    sources = [f"{name}_kin.c", f"{name}_batch.c"]
-    subprocess.run(
-        [COMPILER, *WARNINGS, LEVEL, *flags, "-shared", "-fPIC", *sources, "-lm", "-o", "lib.so"],
-        cwd=directory,
-        check=True,
-    )
-    library = ctypes.CDLL(str(directory / "lib.so"))
+    library = compile_library(directory, [f"{name}_kin.c", f"{name}_batch.c"], LEVEL, *flags)
     return Legged(machine, symbolic_model(machine, machine.effects), real, directory, library)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from support.effects import with_effect
+from truepose.arrays import Array
 from truepose.identification.diagnosis.selection_problem import SelectionProblem
 from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.posterior.design import GridPoint
@@ -14,7 +14,6 @@ from truepose.identification.signatures.linearisation import Linearisation
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 LENGTH, ANGLE = PartClass("length"), PartClass("angle")
 READINGS = 60
 

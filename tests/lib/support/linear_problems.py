@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from truepose.arrays import Array
 from truepose.identification.posterior.design import (
     Always,
     Axis,
@@ -25,7 +26,6 @@ from truepose.identification.posterior.design import (
 from truepose.identification.posterior.spike_slab import NOTICED, Members, SpikeSlab
 from truepose.identification.prior import Richness, Sizes
 
-Array = NDArray[np.float64]
 Key = TypeVar("Key", bound=Hashable)
 
 

@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from support.recordings import rows_of
 from support.telescope_legs import UNEVEN, leg_rows
+from truepose.arrays import Array
 from truepose.identification.recording.recording import Recording
 from truepose.models.file.names import nearest_name
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 HEAD = "schema: truepose/machine/1\nname: {name}\n"
 TOLERANCES = "tolerances: {length: 0.1, angle: 0.1}\n"
 FRAMED = """
@@ -104,19 +104,9 @@ def read_machines(folder: Path) -> Mapping[str, Machine]:
 
 def record(machine: Machine, q: Array, readings: Mapping[str, Array] | None = None, **more: Any) -> Recording:
     """A recording of these joint readings (n, nq)."""
-    n = len(q)
-    rows = np.arange(n)
-    plain = {"labels": {}, "drivers": {}, "files": ("f.csv",), "validation": np.zeros(n, dtype=bool)}
-    return Recording(
-        joints=machine.mechanism.readings,
-        q=q,
-        observations=readings or {},
-        source_file=np.zeros(n, dtype=np.int64),
-        source_row=rows + 1,
-        session=np.ones(n, dtype=np.int64),
-        session_recorded=np.zeros(n, dtype=bool),
-        **{**plain, **more},
-    )
+    bare = {"files": ("f.csv",), "session_recorded": np.zeros(len(q), dtype=bool), "time": None}
+    own = {"joints": machine.mechanism.readings, "observations": readings or {}}
+    return rows_of(q, **own, **{**bare, **more})
 
 
 def drawn(machine: Machine, rng: np.random.Generator, spread: float = 3.0) -> Array:

@@ -13,9 +13,8 @@ from typing import Any
 import casadi as ca
 import mpmath  # type: ignore[import-untyped]
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from truepose.arrays import Array
 
 
 def _complex_atan2(y: Any, x: Any) -> Any:
@@ -23,41 +22,17 @@ def _complex_atan2(y: Any, x: Any) -> Any:
     return np.arctan2(y.real, x.real) + 1j * (y.imag * x.real - x.imag * y.real) / (x.real**2 + y.real**2)
 
 
+PLAIN_FUNCTIONS = ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh", "sinh", "cosh")
 COMPLEX = SimpleNamespace(
-    sin=np.sin,
-    cos=np.cos,
-    tan=np.tan,
-    exp=np.exp,
-    log=np.log,
-    sqrt=np.sqrt,
-    tanh=np.tanh,
-    sinh=np.sinh,
-    cosh=np.cosh,
-    atan=np.arctan,
-    asin=np.arcsin,
-    acos=np.arccos,
+    **{name: getattr(np, name) for name in PLAIN_FUNCTIONS},
+    **{f"a{name}": getattr(np, f"arc{name}") for name in ("tan", "sin", "cos")},
     atan2=_complex_atan2,
     fabs=lambda a: a * np.sign(a.real),
     sign=lambda a: np.sign(a.real) + 0j,
     below=lambda a, b: a.real < b.real,
     where=np.where,
 )
-FUNCTIONS = (
-    "sin",
-    "cos",
-    "tan",
-    "exp",
-    "log",
-    "sqrt",
-    "tanh",
-    "sinh",
-    "cosh",
-    "atan",
-    "asin",
-    "acos",
-    "fabs",
-    "sign",
-)
+FUNCTIONS = (*PLAIN_FUNCTIONS, "atan", "asin", "acos", "fabs", "sign")
 DIGITS = SimpleNamespace(
     **{name: getattr(mpmath, name) for name in (*FUNCTIONS, "atan2")},
     below=lambda a, b: a < b,
@@ -93,11 +68,8 @@ def run(function: ca.Function, inputs: Sequence[Any], numbers: SimpleNamespace) 
     nothing = 0 * next(part[0] for part in inputs if len(part))  # of the right kind and shape
     outputs: list[list[Any]] = [[None] * function.nnz_out(k) for k in range(function.n_out())]
     for k in range(function.n_instructions()):
-        code, into, out = (
-            function.instruction_id(k),
-            function.instruction_input(k),
-            function.instruction_output(k),
-        )
+        code, into = function.instruction_id(k), function.instruction_input(k)
+        out = function.instruction_output(k)
         if code == ca.OP_CONST:
             work[out[0]] = function.instruction_constant(k) + nothing
         elif code == ca.OP_INPUT:

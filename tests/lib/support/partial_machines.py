@@ -7,13 +7,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import Parameter
-
-Array = NDArray[np.float64]
 
 
 class Partial(NamedTuple):

@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from support.plain_kinematics import frame, step
+from truepose.arrays import Array
+
 JOINTS: Mapping[str, Mapping[str, float]] = {
     "q1": {"r": 400.0},
     "q2": {"alpha": -90.0, "d": 120.0, "theta": -90.0},
@@ -55,8 +56,7 @@ def frames(p: Mapping[str, float], q: Array) -> Array:
     """(6, 4, 4) frames of the links in the base, joint variables ``q`` (6,) in rad."""
     out, here = np.empty((6, 4, 4)), np.eye(4)
     for k, name in enumerate(JOINTS):
-        b, a, d, t, r = (p[f"{name}.{key}"] for key in KEYS)
-        here = here @ _turn(1, b) @ _turn(0, a) @ _shift(d, 0.0) @ _turn(2, t + q[k]) @ _shift(0.0, r)
+        here = here @ step([p[f"{name}.{key}"] for key in KEYS], q[k])
         out[k] = here
     return out
 
@@ -64,12 +64,12 @@ def frames(p: Mapping[str, float], q: Array) -> Array:
 def torques(p: Mapping[str, float], q: Array, payload: float) -> Array:
     """(6,) torque that gravity exerts about each joint, N m; the payload hangs at the tool's origin."""
     at = frames(p, q)
-    masses = [(at[int(link[4:]) - 1], kg, com) for link, (kg, com) in WEIGHTS.items()]
+    masses = [(at[int(name[4:]) - 1], kg, com) for name, (kg, com) in WEIGHTS.items()]
     masses.append((at[5], payload, TOOL))
     out = np.zeros(6)
-    for frame, kg, com in masses:
-        place = frame[:3, :3] @ np.array(com) + frame[:3, 3]
-        carried = next(k for k in range(6) if np.array_equal(at[k], frame)) + 1
+    for link, kg, com in masses:
+        place = link[:3, :3] @ np.array(com) + link[:3, 3]
+        carried = next(k for k in range(6) if np.array_equal(at[k], link)) + 1
         for k in range(carried):
             lever = (place - at[k][:3, 3]) / 1000.0
             out[k] += at[k][:3, 2] @ np.cross(lever, kg * GRAVITY)
@@ -79,7 +79,7 @@ def torques(p: Mapping[str, float], q: Array, payload: float) -> Array:
 def readings(p: Mapping[str, float], q: Array, rng: np.random.Generator) -> dict[str, float]:
     """What a tracker reads of the points, mm, in a frame that is turned and shifted against the base."""
     flange = frames(p, q)[5]
-    stand = _shift(1500.0, 300.0) @ _turn(2, 0.7) @ _turn(0, 0.02)
+    stand = frame([1500.0, 0.0, 300.0], [0.02, 0.0, 0.7])
     out: dict[str, float] = {}
     for name, point in POINTS.items():
         seen = stand @ flange @ np.array([*(np.array(TOOL) + point), 1.0])
@@ -96,25 +96,15 @@ def document(*, weighs: bool, **more: Any) -> dict[str, Any]:
     ]
     masses = {n: {"kg": kg, "com": list(com), "in": n} for n, (kg, com) in WEIGHTS.items()}
     weight = {"gravity": GRAVITY.tolist(), "masses": masses} if weighs else {}
-    infinite = float("inf")
+    free = {"xyz": float("inf"), "rpy": float("inf")}
+    base = {"xyz": [1500.0, 0.0, 300.0], "rpy": [0.0, 0.0, 40.0], "tolerance": free}
+    points = {name: list(point) for name, point in POINTS.items()}
     return {
         "schema": "truepose/machine/1",
         "name": "arm",
         "mechanism": {"type": "serial", "joints": joints},
-        "frames": {
-            "base": {
-                "in": "world",
-                "xyz": [1500.0, 0.0, 300.0],
-                "rpy": [0.0, 0.0, 40.0],
-                "tolerance": {"xyz": infinite, "rpy": infinite},
-            },
-            "tool": {"in": "flange", "xyz": list(TOOL)},
-        },
-        "sensor": {
-            "type": "targets",
-            "points": {name: list(point) for name, point in POINTS.items()},
-            "sigma": {"xyz": SIGMA},
-        },
+        "frames": {"base": {"in": "world", **base}, "tool": {"in": "flange", "xyz": list(TOOL)}},
+        "sensor": {"type": "targets", "points": points, "sigma": {"xyz": SIGMA}},
         "tolerances": {"length": LENGTH, "angle": ANGLE, "beta": 0, "q3.beta": ANGLE},
         **weight,
         **more,
@@ -138,19 +128,3 @@ def soft_arm(seed: int) -> tuple[dict[str, Any], pd.DataFrame, dict[str, float],
     names_of = [f"torque.{name}" for name in JOINTS]
     machine = document(weighs=bool(seed % 2), drivers=[{"name": n, "unit": "N*m"} for n in names_of])
     return machine, pd.DataFrame(rows), c, sign
-
-
-def _turn(axis: int, angle: float) -> Array:
-    out, (i, j) = np.eye(4), [(1, 2), (2, 0), (0, 1)][axis]
-    out[i, i] = out[j, j] = np.cos(angle)
-    out[i, j], out[j, i] = -np.sin(angle), np.sin(angle)
-    return out
-
-
-def _shift(x: float, z: float) -> Array:
-    out = np.eye(4)
-    out[0, 3], out[2, 3] = x, z
-    return out
-
-
-__all__ = ["HIGH", "JOINTS", "LOW", "constants", "document", "frames", "readings", "soft_arm", "torques"]

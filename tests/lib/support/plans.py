@@ -5,11 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.leaves.planning.information import PoseInformation
 
-Array = NDArray[np.float64]
 NAMES = ("serial", "pus", "ups", "distance")
 
 

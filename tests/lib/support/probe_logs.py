@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from support.plain_kinematics import frame, step
+from truepose.arrays import Array
+
 JOINTS = ((0, 0, 330), (50, -90, 0), (440, 0, 0), (35, -90, 420), (0, 90, 0), (0, -90, 80))
 """d (mm), alpha (deg) and r (mm) of each joint."""
 MACHINE = """schema: truepose/machine/1
@@ -47,22 +48,15 @@ def joints_at(time: Array, period: float = 0.0) -> Array:
 
 def pose_of(q: Array) -> tuple[Array, Array]:
     """Rotations (n, 3, 3) and places (n, 3), mm, of the probe by the tracker."""
-    turn, place = np.tile(np.eye(3), (len(q), 1, 1)), np.zeros((len(q), 3))
+    pose = np.tile(np.eye(4), (len(q), 1, 1))
     for k, (d, alpha, r) in enumerate(JOINTS):
-        place = place + turn @ [d, 0.0, 0.0]
-        angle = np.radians(q[:, k] - 90.0 * (k == 1) + OFF * (k == 2))
-        turn = turn @ Rotation.from_euler("x", alpha, degrees=True).as_matrix()
-        turn = turn @ Rotation.from_rotvec(np.outer(angle, [0, 0, 1])).as_matrix()
-        place = place + turn @ [0.0, 0.0, r]
-    place = place + turn @ [20.0, 30.0, 90.0]
+        row = [0.0, np.radians(alpha), d, np.radians(OFF * (k == 2) - 90.0 * (k == 1)), r]
+        pose = pose @ step(row, np.radians(q[:, k]))
+    pose = pose @ frame([20.0, 30.0, 90.0])
+    turn, place = pose[:, :3, :3], pose[:, :3, 3]
     base = Rotation.from_euler("ZYX", [140, 3, -5], degrees=True).as_matrix()
-    return base @ turn @ Rotation.from_euler(
-        "ZYX", [10, 20, 30], degrees=True
-    ).as_matrix(), place @ base.T + [
-        1500,
-        -300,
-        200,
-    ]
+    probe = Rotation.from_euler("ZYX", [10, 20, 30], degrees=True).as_matrix()
+    return base @ turn @ probe, place @ base.T + [1500, -300, 200]
 
 
 def written(folder: Path, seconds: float, ppm: float = 0.0, period: float = 0.0) -> tuple[Path, Path]:

@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from support import plain_kinematics
+from truepose.arrays import Array
+
 KEYS = ("beta", "alpha", "d", "theta", "r")
 # like an IRB 120: lower arm upright and wrist in front at zero
 DRAWN = np.array(
@@ -68,23 +69,9 @@ ENDMODULE
 """
 
 
-def step(row: Array, q: float) -> Array:
-    """(4, 4) of one joint: RotY(beta) RotX(alpha) TransX(d) RotZ(theta + q) TransZ(r); row in rad and mm."""
-    beta, alpha, d, theta, r = row
-    out = np.eye(4)
-    turned = Rotation.from_euler("YX", [beta, alpha]).as_matrix()
-    about = Rotation.from_euler("z", theta + q).as_matrix()
-    out[:3, :3] = turned @ about
-    out[:3, 3] = turned @ np.array([d, 0.0, 0.0]) + out[:3, :3] @ np.array([0.0, 0.0, r])
-    return out
-
-
 def frame(xyz_rpy: tuple[float, ...]) -> Array:
     """(4, 4) of x y z in mm and roll pitch yaw in deg."""
-    out = np.eye(4)
-    out[:3, :3] = Rotation.from_euler("xyz", xyz_rpy[3:], degrees=True).as_matrix()
-    out[:3, 3] = xyz_rpy[:3]
-    return out
+    return plain_kinematics.frame(xyz_rpy[:3], np.radians(xyz_rpy[3:]))
 
 
 @dataclass(frozen=True)
@@ -99,7 +86,7 @@ class Arm:
         """Frames of the joints, then the tool's, (4, 4) in the base."""
         out = [np.eye(4)]
         for k, row in enumerate(self.rows):
-            out.append(out[-1] @ step(row, q[k] * (1 + self.scale * (k == 3))))
+            out.append(out[-1] @ plain_kinematics.step(row, q[k] * (1 + self.scale * (k == 3))))
         return [*out[1:], out[-1] @ self.tool]
 
     def pose(self, q: Array) -> Array:

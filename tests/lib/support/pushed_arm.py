@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from truepose.arrays import Array
+
 ALPHA = np.radians([0.0, -90.0, 0.0, -90.0, 90.0, -90.0])
 D = np.array([0.0, 50.0, 440.0, 35.0, 0.0, 0.0])
 R = np.array([330.0, 0.0, 0.0, 420.0, 0.0, 80.0])

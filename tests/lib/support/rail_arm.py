@@ -10,16 +10,15 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from support.calibrated_machines import calibrated
+from truepose.arrays import Array
 from truepose.cli import app
 from truepose.codegen.c import generate
 from truepose.codegen.printer import Real
 from truepose.models.load import load_machine
 
-Array = NDArray[np.float64]
 NAME = "arm"
 READINGS = ["q1 [mm]", "q2 [rad]", "q3 [rad]", "q4 [rad]", "q5 [rad]", "q6 [rad]"]
 DRIVERS = ["payload", "temperature.link2"]

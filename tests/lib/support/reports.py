@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from support.recordings import rows_of
 from truepose.identification.diagnosis.result import (
     Alarm,
     Alternative,
@@ -66,18 +67,15 @@ def recorded(machine: Machine, rows: int = ROWS) -> Recording:
     rng = np.random.default_rng(1)
     q = rng.uniform(-1.5, 1.5, (rows, len(machine.mechanism.readings)))
     columns = [name for sensor in machine.sensors for name in sensor.columns]
-    return Recording(
+    return rows_of(
+        q,
         joints=machine.mechanism.readings,
-        q=q,
         observations={name: rng.normal(size=rows) for name in columns},
-        labels={},
         drivers={"temperature.base": 20 + rng.normal(size=rows)},
         files=("a&b.csv",),
-        source_file=np.zeros(rows, dtype=np.int64),
-        source_row=np.arange(1, rows + 1),
-        session=np.ones(rows, dtype=np.int64),
         session_recorded=np.zeros(rows, dtype=bool),
         validation=np.arange(rows) >= rows - 5,
+        time=None,
     )
 
 

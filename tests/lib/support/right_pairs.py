@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from support import MACHINES
 from support.checked_arm import document
+from truepose.arrays import Array
 from truepose.identification.identifiability.analysis import drawn_poses
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
@@ -20,7 +20,6 @@ from truepose.models.file.yaml_document import read_document
 from truepose.models.load import build_machine
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 Document = dict[str, Any]
 INF = float("inf")
 SENSORS: dict[str, Document] = {

@@ -42,6 +42,3 @@ def _again(message: Any, types: Any) -> Any:
     kind = types[name]
     names = [field.name for field in fields(kind) if field.init]
     return kind(*(0 if name == "seq" else _again(getattr(message, name), types) for name in names))
-
-
-__all__ = ["CHUNK", "as_ros1"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 import truepose
-from support.generated_c import COMPILER, LEVEL, WARNINGS
+from support.generated_c import COMPILER, LEVEL, compile_library
 from truepose.identification.compensation.inverse import PoseSolver
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.calibrate import Calibration
@@ -43,9 +42,7 @@ def check_round_trip(found: Estimate | Calibration | Diagnosis, folder: Path) ->
 
 def _check_poses(machine: Machine, folder: Path, q: np.ndarray) -> None:
     """Compile the C and compare the tool's poses at readings q (n, nq) with those in Python, drivers at their defaults."""
-    command = [COMPILER, *WARNINGS, LEVEL, "-shared", "-fPIC", f"{machine.name}_kin.c", "-lm", "-o", "lib.so"]
-    subprocess.run([str(word) for word in command], cwd=folder, check=True)
-    forward = getattr(ctypes.CDLL(str(folder / "lib.so")), f"{machine.name}_fk")
+    forward = getattr(compile_library(folder, [f"{machine.name}_kin.c"], LEVEL), f"{machine.name}_fk")
     poses, good = PoseSolver(machine).forward(q)
     base = [ca.SX(machine.geometry[f"base.{axis}"].nominal) for axis in AXES]
     stand = np.linalg.inv(ca.evalf(lie.rpy_transform(base[:3], base[3:])).full())
@@ -54,6 +51,3 @@ def _check_poses(machine: Machine, folder: Path, q: np.ndarray) -> None:
         pointers = (ctypes.c_void_p(array.ctypes.data) for array in (row, out))
         assert forward(None, None, *pointers) == 0
         np.testing.assert_allclose(out.reshape(3, 4), pose[:3], rtol=0.0, atol=1e-6)
-
-
-__all__ = ["check_round_trip"]

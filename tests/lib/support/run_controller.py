@@ -9,13 +9,11 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from support.program_robots import Arm
 from support.run_programs import DRAWN, Q0
-
-Array = NDArray[np.float64]
+from truepose.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -136,6 +134,3 @@ def stands(moved: Moved, arm: Arm) -> Array:
     """Where an arm's tool comes (4, 4) when a controller that believes the drawing is sent there."""
     q = DRAWN.with_tool(moved.tool).inverse(moved.pose, Q0)
     return arm.with_tool(moved.tool).pose(q)
-
-
-__all__ = ["Controller", "Moved", "stands"]

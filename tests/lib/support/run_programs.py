@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from support.program_robots import arms, frame, numbers_of
+from truepose.arrays import Array
 
-Array = NDArray[np.float64]
 Q0 = np.array([0.35, 0.25, -0.3, 0.4, 0.9, -0.5])
 """Joints far from singular poses and ends of ranges; all that is drawn is near."""
 DRAWN, REAL = arms()
@@ -132,20 +131,8 @@ def written(dialect: str, nodes: list[Node], function: tuple[str, list[Node]] | 
         f'PERS wobjdata {name}:=[FALSE,TRUE,"",{numbers_of(_near([0.7 - k] * 6), "rapid")},[[0,0,0],[1,0,0,0]]];'
         for k, name in enumerate(NEAR)
     ]
-    return "\n".join(
-        [
-            "MODULE job",
-            *tools,
-            *bases,
-            "PROC main()",
-            "ConfL\\Off;",
-            *body,
-            "ENDPROC",
-            *called,
-            "ENDMODULE",
-            "",
-        ]
-    )
+    main = ["PROC main()", "ConfL\\Off;", *body, "ENDPROC"]
+    return "\n".join(["MODULE job", *tools, *bases, *main, *called, "ENDMODULE", ""])
 
 
 def _lines(dialect: str, nodes: list[Node], own: dict[str, str]) -> Iterator[str]:
@@ -191,6 +178,3 @@ def _shift(dialect: str, which: int, value: int) -> Iterator[str]:
     else:
         yield f"{NEAR[which]}[0] = {value / 1000}"
         yield from ["set_tcp(fd)"] * which
-
-
-__all__ = ["DRAWN", "Q0", "REAL", "Node", "functions", "programs", "written"]

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from support.moving_machines import written
 from support.telescope_legs import FLEXURED
+from truepose.arrays import Array
 from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.diagnosis.result import UNNAMED, Diagnosis, Finding
 from truepose.identification.fit.problem import prior_of
@@ -19,8 +19,6 @@ from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine
-
-Array = NDArray[np.float64]
 
 TOLERANCES = "tolerances: {length: 0.1, angle: 0.05}\n"
 TABLE = """

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import re
-import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
@@ -13,12 +12,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from support.generated_c import COMPILER, LEVEL, WARNINGS
+from support.generated_c import LEVEL, compile_library
+from truepose.arrays import Array
 from truepose.codegen.c import generate
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 INSIDE = Path(__file__).parent / "inside_arm.c"
 _FIELDS = ("beta", "alpha", "d", "theta", "r")
 
@@ -194,43 +193,25 @@ def _at(array: NDArray[np.generic] | None) -> ctypes.c_void_p | None:
 @cache
 def built(where: Path, name: str, flags: tuple[str, ...] = ()) -> BuiltArm:
     """One of ARMS, generated and compiled with ``flags`` too."""
-    assert COMPILER is not None
     arm = ARMS[name]
     directory = where / "-".join(["six", name, *(flag.strip("-") for flag in flags)])
     files = generate(arm.machine(where), directory)
     assert any(file.name == f"{name}_batch.c" for file in files)
     sources = [str(INSIDE), f"{name}_batch.c"]
     inside = ["-I.", f'-DFILE_OF_ARM="{name}_kin.c"', *(["-DNO_DRAWN_ARM"] if name in GENERAL else [])]
-    command = [
-        COMPILER,
-        *WARNINGS,
-        LEVEL,
-        *flags,
-        *inside,
-        "-shared",
-        "-fPIC",
-        *sources,
-        "-lm",
-        "-o",
-        "lib.so",
-    ]
-    subprocess.run(command, cwd=directory, check=True)
-    return BuiltArm(arm, directory, ctypes.CDLL(str(directory / "lib.so")))
+    return BuiltArm(arm, directory, compile_library(directory, sources, LEVEL, *flags, *inside))
 
 
 @cache
 def counted(where: Path, name: str) -> BuiltArm:
     """One of ARMS whose C counts its evaluations of the model, in ``evaluations`` of the library."""
     made = built(where, name)
-    assert COMPILER is not None
     text = (made.directory / f"{name}_kin.c").read_text()
     body = r"(static void (?:chain_of|end_of)\(const model \*m, const stand \*at, [^)]*\)\n\{\n    int j;\n)"
     text, places = re.subn(body, r"\1    ++evaluations;\n", text)
     assert places == 2
     (made.directory / "counted.c").write_text("int evaluations;\n" + text)
-    command = [COMPILER, LEVEL, "-shared", "-fPIC", "counted.c", "-lm", "-o", "counted.so"]
-    subprocess.run(command, cwd=made.directory, check=True)
-    return replace(made, library=ctypes.CDLL(str(made.directory / "counted.so")))
+    return replace(made, library=compile_library(made.directory, ["counted.c"], LEVEL, name="counted.so"))
 
 
 def _turn(axis: int, angle: Array) -> Array:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import yaml
 
 import truepose
 from support.checked_arm import JOINTS, Document, document, recorded, written
@@ -18,21 +19,19 @@ ROWS = 8
 ENOUGH = 12  # to be shifted by three
 POINTS = {"P1": [0.0, 30.0, 0.0], "P2": [0.0, -30.0, 0.0], "P3": [80.0, 0.0, 0.0]}
 ON_TARGETS = {"type": "targets", "points": POINTS, "sigma": {"xyz": 0.03}}
-SLIDE: Document = {
-    "schema": "truepose/machine/1",
-    "name": "gantry",
-    "mechanism": {
-        "type": "serial",
-        "joints": [
-            {"name": "q1", "kind": "prismatic", "r": 10.0},
-            {"name": "q2", "kind": "prismatic", "alpha": -90.0, "d": 20.0},
-            {"name": "q3", "kind": "revolute", "alpha": 90.0, "theta": 30.0},
-        ],
-    },
-    "frames": {"base": {"in": "world", "xyz": [1.0, 2.0, 3.0], "tolerance": {"xyz": 5, "rpy": 1}}},
-    "sensor": {"type": "position", "sigma": {"xyz": 0.03}},
-    "tolerances": {"length": 0.2, "angle": 0.05},
-}
+SLIDE: Document = yaml.safe_load("""
+schema: truepose/machine/1
+name: gantry
+mechanism:
+  type: serial
+  joints:
+    - {name: q1, kind: prismatic, r: 10.0}
+    - {name: q2, kind: prismatic, alpha: -90.0, d: 20.0}
+    - {name: q3, kind: revolute, alpha: 90.0, theta: 30.0}
+frames: {base: {in: world, xyz: [1.0, 2.0, 3.0], tolerance: {xyz: 5, rpy: 1}}}
+sensor: {type: position, sigma: {xyz: 0.03}}
+tolerances: {length: 0.2, angle: 0.05}
+""")
 
 
 def sides(rows: pd.DataFrame) -> pd.DataFrame:

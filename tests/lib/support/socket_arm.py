@@ -11,13 +11,14 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.optimize import root
 
+from support.plain_kinematics import step
+from truepose.arrays import Array
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 ROWS = np.array(  # alpha, d, theta, r of each joint: deg and mm
     [[0, 0, 0, 300], [90, 50, 10, 0], [0, 400, 0, 20], [90, 30, 0, 350], [-90, 0, 0, 10], [90, 0, -20, 90]]
 )
@@ -42,17 +43,10 @@ NAMES = [f"q{k}.{field}" for k in range(1, 7) for field in ("alpha", "d", "theta
 
 def arm(q: Array, rows: Array) -> tuple[Array, Array]:
     """Rotations (n, 3, 3) and positions (n, 3) of the flange: RotX(alpha) TransX(d) RotZ(theta + q) TransZ(r)."""
-    turn, at = np.tile(np.eye(3), (len(q), 1, 1)), np.zeros((len(q), 3))
-    for k, (alpha, d, theta, r) in enumerate(rows):
-        ca, sa = np.cos(alpha), np.sin(alpha)
-        c, s = np.cos(theta + q[:, k]), np.sin(theta + q[:, k])
-        step = np.zeros((len(q), 3, 3))
-        step[:, 0, 0], step[:, 0, 1] = c, -s
-        step[:, 1, 0], step[:, 1, 1], step[:, 1, 2] = ca * s, ca * c, -sa
-        step[:, 2, 0], step[:, 2, 1], step[:, 2, 2] = sa * s, sa * c, ca
-        at = at + turn @ np.array([d, -sa * r, ca * r])
-        turn = turn @ step
-    return turn, at
+    pose = np.tile(np.eye(4), (len(q), 1, 1))
+    for k, row in enumerate(rows):
+        pose = pose @ step([0.0, *row], q[:, k])
+    return pose[:, :3, :3], pose[:, :3, 3]
 
 
 def ball_at(q: Array, rows: Array, ball: Array) -> Array:

@@ -7,13 +7,13 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from support.built_machines import FRAMES, POSE
 from support.built_machines import simulated as simulated_within
 from support.graph_machines import machine_of
 from support.moving_machines import written
 from support.telescope_legs import leg_rows
+from truepose.arrays import Array
 from truepose.identification.fit.bounds import Bounds, bounds_of
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.estimated import Estimate
@@ -21,7 +21,6 @@ from truepose.identification.leaves.ipopt.solving import simultaneous
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 BASE = "\n".join(line for line in FRAMES.splitlines() if "tool" not in line) + "\n"
 MADE = "tolerances: {length: 0.2, angle: 0.05}\n"
 ARM = """

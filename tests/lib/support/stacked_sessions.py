@@ -6,9 +6,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from truepose.arrays import Array
 from truepose.identification.fit.problem import Prior
 from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.leaves.drift.sessions import (
@@ -22,7 +22,6 @@ from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.posterior.state import State
 
-Array = NDArray[np.float64]
 SESSIONS, ROWS = 4, 9
 SCALE = np.array([0.5, 2.0, 10.0])
 SIGMA_STEPS = np.array([1.0, 2.0, 0.5])

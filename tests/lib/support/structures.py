@@ -5,16 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from support import MACHINES
 from support.telescope_legs import leg_rows
 from support.tool_pose import HEAD
+from truepose.arrays import Array
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 G = 9.80665
 BEAM = """
 mechanism:

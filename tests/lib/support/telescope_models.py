@@ -7,9 +7,9 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from support import MACHINES, ROOT
+from truepose.arrays import Array
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
@@ -17,7 +17,6 @@ from truepose.models.effects.base import PlacedEffect
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 MODELS = ("spherical", "linear", "beam", "stiffness", "elastic")
 LENGTH = 30.0
 STIFFNESSES = (

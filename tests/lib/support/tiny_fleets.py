@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from support.plain_kinematics import step
+from truepose.arrays import Array
+
 SIGMA, LENGTH, ANGLE = 0.01, 0.1, 0.0005
 MACHINE = """schema: truepose/machine/1
 name: tiny
@@ -62,14 +62,11 @@ def built(rng: np.random.Generator, scale: float = 1.0) -> dict[str, float]:
 
 def points(p: Mapping[str, float], q: Array) -> Array:
     """(n, 3) points of the tool at joints (n, 2): forward kinematics written out, mm and rad."""
-    point = np.tile([p["tool.x"], p["tool.y"], p["tool.z"]], (len(q), 1))
-    for k, joint in ((1, "q2"), (0, "q1")):
-        about_z = Rotation.from_rotvec(np.outer(q[:, k] + p[f"{joint}.theta"], [0.0, 0.0, 1.0]))
-        up, out = np.array([0.0, 0.0, p[f"{joint}.r"]]), np.array([p[f"{joint}.d"], 0.0, 0.0])
-        point = about_z.apply(point + up) + out
-        turn = Rotation.from_euler("y", p[f"{joint}.beta"]) * Rotation.from_euler("x", p[f"{joint}.alpha"])
-        point = turn.apply(point)
-    return np.asarray(point)
+    pose = np.eye(4)
+    for k, joint in enumerate(JOINTS):
+        pose = pose @ step([p[f"{joint}.{key}"] for key in ("beta", "alpha", "d", "theta", "r")], q[:, k])
+    point = pose @ [p["tool.x"], p["tool.y"], p["tool.z"], 1.0]
+    return np.asarray(point[:, :3])
 
 
 def rows(seed: int, faults: Sequence[Fault] = (), count: int = ROWS) -> pd.DataFrame:
@@ -102,6 +99,3 @@ def write_fleet(folder: Path, faults: Mapping[str, Sequence[Fault]]) -> Path:
     for seed, (name, own) in enumerate(faults.items()):
         write_machine(folder / name, rows(seed, own))
     return folder
-
-
-__all__ = ["GAIN", "MACHINE", "PLAY", "machine_text", "rows", "write_fleet", "write_machine"]

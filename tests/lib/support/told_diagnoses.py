@@ -31,28 +31,15 @@ def finding(probability: float, parameters: int) -> Finding:
 
 
 def diagnosis(verdict: str, *findings: Finding, **others: object) -> Diagnosis:
-    quiet: dict[str, object] = {
-        "concealed": False,
-        "remainder": None,
-        "outlier_rows": (),
-        "terms": (),
-        "sets": (),
-        "leading": (),
-        "together": (),
-        "untestable": (),
-        "applied": None,
-    }
+    nothing = ("outlier_rows", "terms", "sets", "leading", "together", "untestable", "missing")
+    quiet: dict[str, object] = dict.fromkeys(nothing, ())
+    quiet |= dict.fromkeys(("concealed", "budget_spent", "stopped"), False)
+    quiet |= dict.fromkeys(("remainder", "applied", "proof"))
     quiet |= {
-        "proof": None,
         "disagreement": 0.0,
-        "budget_spent": False,
-        "stopped": False,
         "noise": 1.0,
         "inflation": {},
         "structure": Alarm(0.1, 0.5),
-    }
-    quiet |= {
-        "missing": (),
         "before": still(),
         "after": still(),
         "fits": fits(1.01),

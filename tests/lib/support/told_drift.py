@@ -18,8 +18,6 @@ from truepose.shown.html import page
 
 DAY = 86400.0
 GOOD = Check({"position": 0.011}, {"position": 0.010}, {"position": "mm"}, 0.4, True)
-BAD = Check({"position": 0.03}, {"position": 0.010}, {"position": "mm"}, 1e-6, False)
-WORSE = replace(BAD, rms={"position": 0.05})
 NAMES = tuple("abcdefghijklmno")
 
 

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import yaml
-from numpy.typing import NDArray
 
+from support.telescope_legs import ENDS
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.simulate import simulate
@@ -23,19 +23,10 @@ from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 Document = dict[str, Any]
 BASE = {"xyz": [10.0, -20.0, 30.0], "rpy": [4.0, -3.0, 25.0], "tolerance": {"xyz": 5.0, "rpy": 1.0}}
 TOOL = {"xyz": [5.0, -7.0, 60.0], "rpy": [0.0, 0.0, 0.0], "tolerance": {"xyz": 1.0, "rpy": 0.5}}
 POSE = {"type": "pose", "sigma": {"xyz": 0.01, "rot": 0.005}}
-ENDS = (
-    ([391.3, -83.2, 0.0], [173.6, -179.9, 0.0]),
-    ([391.3, 83.2, 0.0], [173.6, 179.9, 0.0]),
-    ([-123.6, 380.5, 0.0], [69.0, 240.3, 0.0]),
-    ([-267.7, 297.3, 0.0], [-242.6, 60.4, 0.0]),
-    ([-267.7, -297.3, 0.0], [-242.6, -60.4, 0.0]),
-    ([-123.6, -380.5, 0.0], [69.0, -240.3, 0.0]),
-)
 MECHANISMS: Mapping[str, Document] = {
     "arm": {
         "type": "serial",
@@ -49,7 +40,14 @@ MECHANISMS: Mapping[str, Document] = {
         "type": "6-pus",
         "home": [0.0, 0.0, 440.0, 0.0, 0.0, 0.0],
         "legs": [
-            {"name": f"leg{k}", "joint": f"rho{k}", "a": a, "b": b, "length": 500.0, "range": [-80.0, 80.0]}
+            {
+                "name": f"leg{k}",
+                "joint": f"rho{k}",
+                "a": list(a),
+                "b": list(b),
+                "length": 500.0,
+                "range": [-80.0, 80.0],
+            }
             for k, (a, b) in enumerate(ENDS, start=1)
         ],
     },

@@ -6,14 +6,13 @@ from collections.abc import Sequence
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine.closure import closed_home, coordinate_scale
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 HEAD = "schema: truepose/machine/1\nname: {name}\ntolerances: {{length: 0.1, angle: 0.05}}\ngravity: [0, 0, -9.80665]\n"
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from support.plain_kinematics import frame
+from truepose.arrays import Array
+
 # name: parent, child, xyz (mm), rpy (rad), axis; every joint turns
 JOINTS = {
     "waist": ("pelvis", "torso", (0, 0, 300), (0, 0.1, 0), (0, 0, 1)),
@@ -74,11 +75,7 @@ def write(folder: Path, text: str, joints: dict[str, str] | None = None) -> Path
     return path
 
 
-def pose(xyz: ArrayLike, rpy: ArrayLike) -> Array:
-    """(4, 4) Trans(xyz) Rz(yaw) Ry(pitch) Rx(roll)."""
-    out = np.eye(4)
-    out[:3, 3], out[:3, :3] = xyz, Rotation.from_euler("xyz", np.asarray(rpy, dtype=float)).as_matrix()
-    return out
+pose = frame
 
 
 def chain(names: tuple[str, ...], q: dict[str, float]) -> Array:

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import ctypes
 import importlib.util
-import subprocess
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
-from numpy.typing import NDArray
 
-from support.generated_c import COMPILER, WARNINGS, Built
+from support.generated_c import Built, compile_library
+from truepose.arrays import Array
 
-Array = NDArray[np.float64]
 SIMULINK = Path(__file__).parent / "simulink"
 """A stand-in for Simulink's headers."""
 PORTS = ctypes.POINTER(ctypes.c_double)
@@ -49,15 +47,13 @@ def python_at(file: Path, real: str = "double") -> ModuleType:
 
 def simulink(built: Built) -> ctypes.CDLL:
     """A machine's block with the stand-in around it, compiled with every warning an error."""
-    assert COMPILER is not None
     directory, name = wrapped(built), built.machine.name
-    flags = [flag for flag in WARNINGS if flag != "-Wdouble-promotion"]  # Simulink's signals are double
     files = [f"{name}_sfun.c", f"../{name}_kin.c"]
     where = ["-DMATLAB_MEX_FILE", f"-I{SIMULINK}", "-I.."]
-    command = [COMPILER, *flags, *where, "-O1", "-shared", "-fPIC", *files, "-lm", "-o", "block.so"]
-    if not (directory / "block.so").exists():
-        subprocess.run(command, cwd=directory, check=True)
-    library = ctypes.CDLL(str(directory / "block.so"))
+    if (directory / "block.so").exists():
+        library = ctypes.CDLL(str(directory / "block.so"))
+    else:  # Simulink's signals are double
+        library = compile_library(directory, files, "-Wno-double-promotion", *where, "-O1", name="block.so")
     library.block_new.restype = ctypes.c_void_p
     library.block_new.argtypes = [ctypes.c_int, PORTS, PORTS, ctypes.c_int]
     library.block_error.restype = ctypes.c_char_p

@@ -11,13 +11,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from support.embedded import needs_toolchain
 from support.examples import by_day
 from support.generated_c import COMPILER, WARNINGS, Built, build, needs_compiler
 from support.generated_machines import ARM, HEAD, machine_of
+from truepose.arrays import Array
 from truepose.cli import app
 from truepose.codegen.blocks import rolled
 from truepose.codegen.c import generate, render
@@ -33,7 +33,6 @@ from truepose.models.leaves.starting.written import files_of
 from truepose.models.load import build_machine, load_machine
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 CASES: list[tuple[str, Real, str]] = [
     ("arm", "double", "warm"),
     ("arm", "float", "warm,p"),

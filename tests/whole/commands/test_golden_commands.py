@@ -30,7 +30,7 @@ HEAD, TAIL = 60, 10
 """Lines of a file that are kept, where it has more than both."""
 ELSEWHERE = ("recordings", "MJCF")
 """Kinds whose good files are those of another kind, or are read by a library that may not be there."""
-KIND = {kind.name: kind for kind in KINDS if kind.name not in ELSEWHERE}
+KIND = {name: make for name, make in KINDS.items() if name not in ELSEWHERE}
 MACHINES = 10
 CASES = [(name, k) for name in KIND for k in (range(MACHINES) if name == "machine files" else [None])]
 """Each kind, and each machine by itself."""
@@ -38,7 +38,7 @@ CASES = [(name, k) for name in KIND for k in (range(MACHINES) if name == "machin
 
 @cache
 def _seeds(kind: str, folder: Path) -> list[Seed]:
-    return KIND[kind].make(folder)
+    return KIND[kind](folder)
 
 
 def _said(seeds: list[Seed], folder: Path) -> Iterator[str]:

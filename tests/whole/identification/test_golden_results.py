@@ -19,8 +19,10 @@ import pytest
 
 from support import TESTS
 from support.fleets import mixed_machines
-from support.fringe_journeys import FIBRE, journey
-from support.golden_results import Json, calibrated, counted, differences, kept, summed, weighed
+from support.fringe_journeys import journey
+from support.fringe_signal import FIBRE
+from support.golden import differences
+from support.golden_results import Json, calibrated, counted, is_same, kept, summed, weighed
 from support.results import drifting
 from truepose.identification.leaves.drift.words import drift_json
 from truepose.identification.leaves.fringes.move import read_move
@@ -59,7 +61,7 @@ def test_numbers_are_as_committed(name: str, request: pytest.FixtureRequest) -> 
     new = kept(RESULTS[name]())
     file = GOLDEN / f"{name.replace(' ', '_')}.json"
     old = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else None
-    found = list(differences(old, new))
+    found = list(differences(old, new, is_same))
     if found and request.config.getoption("--update-golden"):
         file.write_text(json.dumps(new, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
         return

@@ -9,19 +9,18 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from support.generated_c import needs_compiler
 from support.partial_machines import PARTIAL, as_built, partial_machine, readings
 from support.recordings import rows_of
+from truepose.arrays import Array
 from truepose.identification.compensation.compensate import compensate, ideal_constants
 from truepose.identification.compensation.inverse import PoseSolver, base_frame
 from truepose.identification.compensation.path_table import load_path
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 POSITION, TURN = 1e-6, 1e-9
 ROWS = 30
 

@@ -6,18 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from support.calibrated_machines import SIX_AXES
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.compensation.compensate import ideal_constants, twists_between
 from truepose.identification.compensation.inverse import PoseSolver, Reach, base_frame, inverse
 from truepose.models.load import load_machine
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine
-
-Array = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")

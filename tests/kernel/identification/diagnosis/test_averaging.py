@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from support.linear_problems import SIZES, random_problem, single
 from support.searched_arm import PLAY, SCALE, held, searched
+from truepose.arrays import Array
 from truepose.identification.diagnosis import averaging
 from truepose.identification.diagnosis.averaging import WORSE, averaged
 from truepose.identification.diagnosis.posterior_summary import LEADING
@@ -23,9 +23,6 @@ from truepose.identification.fit.estimated import Estimate
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.posterior.state import State, moments, typical
-
-Array = NDArray[np.float64]
-
 
 # -- moments of a state -----------------------------------------------------------------------------------------
 
@@ -138,32 +135,6 @@ def test_a_mean_that_readings_contradict_is_not_used_but_widens(found: Found, li
     assert mixed.chi2 <= (1.0 + WORSE) * likeliest.chi2
     assert np.all(mixed.std >= likeliest.std * (1.0 - 1e-9))
     assert np.max(mixed.std / np.maximum(likeliest.std, 1e-300)) > 5.0
-
-
-def test_in_a_diagnosis_sure_things_stay(found: Found, likeliest: Estimate) -> None:
-    """A name shares its amplitude with its twin, which is the same function; together they keep it.
-
-    What stands elsewhere is open.
-    """
-    after = averaged(found, likeliest)
-
-    def by_place(fit: Estimate) -> dict[tuple[str, ...], float]:
-        out: dict[tuple[str, ...], float] = {}
-        for effect in fit.fitted_effects():
-            if effect.effect.slug != "empirical":
-                out[effect.place] = out.get(effect.place, 0.0) + sum(effect.amplitudes)
-        return out
-
-    mean, sure = by_place(after), by_place(likeliest)
-    assert {place: mean[place] for place in sure} == pytest.approx(sure, rel=0.1)
-    for place in set(mean) - set(sure):
-        held = [
-            share
-            for state, share in found.posterior.states
-            if any(found.catalogue.candidates[i].place == place for i in chosen(found.problem, state))
-        ]
-        assert sum(held) >= LEADING
-    assert after.chi2 <= (1.0 + WORSE) * likeliest.chi2
 
 
 # -- what has a part in it ----------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ import pytest
 
 from support.searched_arm import PLAY, SCALE, held
 from truepose.identification.diagnosis.naming import as_named, named, summarised
-from truepose.identification.diagnosis.posterior_summary import LISTED, Inclusion, Named, Presence, inclusion
+from truepose.identification.diagnosis.posterior_summary import Inclusion, Named, Presence, inclusion
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.state import State, slot_odds, supports
@@ -77,19 +77,6 @@ def test_a_class_is_never_surer_than_certain() -> None:
     assert told[FAINT] == pytest.approx(sure * 0.1 * 0.4 / 1.2)
 
 
-def test_forms_without_a_name_are_rivals_but_no_names_of_a_class() -> None:
-    form = next(c for c in held(PLAY, SCALE)[1].problem.causes if c.effect == Empirical.slug)
-    one = play(found := posed({PLAYED: 0.5, OTHER: 0.2, form: 0.3}, 0.5))
-    assert one.certainty == pytest.approx(itself(found) * 0.7)
-
-
-def test_a_class_lists_eight_at_most() -> None:
-    found = held(PLAY, SCALE)[1]
-    others = [c for c in found.problem.causes if c not in (PLAYED, SCALED)][:12]
-    one = play(posed({PLAYED: 0.4} | dict.fromkeys(others, 0.05), 0.4))
-    assert len([m for m in one.equivalents if m.cause in others]) == 8 == LISTED
-
-
 def test_a_name_has_the_evidence_that_its_share_of_the_draws_speaks_for() -> None:
     """From its prior odds beside the others; so many sweeps tell no more than one in so many."""
     for own in (0.6, 1.0):
@@ -104,22 +91,6 @@ def test_a_name_has_the_evidence_that_its_share_of_the_draws_speaks_for() -> Non
         )
         large = (supports(slab, found.mode, [np.flatnonzero([m in mine for m in members])]))[0]
         assert play(found).gain == pytest.approx(max(float(least), large))
-
-
-def test_other_states_may_speak_for_a_name_that_the_likeliest_one_does_not_need() -> None:
-    """Play of a joint that has none: what its share of the draws says of it counts."""
-    faint = held(PLAY, SCALE)[0].holding("backlash@q1", "actuator-scale@q1")
-    number, sweeps = faint.problem.causes.index(FAINT), faint.posterior.sweeps
-    causes = faint.posterior.causes.copy()
-    causes[number] = 0.6
-    faint = replace(faint, posterior=replace(faint.posterior, causes=causes))
-    (one,) = (n for n in named(faint, Inclusion({}, (), 0.0)) if n.cause == FAINT)
-    (mine,) = (
-        m for m in faint.mode.members if faint.catalogue.cause(faint.problem.candidates[m[0]]) == FAINT
-    )
-    drawn = (0.6 * sweeps + 1.0) / (sweeps + 2.0)
-    prior_odds = faint.problem.spike_slab.terms.log_prior_of([mine]) + slot_odds(faint.problem.richness, 1)
-    assert one.gain == pytest.approx(float(np.log(drawn / (1.0 - drawn)) - prior_odds))
 
 
 def test_a_cause_that_is_named_for_itself_is_no_rival() -> None:

@@ -11,20 +11,18 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 
 from support.drifting_arm import (
     JOINTS,
     SIGMA,
-    TURN_SIGMA,
     built,
     machine_text,
-    rotation,
-    rotation_vector,
+    noisy,
     tool_pose,
 )
 from support.examples import by_day
 from truepose.api import diagnose, predict
+from truepose.arrays import Array
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.predict import unheard
@@ -32,7 +30,6 @@ from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 N = 80
 Moves = Callable[[dict[str, float], Array, float], None]
 """Changes constants and true joint angles (rad) at a share of the way through the recording."""
@@ -43,7 +40,7 @@ def arm(folder: Path) -> Machine:
     return load_machine(folder / "arm.yaml")
 
 
-def recorded(moves: Moves, order: str = "random", seed: int = 5, n: int = N) -> pd.DataFrame:
+def recorded(moves: Moves, order: str = "random", seed: int = 6, n: int = N) -> pd.DataFrame:
     """Rows in the order of acquisition, no clock; ``raster``: the second joint goes up in eight steps, once."""
     rng = np.random.default_rng(seed)
     p, q = built(rng), np.radians(rng.uniform(-110, 110, (n, len(JOINTS))))
@@ -53,13 +50,7 @@ def recorded(moves: Moves, order: str = "random", seed: int = 5, n: int = N) -> 
     for k in range(n):
         here, joints = dict(p), q[k].copy()
         moves(here, joints, k / (n - 1))
-        pose = tool_pose(here, joints)
-        noise = np.radians(TURN_SIGMA) * rng.standard_normal(3)
-        turned = pose[:3, :3]
-        for axis, angle in zip("xyz", noise, strict=True):
-            turned = turned @ rotation(axis, angle)[:3, :3]
-        place = pose[:3, 3] + SIGMA * rng.standard_normal(3)
-        rows.append([*np.degrees(q[k]), *place, *np.degrees(rotation_vector(turned))])
+        rows.append([*np.degrees(q[k]), *noisy(tool_pose(here, joints), rng)])
     return pd.DataFrame(rows, columns=[*JOINTS, "x", "y", "z", "rx", "ry", "rz"])
 
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
 import pytest
 
-from support.effect_machines import read_machines
 from support.effects import with_effect
 from truepose.identification.diagnosis.findings import (
     best_shape,
@@ -26,12 +24,6 @@ from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.placed import EffectAtPlace
-
-
-@pytest.fixture(scope="module")
-def arm(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    folder: Path = tmp_path_factory.getbasetemp() / "findings_laws"
-    return read_machines(folder)["arm"]
 
 
 @pytest.fixture(scope="module")
@@ -185,46 +177,6 @@ def test_a_further_function_must_be_worth_two_units_of_noise_a_channel() -> None
 
 
 # -- what an explanation says ------------------------------------------------------------------------------------
-
-
-def test_lines_of_all_joints_say_what_ratio_they_share(arm: Machine) -> None:
-    """Of a joint whose gear the file does not state, by the orders of all single waves that the fit holds."""
-    waves = [with_effect(arm, "transmission-error", ("q3",), {"order": k}) for k in (404.0, 1010.0, 2020.0)]
-    cat = Catalogue((*waves, with_effect(arm, "joint-compliance", ("q2",))), (-2.0,) * 4, ())
-    one = Named(EffectAtPlace("transmission-error", ("q3",)), (1,), 0.9, 0.9, (), 30.0)
-    for held, shared in ((cat.candidates, True), (cat.candidates[1:], False)):
-        after = cast(Estimate, SimpleNamespace(**vars(fitted(cat)) | {"effects": held}))
-        told = finding(arm, cat, after, one, None, None).explanation
-        assert "A line at 1010 cycles a turn of q3" in told
-        assert ("5 of 202, a ratio that several lines share" in told) is shared
-
-
-def test_what_nobody_recorded_is_told_with_what_rests_on_it(arm: Machine) -> None:
-    play = with_effect(arm, "backlash", ("q2",))
-    cat = Catalogue((play,), (-1.0,), ())
-    one = Named(play.at_place, (0,), 0.9, 0.9, (), 30.0)
-    side = "The side of arrival was taken from the order of the rows, as no `approach` column tells it."
-    for inferred in (True, False):
-        told = finding(arm, cat, fitted(cat), one, None, None, lambda _, said=inferred: said)  # type: ignore[misc]
-        assert (side in told.explanation) is inferred
-        assert (
-            told.explanation.startswith(play.effect.explain(arm, ("q2",), {}))
-            and "  " not in told.explanation
-        )
-    assert side not in finding(arm, cat, fitted(cat), one, None, None).explanation
-    lawless = Named(EffectAtPlace("empirical", ("q2",)), (0,), 0.0, 0.9, (), 30.0, tested=False)
-    assert finding(arm, cat, fitted(cat), lawless, None, None).explanation == ""
-
-
-def test_coefficients_are_told_with_their_units_and_settings_where_terms_differ_in_them(
-    arm: Machine, cat: Catalogue
-) -> None:
-    one = Named(EffectAtPlace("zero-shift", ("q2",)), (0, 1), 0.6, 0.95, (), 30.0)
-    both = finding(arm, cat, fitted(cat), one, None, None).parameters
-    assert {name.partition("[")[2] for name in both} == {"session=1]", "session=2]"}
-    assert {q.unit for q in both.values()} == {c.unit for c in cat.candidates[0].coefficients}
-    alone = Named(EffectAtPlace("zero-shift", ("q2",)), (1,), 0.6, 0.95, (), 30.0)
-    assert "[" not in "".join(finding(arm, cat, fitted(cat), alone, None, None).parameters)
 
 
 def test_a_rival_states_its_driver_and_what_would_separate_it(arm: Machine, cat: Catalogue) -> None:

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from support.examples import examples
 from support.recordings import rows_of
+from truepose.arrays import Array
 from truepose.identification.diagnosis.holdout import (
     OUTERMOST,
     VALIDATION,
@@ -20,10 +24,10 @@ from truepose.identification.diagnosis.holdout import (
     ratio_interval,
 )
 from truepose.identification.diagnosis.result import BlockProof, PoseError
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.recording.recording import Recording
 from truepose.models.file.sections import NO_WORSE
 
-Array = NDArray[np.float64]
 NOTHING = np.zeros(0)
 HEAVY, WARM = "heaviest loads", "warmest rows"
 
@@ -180,19 +184,6 @@ def test_rows_all_alike_in_reach_make_no_outermost_block() -> None:
     assert OUTERMOST not in [b.name for b in few] and sum(b.rows.sum() for b in few) == 8
 
 
-def test_the_thermometer_that_varies_most_tells_the_warmest_rows() -> None:
-    n, rng = 100, np.random.default_rng(6)
-    calm, lively = 20.0 + 0.1 * rng.standard_normal(n), 25.0 + 3.0 * rng.standard_normal(n)
-    for drivers in (
-        {"temperature.air": calm, "temperature.q1": lively},
-        {"temperature.air": lively, "temperature.q1": calm},
-    ):
-        _, blocks = held_out_blocks(rows(drivers, n), np.ones(n, dtype=bool))
-        (warm,) = (b.rows for b in blocks if b.name == WARM)
-        assert lively[warm].min() > np.median(lively)
-        assert 0.1 * n <= warm.sum() <= 0.2 * n + 1
-
-
 def test_the_interval_of_a_ratio_holds_19_in_20() -> None:
     """Of rows drawn anew the true ratio (1/2) lies below and above it one time in forty each."""
     rng, below, above, times = np.random.default_rng(11), 0, 0, 200
@@ -203,3 +194,78 @@ def test_the_interval_of_a_ratio_holds_19_in_20() -> None:
         below, above = below + (high < 0.5), above + (low > 0.5)
     for missed in (below, above):  # a bootstrap of 60 rows is a little too sure
         assert 0.003 * times < missed < 0.08 * times
+
+
+def test_of_very_many_rows_the_interval_is_the_limit_of_the_bootstrap() -> None:
+    rng = np.random.default_rng(5)
+    before, after = rng.chisquare(3, 20_000), 0.25 * rng.chisquare(3, 20_000)
+    ratio, interval = ratio_interval(before, after)
+    drawn, bootstrap = ratio_interval(before[1:], after[1:])
+    assert ratio == pytest.approx(0.5, abs=0.02)
+    assert drawn == pytest.approx(ratio, rel=1e-3)
+    assert interval == pytest.approx(bootstrap, rel=2e-3)
+    assert np.ptp(interval) == pytest.approx(np.ptp(bootstrap), rel=0.15)  # of 1000 draws
+
+
+@settings(max_examples=examples(25), deadline=None)
+@given(st.permutations(range(30)))
+def test_the_interval_does_not_depend_on_the_order_of_rows(order: list[int]) -> None:
+    rng = np.random.default_rng(10)
+    before, after = rng.chisquare(3, 30), 0.2 * rng.chisquare(3, 30)
+    ratio, interval = ratio_interval(before, after)
+    again, moved = ratio_interval(before[order], after[order])
+    assert again == pytest.approx(ratio)
+    assert moved == pytest.approx(interval)
+    assert interval[0] <= ratio <= interval[1]
+
+
+def test_extrapolations_are_farther_heavier_and_warmer_than_what_they_are_predicted_from() -> None:
+    rng, n = np.random.default_rng(4), 300
+    drivers = {
+        "payload": rng.choice(np.arange(12.0), n),
+        "temperature.air": rng.normal(22.0, 0.1, n),
+        "temperature.leg": rng.normal(30.0, 3.0, n),
+    }
+    recording = rows_of(rng.normal([5.0, -3.0], [1.0, 40.0], (n, 2)), drivers=drivers)
+    _, blocks = held_out_blocks(recording, np.ones(n, dtype=bool))
+    off = (recording.q - recording.q.mean(axis=0)) / recording.q.std(axis=0)
+    scores = {
+        OUTERMOST: np.hypot(*off.T),
+        "heaviest loads": drivers["payload"],
+        "warmest rows": drivers["temperature.leg"],
+    }
+    left = np.ones(n, dtype=bool)
+    found = {block.name: block.rows for block in blocks}
+    for name, score in scores.items():  # each leaves its rows to itself
+        held = found[name]
+        assert 0.1 * n < held.sum() < 0.25 * n
+        assert score[held].min() > score[left & ~held].max()
+        left &= ~held
+
+
+@pytest.mark.parametrize(("heaviest", "held"), [(0.3, True), (0.65, False)])
+def test_no_more_than_two_fifths_are_held_out_at_once(
+    case: tuple[Estimate, Recording], heaviest: float, held: bool
+) -> None:
+    """Loads of which the heaviest are most of all: the others say too little to predict them from."""
+    _, recording = case
+    n = len(recording)
+    order = np.random.default_rng(4).permutation(n)
+    loads = np.where(order < heaviest * n, 9.0, order % 4)
+    loaded = replace(recording, drivers={"payload": loads}, pose=np.arange(n, dtype=np.int64))
+    _, blocks = held_out_blocks(loaded, np.ones(n, dtype=bool))
+    assert ("heaviest loads" in [b.name for b in blocks]) is held
+    assert blocks[0].name == OUTERMOST and all(3 <= b.rows.sum() <= 0.4 * n for b in blocks)
+
+
+def test_repeats_of_a_pose_are_held_out_together(case: tuple[Estimate, Recording]) -> None:
+    _, recording = case
+    n = len(recording)
+    pose = np.arange(n, dtype=np.int64) // 2
+    paired = replace(recording, pose=pose, drivers={}, q=recording.q[2 * pose])
+    _, (outermost, *quarters) = held_out_blocks(paired, np.ones(n, dtype=bool))
+    assert outermost.name == OUTERMOST
+    assert set(pose[outermost.rows]).isdisjoint(pose[~outermost.rows])
+    assert len(quarters) == 4
+    sizes = [int(b.rows.sum()) for b in quarters]
+    assert max(sizes) - min(sizes) <= 1 and sum(sizes) + outermost.rows.sum() == n

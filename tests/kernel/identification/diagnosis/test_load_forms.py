@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from support.calibrated_machines import LOADED, SIX_AXES
 from truepose.identification.diagnosis.diagnose import diagnose
-from truepose.identification.diagnosis.result import Diagnosis, Form, Remainder
+from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import covariance_of, write_calibrated
 from truepose.identification.prediction.predict import predicted, predictor_for
@@ -20,7 +20,6 @@ from truepose.identification.prediction.simulate import simulate
 from truepose.identification.prior import FORM_ERROR
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
-from truepose.identification.report.finding_words import form_words
 from truepose.identification.signatures.candidates import catalogue, empirical_forms
 from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
@@ -192,14 +191,3 @@ def test_a_base_that_tips_is_found_at_the_base_and_driven_by_load(tipping: Diagn
     assert tipping.verdict == "missing-physics"
     assert tipping.applied is not None and tipping.applied.pose is not None
     assert tipping.applied.pose.model < 0.7 * tipping.applied.pose.plain
-
-
-@pytest.mark.parametrize(
-    ("driver", "words"),
-    [
-        ("load", "q3 errs as a smooth curve in the load that it carries"),
-        ("moment", "q3 errs as a smooth curve in the moment on it"),
-    ],
-)
-def test_what_no_column_holds_is_told_in_words(driver: str, words: str) -> None:
-    assert form_words(Remainder(("q3",), driver, Form("curve"), 1.0)).startswith(words)

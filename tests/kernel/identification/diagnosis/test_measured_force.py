@@ -10,14 +10,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 
 import truepose
 from support.pushed_arm import COLUMNS, RANGES, G, held, placed, text
+from truepose.arrays import Array
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.signatures.candidates import catalogue
 
-Array = NDArray[np.float64]
 SIGMA = 0.02
 SOFT = np.array([0.0, 2.5e-6, 0.0, 0.0, 1.2e-5, 0.0])  # rad/(N m)
 

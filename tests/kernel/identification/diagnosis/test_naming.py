@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
@@ -13,12 +14,21 @@ import pandas as pd
 import pytest
 
 from support.effect_machines import read_machines
-from support.searched_arm import Case
+from support.searched_arm import PLAY, SCALE, Case, searched
 from truepose.identification.diagnosis.alarms import misfits
 from truepose.identification.diagnosis.diagnose import verdict
-from truepose.identification.diagnosis.naming import FAMILY, Summary, named
-from truepose.identification.diagnosis.posterior_summary import inclusion
-from truepose.identification.diagnosis.result import Alarm
+from truepose.identification.diagnosis.naming import (
+    FAMILY,
+    UNREPLICATED,
+    Summary,
+    cap_law,
+    keep_supported,
+    named,
+    summarised,
+)
+from truepose.identification.diagnosis.posterior_summary import Presence, driver_of, inclusion, parts_of
+from truepose.identification.diagnosis.proof import replications
+from truepose.identification.diagnosis.result import NAMED, Alarm, Replication
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.posterior.state import State
 from truepose.identification.prediction.simulate import simulate
@@ -26,8 +36,7 @@ from truepose.identification.prior import TOGETHER
 from truepose.identification.recording.load import load_recording
 from truepose.identification.signatures.candidates import Catalogue, catalogue
 from truepose.models.effect_text import parse_effect
-from truepose.models.effects.constants import AxisCoupling
-from truepose.models.effects.empirical import Empirical
+from truepose.models.file.driver import Driver
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.placed import EffectAtPlace
@@ -74,28 +83,6 @@ def test_one_joint_alone_is_likelier_than_two_at_once(arm: tuple[Machine, Catalo
         if placed.effect.slug == "zero-shift":
             share[len(placed.place)] += float(np.exp(log))
     assert share[2] / (share[1] + share[2]) == pytest.approx(TOGETHER)
-
-
-def test_a_leg_that_drags_another_is_rarer_than_joints_that_share_a_gear_train(tmp_path: Path) -> None:
-    """A tenth, and nothing else becomes likelier by it."""
-    coupling = AxisCoupling()
-    legs = read_machines(tmp_path / "machines")["gough"]
-    first, second, *_ = (limb.reading for limb in legs.mechanism.limbs)
-    assert coupling.likely(legs, (first, second)) == pytest.approx(0.1)
-    (tmp_path / "arm.yaml").write_text(ARM)
-    assert coupling.likely(load_machine(tmp_path / "arm.yaml"), ("q1", "q2")) == 1.0
-
-
-def test_mounts_are_rivals_as_curves_of_drivers_only_and_the_volume_once(
-    arm: tuple[Machine, Catalogue],
-) -> None:
-    cat = arm[1]
-    nameless = [c for c in cat.candidates if c.effect.slug == Empirical.slug]
-    mounts = [c for c in nameless if c.place in (("base",), ("tool",))]
-    assert {name for c in mounts for name in c.drivers} == {"time", "temperature.air"}
-    assert all(c.drivers for c in mounts)
-    assert [c.place for c in nameless].count(("sensor",)) == 1
-    assert len({c.label for c in nameless}) == len(nameless)
 
 
 # -- families -----------------------------------------------------------------------------------------------
@@ -202,3 +189,144 @@ def test_one_rule_gives_the_verdict(named: bool, nameless: float, residual: Alar
     there = nameless > 0.9 or residual.about == "replicates"
     told = "missing-physics" if named else "unknown" if there else "adequate"
     assert verdict(said, raised(residual=residual)) == told
+
+
+@pytest.fixture(scope="module")
+def found() -> Found:
+    return searched(PLAY, SCALE)[1]
+
+
+@pytest.fixture(scope="module")
+def summary(found: Found) -> Summary:
+    return summarised(found, found.fit)
+
+
+def test_names_that_the_fit_determines_stay(found: Found, summary: Summary) -> None:
+    kept = keep_supported(summary, found, found.fit, partial(replications, found, rms=1.0))
+    assert [n.cause for n in kept.summary.names] == [n.cause for n in summary.names]
+    assert kept.unseen == () and len(kept.replications) == len(summary.names)
+
+
+@pytest.mark.parametrize(("sigmas", "stays"), [(2.5, False), (3.5, True)])
+def test_a_name_needs_three_sigma_of_the_nonlinear_fit(
+    found: Found, summary: Summary, sigmas: float, stays: bool
+) -> None:
+    at = found.fit.prior.names.index("backlash@q2:b")
+    p = found.fit.p.copy()
+    p[at] = sigmas * found.fit.std[at]
+    kept = keep_supported(
+        summary, found, replace(found.fit, p=p), partial(replications, found, rms=1.0)
+    ).summary
+    assert any(n.cause.effect == "backlash" for n in kept.names) is stays
+    assert any(n.cause.effect == "backlash" for n in kept.leading) is not stays
+
+
+def test_what_no_reading_sees_could_not_be_tested(found: Found, summary: Summary) -> None:
+    """The same fit with a column that no reading depends on: the prior alone holds the coefficient."""
+    free = found.fit.prior.free.tolist().index(found.fit.prior.names.index("backlash@q2:b"))
+    factor, p = found.fit.factor.copy(), found.fit.p.copy()
+    factor[:, free] = 0.0
+    p[found.fit.prior.free[free]] = 0.0
+    kept = keep_supported(
+        summary, found, replace(found.fit, factor=factor, p=p), partial(replications, found, rms=1.0)
+    )
+    assert [one.effect for one in kept.unseen] == ["backlash"] and "q2" in kept.unseen[0].why
+    assert all(n.cause.effect != "backlash" for n in (*kept.summary.names, *kept.summary.leading))
+    assert (
+        kept.summary.inclusion.of(next(n.cause for n in summary.names if n.cause.effect == "backlash")) == 0.0
+    )
+
+
+@pytest.mark.parametrize(
+    ("half", "capped"),
+    [
+        (Replication((0.9, 0.9), True), False),
+        (Replication((0.9, 0.1), True), True),
+        (Replication((0.9, 0.9), False), True),
+        (Replication((0.9, 0.0), True, (True, False)), False),
+        (None, False),
+    ],
+)
+def test_a_law_that_a_half_does_not_show_is_open(
+    summary: Summary, half: Replication | None, capped: bool
+) -> None:
+    one = summary.laws[0]
+    said = cap_law(one, half)
+    assert said.probability == (UNREPLICATED if capped else one.probability)
+    assert said.levels == one.levels  # location and driver stay
+    total = said.probability + sum(m.probability for m in said.equivalents)
+    assert total == pytest.approx(one.probability + sum(m.probability for m in one.equivalents))
+    assert np.isclose(one.probability, 1.0, atol=0.4)
+
+
+@pytest.fixture(scope="module")
+def presence(found: Found) -> Presence:
+    return Presence(found.signatures.machine, found.catalogue, found.problem, found.posterior)
+
+
+def test_no_level_is_less_probable_than_a_deeper_one(summary: Summary) -> None:
+    assert {(n.cause.effect, n.cause.place) for n in summary.laws} == {
+        ("backlash", ("q2",)),
+        ("actuator-scale", ("q1",)),
+    }
+    for name in summary.names:
+        assert name.probability <= name.levels.driver <= name.levels.place <= 1.0
+        assert name.levels.driver > 0.9
+        assert summary.inclusion.of(name.cause) == name.probability  # told with one value
+
+
+def test_a_wave_and_a_curve_of_the_own_position_are_one_driver(presence: Presence) -> None:
+    assert driver_of("position-periodic") == driver_of("position") != driver_of("load")
+    assert presence.at(["q1"], "position-periodic") == presence.at(["q1"], "position")
+
+
+def test_parts_have_one_name_each(tmp_path: Path) -> None:
+    machine = read_machines(tmp_path / "machines")["gough"]
+    limb = machine.mechanism.limbs[0]
+    assert parts_of(machine, "leg-compliance", (limb.name,)) == (limb.reading,)
+    assert parts_of(machine, "wrong-constant", (f"{limb.name}.a.x",)) == (limb.reading,)
+    assert parts_of(machine, "axis-coupling", ("q4", "q3")) == ("q4",)  # the one that is driven
+    assert parts_of(machine, "gravity-sag", ("base",)) == ("base",)
+    assert parts_of(machine, "zero-shift", ("q4", "q3", "q4")) == ("q4", "q3")
+    encoded = read_machines(tmp_path / "machines")[
+        "encoded"
+    ]  # an encoder on a load side is a part of its own
+    assert parts_of(encoded, "encoder-eccentricity", ("angle.q3",)) == ("angle.q3",)
+    assert parts_of(encoded, "wrong-constant", ("q3.d",)) == ("q3",)
+
+
+def test_what_is_not_there_leads_nothing() -> None:
+    _, quiet = searched()
+    said = summarised(quiet, quiet.fit)
+    assert said.names == () and said.laws == ()
+    assert all(max(one.levels.driver, one.certainty) < NAMED for one in said.leading)
+
+
+# -- drivers as types ---------------------------------------------------------------------------------------------
+
+
+def test_drivers_of_recordings_drive_in_their_own_way() -> None:
+    names = (
+        "payload",
+        "temperature.leg1~300",
+        "time",
+        "approach.q2",
+        "stop.q2~0.01",
+        "session.after.2",
+        "tilt",
+    )
+    assert [Driver.of(name).drives for name in names] == [
+        "load", "temperature", "time", "arrival", "arrival", "session", None,
+    ]  # fmt: skip
+
+
+def test_forms_without_a_name_state_theirs(found: Found) -> None:
+    kinds = {
+        (e.place[0], tuple(k for k, _ in e.settings if k.startswith("from."))): e.kind
+        for e in found.catalogue.candidates
+        if e.effect.slug == "empirical"
+    }
+    assert kinds["q1", ("from.q1",)] == "position"
+    assert kinds["q1", ("from.q2",)] == kinds["q1", ("from.q1", "from.q2")] == "coupling"
+    assert {kind for (place, _), kind in kinds.items() if place == "sensor"} == {"sensor"}
+    assert np.all([found.catalogue.candidates[i].kind != "sensor" for i in found.catalogue.smooth])

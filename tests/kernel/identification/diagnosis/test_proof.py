@@ -9,38 +9,24 @@ from typing import cast
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from support.effect_machines import read_machines
 from support.effects import with_effect
-from support.sensor_bench import Bench
+from truepose.arrays import Array
 from truepose.identification.diagnosis import proof as black_box_module
-from truepose.identification.diagnosis.holdout import OUTERMOST, held_out_blocks, ratio_interval
 from truepose.identification.diagnosis.proof import Waves, black_box, injected_recovered, linear_test
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.selection_problem import selection_problem
-from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.state import State
 from truepose.identification.recording.recording import Recording
-from truepose.identification.report.notes import tolerance_notes
-from truepose.identification.signatures.candidates import Catalogue, empirical_forms
+from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Linearisation
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.effects.empirical import Empirical
+from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 Case = tuple[Estimate, Recording]
-
-
-@pytest.fixture(scope="module")
-def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
-    """A fit of an arm and its recording; the tests replace what is in them."""
-    bench = Bench(tmp_path_factory.mktemp("case"), "arm")
-    recording = bench.recording()
-    return estimate(bench.machine, recording), recording
 
 
 # -- linear predictions ----------------------------------------------------------------------------------
@@ -69,19 +55,6 @@ def test_held_out_rows_are_judged_by_the_posterior_of_the_others(case: Case) -> 
     expected = residual[~train] + design[~train] @ (departure - np.append(away, np.zeros(extra)))
     found = linear_test(design[:, :, :n], fit, train, ~train, waves)
     np.testing.assert_allclose(found, np.sum(expected**2, axis=1), rtol=1e-8)
-
-
-def test_a_prediction_is_exact_where_readings_are_linear_and_the_drawing_is_true(case: Case) -> None:
-    """Readings of ten times the noise that a free wave explains vanish once it is among the columns."""
-    rng, rows = np.random.default_rng(2), 60
-    fit = replace(case[0], p=case[0].prior.mean.copy())
-    n = len(fit.prior.free)
-    jacobian, wave = 1e-3 * rng.standard_normal((rows, 3, n)), rng.standard_normal((rows, 3))
-    fit = replace(fit, residual=10.0 * wave)
-    train = rng.permutation(rows) < 40
-    without = linear_test(jacobian, fit, train, ~train)
-    box = linear_test(jacobian, fit, train, ~train, Waves(wave, np.arange(3), None))
-    assert np.mean(box) < 1e-6 * np.mean(without)
 
 
 def test_a_black_box_does_as_well_in_whatever_steps_parameters_are_counted(case: Case) -> None:
@@ -153,11 +126,8 @@ def injected(
     return injected_recovered(cast(Estimate, after), cast(Found, found), 0)
 
 
-def test_an_injected_effect_is_found_again_where_nothing_else_says_the_same(
-    tmp_path_factory: pytest.TempPathFactory,
-) -> None:
+def test_an_injected_effect_is_found_again_where_nothing_else_says_the_same(arm: Machine) -> None:
     """It, at any of its settings, is as good as the best; another place of the same effect is another effect."""
-    arm = read_machines(tmp_path_factory.getbasetemp() / "proof_laws")["arm"]
     q2, q3 = (with_effect(arm, "zero-shift", (joint,), {"session": 1.0}) for joint in ("q2", "q3"))
     again = with_effect(arm, "zero-shift", ("q2",), {"session": 2.0})
     axes = np.linalg.qr(np.random.default_rng(3).standard_normal((ROWS, 4)))[0]
@@ -182,78 +152,3 @@ def test_an_injected_effect_is_found_again_where_nothing_else_says_the_same(
 
 
 # -- rows held out, and intervals --------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("heaviest", "held"), [(0.3, True), (0.65, False)])
-def test_no_more_than_two_fifths_are_held_out_at_once(case: Case, heaviest: float, held: bool) -> None:
-    """Loads of which the heaviest are most of all: the others say too little to predict them from."""
-    _, recording = case
-    n = len(recording)
-    order = np.random.default_rng(4).permutation(n)
-    loads = np.where(order < heaviest * n, 9.0, order % 4)
-    loaded = replace(recording, drivers={"payload": loads}, pose=np.arange(n, dtype=np.int64))
-    _, blocks = held_out_blocks(loaded, np.ones(n, dtype=bool))
-    assert ("heaviest loads" in [b.name for b in blocks]) is held
-    assert blocks[0].name == OUTERMOST and all(3 <= b.rows.sum() <= 0.4 * n for b in blocks)
-
-
-def test_repeats_of_a_pose_are_held_out_together(case: Case) -> None:
-    _, recording = case
-    n = len(recording)
-    pose = np.arange(n, dtype=np.int64) // 2
-    paired = replace(recording, pose=pose, drivers={}, q=recording.q[2 * pose])
-    _, (outermost, *quarters) = held_out_blocks(paired, np.ones(n, dtype=bool))
-    assert outermost.name == OUTERMOST
-    assert set(pose[outermost.rows]).isdisjoint(pose[~outermost.rows])
-    assert len(quarters) == 4
-    sizes = [int(b.rows.sum()) for b in quarters]
-    assert max(sizes) - min(sizes) <= 1 and sum(sizes) + outermost.rows.sum() == n
-
-
-def test_the_interval_holds_the_ratio_of_a_large_sample() -> None:
-    """95 in 100 times; it narrows as rows are more, and one ratio for all rows has none."""
-    rng, held, widths = np.random.default_rng(5), 0, []
-    for _ in range(60):
-        before, after = rng.chisquare(3, 80), 0.25 * rng.chisquare(3, 80)
-        _, (low, high) = ratio_interval(before, after)
-        held += low <= 0.5 <= high
-        widths.append(high - low)
-    assert 52 <= held <= 60
-    many, low_high = ratio_interval(rng.chisquare(3, 8000), 0.25 * rng.chisquare(3, 8000))
-    assert many == pytest.approx(0.5, abs=0.02)
-    assert (low_high[1] - low_high[0]) == pytest.approx(np.mean(widths) / 10.0, rel=0.3)
-    ratio, interval = ratio_interval(before, 0.09 * before)
-    assert (ratio, *interval) == pytest.approx((0.3,) * 3)
-
-
-# -- notes and names ---------------------------------------------------------------------------------
-
-
-def test_tolerances_that_look_too_small_are_named_or_all_at_once() -> None:
-    """From half as large again; all in one line where they are within a fifth of each other."""
-    length, angle, frame = PartClass("length", "leg.a"), PartClass("angle"), PartClass("frame")
-
-    def said(*values: float) -> list[str]:
-        return tolerance_notes(dict(zip((length, angle, frame), values, strict=False)))
-
-    assert said(1.0, 1.2, 1.4) == said() == []
-    (one,) = said(2.0, 1.0, 1.0)
-    assert "length (leg.a) tolerances look 2.0 times too small" in one
-    assert [line.count("tolerances look") for line in said(4.0, 2.0, 1.0)] == [1, 1]
-    (every,) = said(2.0, 2.2, 2.1)
-    assert "all tolerances look 2.2 times too small" in every
-    assert len(said(2.0, 2.6, 2.1)) == 3 and "length (leg.a)" in said(2.0)[0]
-
-
-def test_what_has_no_name_is_told_by_its_sources(case: Case) -> None:
-    fit, recording = case
-    told = []
-    for form in empirical_forms(fit.nominal, recording):
-        assert isinstance(form.effect, Empirical)
-        told.append((form.place, form.effect.describe(form.settings_map)))
-    first, second = recording.joints[:2]
-    for kind in ((second, "line"), (first, "curve"), (second, "curve")):
-        assert ((first,), kind) in told
-    assert ((first,), (first, "line")) not in told  # a line in its own reading is a scale, which has a name
-    assert ((first,), (f"{first} and {second}", "product")) in told
-    assert told[-1][1] == ("position", "warp")

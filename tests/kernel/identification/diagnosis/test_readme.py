@@ -21,11 +21,3 @@ def test_the_toy_runs_within_its_length() -> None:
         exec(compile(block, str(README), "exec"), names)
     assert isinstance(names["inclusion"], dict)
     assert names["inclusion"]["sag"] == pytest.approx(1.0 / 12.0, abs=0.02)  # "one chance in twelve"
-
-
-def test_every_module_that_it_names_is_there() -> None:
-    rows = re.findall(r"^\|.*\|\s*$", README.read_text(encoding="utf-8"), re.MULTILINE)
-    named = {name for row in rows[2:] for name in re.findall(r"`([\w/.]+\.py)`", row)}
-    folders = (README.parent, README.parent.parent)
-    assert len(named) > 10
-    assert not [name for name in named if not any((folder / name).is_file() for folder in folders)]

@@ -16,7 +16,6 @@ from typer.testing import CliRunner
 import truepose
 from support import plain_arm as arm
 from support.plain_arm import soft_arm
-from support.tiny_fleets import MACHINE
 from truepose.cli import app
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.recording.tried import try_columns
@@ -166,23 +165,6 @@ def test_a_column_that_is_tried_is_found_and_then_declared(tmp_path: Path) -> No
     assert written["drivers"] == [{"name": "incline", "unit": "rad", "drives": "coupling"}]
     named = CliRunner().invoke(app, [*command, "--try-columns", "inclin"])
     assert named.exit_code == 2 and "did you mean 'incline'?" in named.output
-
-
-@pytest.mark.nightly
-def test_columns_are_tried_when_asked_and_wherever_the_option_stands(tmp_path: Path) -> None:
-    """Whatever they hold: a small arm says as much of it as a large one."""
-    (tmp_path / "arm.yaml").write_text(MACHINE.format(length=0.1, angle=0.03, sigma=0.01), encoding="utf-8")
-    rng = np.random.default_rng(3)
-    q1, q2, incline, noise = rng.uniform(-80, 80, (4, 20))
-    table = pd.DataFrame({"q1": q1, "q2": q2, "incline": incline, "noise": noise})
-    plain = truepose.simulate(truepose.load_machine(tmp_path / "arm.yaml"), table[["q1", "q2"]], seed=1)
-    table.join(plain[["x", "y", "z"]]).to_csv(tmp_path / "r.csv", index=False)
-    files = [str(tmp_path / "arm.yaml"), str(tmp_path / "r.csv"), "-o", str(tmp_path / "out")]
-    said = CliRunner().invoke(app, ["diagnose", *files])
-    assert "no driver: incline and noise; --try-columns tries them" in " ".join(said.output.split())
-    first = CliRunner().invoke(app, ["diagnose", "--try-columns", "all", *files])
-    assert first.exit_code == 0, first.output
-    assert "tried as drivers: incline and noise" in " ".join(first.output.split())
 
 
 def test_columns_that_are_tried_weigh_together_what_one_driver_weighs(tmp_path: Path) -> None:

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.predictor import Predictor
@@ -20,11 +20,8 @@ from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue, catalogue
 from truepose.identification.signatures.lines import PARTS, refined
 from truepose.identification.signatures.signatures import Signatures
-from truepose.models.effects.base import effects
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
-
-Array = NDArray[np.float64]
 
 TEXT = """
 schema: truepose/machine/1
@@ -185,12 +182,6 @@ def test_a_large_effect_between_two_lags_has_its_name_and_is_written(tmp_path: P
     assert sum(e.values["alpha"] for e in written) == pytest.approx(
         finding.parameters["alpha"].value, rel=0.02
     )
-
-
-def test_more_refraction_than_there_is_raises_a_question() -> None:
-    air = effects.get("air-refraction", "test")()
-    assert "thermometer" in air.found({"share": 4.5}, {"share": 0.1})
-    assert "thermometer" not in air.found({"share": 1.6}, {"share": 0.1})
 
 
 # -- creep from session to session ---------------------------------------------------------------------------

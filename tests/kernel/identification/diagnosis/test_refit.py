@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from support.searched_arm import ARM, PLAY, SCALE, WRONG_SIGN, Case, held, searched
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.diagnosis.holdout import Comparison
@@ -37,13 +37,10 @@ from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
-from truepose.identification.report.applied_words import applied_words, check_applicable, expected_pose
+from truepose.identification.report.applied_words import check_applicable, expected_pose
 from truepose.models import lie
 from truepose.models.effects.empirical import Empirical
 from truepose.models.load import load_machine
-
-Array = NDArray[np.float64]
-
 
 # -- bounds hold in what is written -------------------------------------------------------------------------------
 
@@ -144,71 +141,6 @@ def comparison(ratio: float, pose: float) -> Comparison:
     return Comparison("role", ones, ratio**2 * ones, (), PoseError(1.0, pose))
 
 
-@pytest.mark.parametrize(
-    ("ratio", "pose", "worse"),
-    [(0.5, 0.5, False), (1.0, 1.0, False), (0.5, 1.03, True), (1.03, 0.5, True), (1.01, 1.01, False)],
-)
-def test_neither_readings_nor_the_tool_may_get_worse(ratio: float, pose: float, worse: bool) -> None:
-    assert comparison(ratio, pose).worse is worse
-
-
-@pytest.mark.parametrize(
-    ("with_forms", "names", "worse"),
-    [
-        ((0.9, 0.9), None, False),
-        ((1.5, 0.9), None, True),
-        ((0.9, 1.5), None, True),
-        ((1.5, 1.5), (1.5, 1.5), False),
-        ((1.5, 1.5), (1.5, 1.2), True),
-        ((0.9, 0.9), (0.5, 0.5), False),
-    ],
-)
-def test_forms_answer_for_the_ends_that_they_make_worse(
-    with_forms: tuple[float, float], names: tuple[float, float] | None, worse: bool
-) -> None:
-    """What is as bad there with names alone is not their doing; what is better than plain calibration is no harm."""
-
-    def ended(errors: tuple[float, float]) -> Comparison:
-        end = BlockProof("outermost poses", 10, *errors, extrapolates=True)
-        return replace(comparison(0.5, 0.5), blocks=(end, BlockProof("validation rows", 10, 9.0, 9.0)))
-
-    assert ended(with_forms).worse_beyond(None if names is None else ended(names)) is worse
-
-
-def test_a_model_that_leaves_the_tool_worse_gives_way_to_a_smaller_one(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """First without what the sensor is said to do, then names alone, then plain calibration."""
-    case, found = searched(PLAY)
-    label = {c.label: i for i, c in enumerate(case.cat.candidates)}
-    warp = next(i for i, c in enumerate(case.cat.candidates) if c.kind == "sensor" and not case.cat.named(i))
-    line = next(i for i, c in enumerate(case.cat.candidates) if c.place == ("q1",) and not case.cat.named(i))
-    play = label["backlash@q2"]
-    everything = refit(found, dict.fromkeys((play, line, warp), 1.0), (), case.exclude)
-    names = refit(found, {play: 1.0}, (), case.exclude)
-    assert everything is not None and names is not None
-    choice = Choice.of(found, Fits(case.null, case.null, case.exclude))
-    monkeypatch.setattr(Choice, "strays", lambda *_: False)
-    good, bad = comparison(0.5, 0.5), comparison(0.5, 2.0)
-
-    def answer(allowed: set[str]) -> tuple[str, Model | None]:
-        def compared(_: Choice, fit: object) -> Comparison:
-            held = {e.label for e in fit.effects}  # type: ignore[attr-defined]
-            return good if held <= {case.cat.candidates[label[name]].label for name in allowed} else bad
-
-        monkeypatch.setattr(Choice, "compared", compared)
-        monkeypatch.setattr(Choice, "beside_drawing", compared)
-        chosen, model, _ = chosen_model(choice, everything, names, (), bad)
-        return chosen, model
-
-    every = {case.cat.candidates[i].label for i in (play, line)}
-    assert answer(every)[0] == "robot"
-    assert answer({"backlash@q2"})[0] == "names"
-    assert answer(set()) == ("plain", None)
-    monkeypatch.setattr(Choice, "beside_drawing", lambda *_: good)
-    assert chosen_model(choice, everything, names, (), good)[0] == WHOLE
-
-
 def test_improved_predicts_the_tool_no_worse_than_plain_calibration(tmp_path: Path) -> None:
     """A sensor that warps by thirty sigma: the tool that is applied is no worse on rows that were not fitted."""
     (tmp_path / "arm.yaml").write_text(ARM)
@@ -258,18 +190,6 @@ def test_a_file_that_leaves_the_tool_worse_is_refused(tmp_path: Path) -> None:
             check_applicable(machine)
 
 
-def test_what_was_left_out_for_the_tools_sake_is_said() -> None:
-    good, bad = PoseError(0.07, 0.05), PoseError(0.07, 0.26)
-    both = {"ordinary": 0.08, "drawing": 0.07}
-    assert applied_words(Applied(WHOLE, "role", good, 0.5, good, 0.5, both)) == []
-    (left,) = applied_words(Applied("names", "role", good, 0.6, bad, 0.5, both))
-    assert "the tool would be worse" in left and "effects with a name alone" in left
-    (only,) = applied_words(Applied("plain", "blocks", PoseError(0.07, 0.07), 1.0, None, 1.4))
-    assert "held-out readings or the tool get worse" in only and "plain calibration" in only
-    (unread,) = applied_words(Applied(WHOLE, "role", None, 0.5, None, 0.5))
-    assert "no sensor reads its position" in unread
-
-
 # -- sure names, and constants that leave their tolerances --------------------------------------------------------
 
 
@@ -279,25 +199,70 @@ def choice() -> Choice:
     return Choice.of(found, Fits(case.null, case.null, case.exclude))
 
 
-def test_sure_names_are_applied_where_others_may_not(choice: Choice, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Those whose place and driver are known; where all are sure, or none is, there is nothing smaller."""
+@pytest.fixture(scope="module")
+def models() -> tuple[dict[str, int], Model, Model]:
+    """What may be applied: candidates by what they are, all of them and the names alone."""
     case, found = held(PLAY, SCALE)
     number = {c.label: i for i, c in enumerate(case.cat.candidates)}
-    play, scale = number["backlash@q2"], number["actuator-scale@q1"]
-    names = refit(found, {play: 1.0, scale: 1.0}, (), case.exclude)
-    assert names is not None and names.nameless(found) == ()
-    good, bad = comparison(0.5, 0.5), comparison(2.0, 2.0)
+    forms = [(i, c) for i, c in enumerate(case.cat.candidates) if not case.cat.named(i)]
+    parts = {"play": number["backlash@q2"], "scale": number["actuator-scale@q1"]}
+    whole = parts | {
+        "line": next(i for i, c in forms if c.place == ("q1",)),
+        "warp": next(i for i, c in forms if c.kind == "sensor"),
+    }
+    everything, names = (
+        refit(found, dict.fromkeys(p.values(), 1.0), (), case.exclude) for p in (whole, parts)
+    )
+    assert everything is not None and names is not None and names.nameless(found) == ()
+    return whole, everything, names
+
+
+@pytest.mark.parametrize(
+    ("good", "sure", "told"),
+    [
+        ("play scale line warp", "", WHOLE),
+        ("play scale line", "", "robot"),
+        ("play scale", "", "names"),
+        ("play", "play", "sure-names"),
+        ("play", "", "plain"),  # where all are sure, or none is, there is nothing smaller
+        ("play", "play scale", "plain"),
+        ("play", "scale", "plain"),  # it does no better
+        ("", "", "plain"),
+    ],
+)
+def test_a_model_that_leaves_the_tool_worse_gives_way_to_a_smaller_one(
+    choice: Choice, models: tuple[dict[str, int], Model, Model], monkeypatch: pytest.MonkeyPatch,
+    good: str, sure: str, told: str,
+) -> None:  # fmt: skip
+    """Without what the sensor is said to do, names alone, those whose place and driver are known, plain calibration."""
+    number, everything, names = models
+    fine = {choice.found.catalogue.candidates[number[name]].label for name in good.split()}
 
     def compared(_: Choice, fit: Estimate) -> Comparison:
-        return good if {e.label for e in fit.effects} == {"backlash@q2"} else bad
+        return comparison(0.5, 0.5) if {e.label for e in fit.effects} <= fine else comparison(2.0, 2.0)
 
-    monkeypatch.setattr(Choice, "compared", compared)
-    monkeypatch.setattr(Choice, "beside_drawing", compared)
-    label, model, applied = chosen_model(choice, names, names, (play,), bad)
-    assert label == "sure-names" and model is not None and list(model.accepted) == [play] and applied is good
-    for sure in ((), (play, scale)):
-        assert chosen_model(choice, names, names, sure, bad)[:2] == ("plain", None)
-    assert chosen_model(choice, names, names, (scale,), bad)[:2] == ("plain", None)  # it does no better
+    for name, instead in (("strays", lambda *_: False), ("compared", compared), ("beside_drawing", compared)):
+        monkeypatch.setattr(Choice, name, instead)
+    known = tuple(number[name] for name in sure.split())
+    label, model, applied = chosen_model(choice, everything, names, known, compared(choice, everything.fit))
+    assert label == told and (model is None) is (told == "plain")
+    assert model is None or ({e.label for e in model.fit.effects} == fine and applied.ratio < 1.0)
+
+
+@pytest.mark.parametrize(
+    ("whole", "alone", "expected"), [(0.9, 0.5, "names"), (0.5, 0.498, WHOLE), (0.5, 0.9, WHOLE)]
+)
+def test_the_best_of_what_was_found_is_deployed(
+    choice: Choice, models: tuple[dict[str, int], Model, Model], monkeypatch: pytest.MonkeyPatch,
+    whole: float, alone: float, expected: str,
+) -> None:  # fmt: skip
+    """Not the largest model that is no worse than plain calibration; of models as good, the largest."""
+    _, everything, names = models
+    monkeypatch.setattr(Choice, "strays", lambda *_: False)
+    monkeypatch.setattr(
+        Choice, "compared", lambda _, fit: comparison(*[alone if fit is names.fit else 1.5] * 2)
+    )
+    assert chosen_model(choice, everything, names, (), comparison(whole, whole))[0] == expected
 
 
 def test_gains_are_told_against_the_better_plain_calibration_and_the_one_held_to_the_drawing_is_applied() -> (
@@ -313,13 +278,6 @@ def test_gains_are_told_against_the_better_plain_calibration_and_the_one_held_to
     assert choice.compared(better.fit).ratio == pytest.approx(1.0)
     assert choice.drawing_alone.ratio > 1.5 and choice.beside_drawing(better.fit).ratio < 0.7
     assert choice.may_be_applied(better, better, choice.beside_drawing(better.fit))
-
-
-def test_rows_for_validation_judge_where_there_are_any(choice: Choice) -> None:
-    fit = choice.drawing
-    assert choice.as_it_is(fit) is None
-    assert choice.as_it_is(fit) is None
-    assert choice.compared(fit).ratio == pytest.approx(1.0) and choice.compared(fit).split == "blocks"
 
 
 @pytest.mark.parametrize(("share", "strays"), [(0.9, False), (1.1, True)])
@@ -353,28 +311,6 @@ def shifted(fit: Estimate, direction: Array, share: float) -> Estimate:
     p[: len(nominal)] = np.where(tolerance > 0.0, nominal, p[: len(nominal)])
     p[: len(nominal)] += share * worst_allowed(fit) * direction * tolerance
     return replace(fit, p=p)
-
-
-def test_the_best_of_what_was_found_is_deployed(choice: Choice, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Not the largest model that is no worse than plain calibration; of models as good, the largest."""
-    case, found = held(PLAY, SCALE)
-    number = {c.label: i for i, c in enumerate(case.cat.candidates)}
-    line = next(i for i, c in enumerate(case.cat.candidates) if c.place == ("q1",) and not case.cat.named(i))
-    play, scale = number["backlash@q2"], number["actuator-scale@q1"]
-    everything = refit(found, dict.fromkeys((play, scale, line), 1.0), (), case.exclude)
-    names = refit(found, {play: 1.0, scale: 1.0}, (), case.exclude)
-    assert everything is not None and names is not None
-    monkeypatch.setattr(Choice, "strays", lambda *_: False)
-    for whole, alone, expected in ((0.9, 0.5, "names"), (0.5, 0.498, WHOLE), (0.5, 0.9, WHOLE)):
-        monkeypatch.setattr(
-            Choice,
-            "compared",
-            lambda _, fit, alone=alone, own=names.fit: (
-                comparison(alone, alone) if fit is own else comparison(1.5, 1.5)
-            ),
-        )
-        label, _, _ = chosen_model(choice, everything, names, (), comparison(whole, whole))
-        assert label == expected
 
 
 def test_forms_must_make_nothing_worse_at_the_ends_and_names_may(choice: Choice) -> None:

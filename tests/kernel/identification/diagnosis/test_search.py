@@ -18,7 +18,7 @@ from truepose.identification.diagnosis.naming import named
 from truepose.identification.diagnosis.posterior_summary import Named, inclusion
 from truepose.identification.diagnosis.proof import flip_inflation, replications
 from truepose.identification.diagnosis.refit import fitted
-from truepose.identification.diagnosis.search import Found, chosen, noise_at, start_from
+from truepose.identification.diagnosis.search import Found, noise_at, start_from
 from truepose.identification.diagnosis.selection_problem import (
     SelectionProblem,
     selection_problem,
@@ -160,15 +160,6 @@ def test_every_candidate_is_weighed_alone(both: tuple[Case, Found]) -> None:
     np.testing.assert_allclose(alone[:count], weighed_alone(first, count), rtol=1e-6, atol=1e-6)
 
 
-def test_an_effect_that_is_there_throughout_is_in_both_halves(both: tuple[Case, Found]) -> None:
-    case, found = both
-    told = named(found, inclusion(found.problem, found.posterior))
-    for half in replications(found, told, case.rms):
-        assert half is not None and half.agree
-        assert min(half.halves) > 0.5
-    assert replications(found, (), case.rms) == ()
-
-
 @pytest.mark.parametrize(("first_row", "agree"), [(0, True), (ROWS // 2, False)])
 def test_an_effect_in_one_half_only_is_not_in_the_other(tmp_path: Path, first_row: int, agree: bool) -> None:
     """A scale that is there from some row on, with a model that holds nothing but it."""
@@ -219,15 +210,6 @@ def test_a_fit_begins_with_what_another_one_knows() -> None:
     np.testing.assert_array_equal(start[:count], found.fit.p[:count])
     expected = [*[0.0] * len(other.coefficients), *(float(v) for t in terms[1:] for v in known[t.label])]
     np.testing.assert_array_equal(start[count:], expected)
-
-
-def test_a_state_tells_its_candidates_with_their_sizes() -> None:
-    _, found = held(PLAY, SCALE)
-    (first, _), (second, _) = found.mode.members
-    state = replace(found.mode, members=((first, 2), (second, 7)))
-    values = found.problem.spike_slab.sizes.values
-    expected = {found.problem.candidates[first]: values[2], found.problem.candidates[second]: values[7]}
-    assert chosen(found.problem, state) == pytest.approx(expected)
 
 
 def test_the_noise_of_several_kinds_is_their_mean_by_readings() -> None:

@@ -12,15 +12,23 @@ from scipy.stats import multivariate_normal
 
 from support.effects import with_effect
 from support.linear_models import ANGLE, LENGTH, READINGS, catalogue_of, linear, unit
+from truepose.arrays import Array
 from truepose.identification import prior
+from truepose.identification.diagnosis.posterior_summary import Named
+from truepose.identification.diagnosis.proof import WIDENINGS, flip_inflation
 from truepose.identification.diagnosis.refit import FEW, WORTH, remainder_shapes
 from truepose.identification.diagnosis.search import Found
-from truepose.identification.diagnosis.selection_problem import selection_problem, weighed_alone
+from truepose.identification.diagnosis.selection_problem import (
+    SelectionProblem,
+    selection_problem,
+    weighed_alone,
+)
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.posterior.design import GridPoint
-from truepose.identification.posterior.state import State
+from truepose.identification.posterior.spike_slab import Member
+from truepose.identification.posterior.state import State, slot_odds
 from truepose.identification.recording.recording import Recording
-from truepose.identification.signatures.candidates import Catalogue, empirical_forms
+from truepose.identification.signatures.candidates import Catalogue, catalogue, empirical_forms
 from truepose.identification.signatures.linearisation import Linearisation
 from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effects.base import PlacedEffect
@@ -153,3 +161,147 @@ def test_forms_that_make_the_remainder_are_carried_the_largest_first(
     assert sum(s.share for s in shapes[:-1]) <= WORTH
     for shape in shapes:
         assert len(shape.sigma) == len(forms[shape.candidate].coefficients) and np.all(shape.sigma >= 0.0)
+
+
+@pytest.fixture(scope="module")
+def listed(recorded: tuple[Machine, Recording]) -> tuple[Catalogue, SelectionProblem]:
+    """All that a recording of an arm could speak of."""
+    machine, recording = recorded
+    cat = catalogue(machine, recording)
+    lin = Signatures(machine, recording, cat.candidates).linearise(estimate(machine, recording))
+    return cat, selection_problem(lin, cat, 1.5)
+
+
+def logs(problem: SelectionProblem, *present: Member) -> Array:
+    """(s, c) log prior of every term at every size beside some."""
+    return problem.spike_slab.terms.log_prior(present)
+
+
+def kind_of(cat: Catalogue, index: int) -> tuple[str, ...]:
+    """Names go by their effect and how many parts are in it together; what has none by its place."""
+    slug, place = cat.cause(index)
+    return (slug, str(len(place))) if cat.named(index) else ("", *place)
+
+
+def test_every_candidate_that_is_not_stated_is_a_term_of_its_own(
+    shifts: tuple[PlacedEffect, ...], listed: tuple[Catalogue, SelectionProblem]
+) -> None:
+    """With its columns; candidates of one effect at one place are one cause."""
+    lin, *_ = linear(shifts)
+    for stated, own in (((), (0, 1, 2, 3)), ((1,), (0, 2, 3))):
+        problem = selection_problem(lin, replace(catalogue_of(shifts), stated=stated), 1.5)
+        assert problem.candidates == own
+        assert [c.tolist() for c in problem.spike_slab.terms.columns] == [[i] for i in own]
+    cat, problem = listed
+    blamed = [problem.causes[k] for k in problem.spike_slab.terms.cause]
+    assert blamed == [cat.cause(i) for i in problem.candidates]
+    assert len(set(problem.causes)) == len(problem.causes)
+
+
+def test_terms_of_one_cause_stand_together_where_they_add(listed: tuple[Catalogue, SelectionProblem]) -> None:
+    """Harmonics, and forms without a name; of any other effect a place has one setting only."""
+    cat, problem = listed
+    excludes, cause = problem.spike_slab.terms.excludes, problem.spike_slab.terms.cause
+    add = [cat.candidates[i].effect.settings_add or not cat.named(i) for i in problem.candidates]
+    same = cause[:, None] == cause[None, :]
+    alone = same & ~np.array(add)[:, None] | np.eye(len(cause), dtype=bool)
+    np.testing.assert_array_equal(excludes, alone)
+
+
+def test_prior_shares_of_all_terms_add_up_to_one(
+    shifts: tuple[PlacedEffect, ...], listed: tuple[Catalogue, SelectionProblem]
+) -> None:
+    """Of kinds, of terms and of settings in their kind; what the machine is said to have gives its share to the others."""
+    lin, *_ = linear(shifts)
+    some = [selection_problem(lin, replace(catalogue_of(shifts), stated=s), 1.5) for s in ((), (3,), (1,))]
+    for terms in (problem.spike_slab.terms for problem in (*some, listed[1])):
+        urn, share = terms.urn, np.exp([term.log_share for term in terms.all])
+        assert np.sum(np.exp(terms.log_first)) == pytest.approx(1.0, abs=1e-9)
+        assert np.sum(np.exp(terms.log_prior(()))) == pytest.approx(1.0, abs=1e-9)
+        assert np.sum(urn.share) == pytest.approx(1.0, abs=1e-9)
+        np.testing.assert_allclose(np.bincount(terms.kind, weights=share), 1.0)
+        np.testing.assert_allclose(np.bincount(urn.feature_kind, weights=urn.feature_share), 1.0)
+        np.testing.assert_allclose(np.bincount(terms.feature, weights=share), urn.feature_share)
+
+
+def test_names_and_what_has_none_share_as_the_prior_says(listed: tuple[Catalogue, SelectionProblem]) -> None:
+    """Whatever their number; names among each other as the catalogue has it."""
+    cat, problem = listed
+    first = problem.spike_slab.terms.log_first
+    nameless = np.array([not cat.named(i) for i in problem.candidates])
+    assert np.sum(np.exp(first[nameless])) == pytest.approx(prior.UNNAMED_SHARE)
+    own = np.array([cat.log_prior[i] for i in problem.candidates])
+    for part in (nameless, ~nameless):
+        np.testing.assert_allclose((first - own)[part], (first - own)[part][0], atol=1e-9)
+
+
+def test_one_kind_is_one_effect_at_all_its_places_and_a_nameless_place_by_itself(
+    listed: tuple[Catalogue, SelectionProblem],
+) -> None:
+    cat, problem = listed
+    terms = problem.spike_slab.terms
+    kinds = [kind_of(cat, i) for i in problem.candidates]
+    assert len(set(zip(kinds, terms.kind.tolist(), strict=True))) == len(set(kinds)) == len(terms.urn.share)
+    for kind in set(kinds):
+        k = int(terms.kind[kinds.index(kind)])
+        places = {cat.cause(i) for i in problem.candidates if kind_of(cat, i) == kind}
+        assert terms.urn.number[k] == len(places) and (len(places) == 1 or kind[0])
+
+
+def test_what_has_no_name_makes_no_other_place_likelier(listed: tuple[Catalogue, SelectionProblem]) -> None:
+    """Nor one likelier than another: what else there is keeps its proportions, whatever its size."""
+    cat, problem = listed
+    cause, before = problem.spike_slab.terms.cause, logs(problem)
+    nameless = [k for k, i in enumerate(problem.candidates) if not cat.named(i)]
+    assert len({int(cause[k]) for k in nameless}) > 3
+    for k in nameless:
+        change = (logs(problem, (k, 4)) - before)[:, cause != cause[k]]
+        assert change.max() <= 1e-12
+        np.testing.assert_allclose(change, change[0, 0], atol=1e-9)
+
+
+def test_a_name_falls_where_tolerances_are_wide_enough_to_stand_in_for_it(
+    shifts: tuple[PlacedEffect, ...],
+) -> None:
+    """The widening told is the first at which the odds of the name, all else as in the mode, are below even."""
+    told = []
+    for size in (5.0, 12.0, 40.0, 4000.0):
+        axes = np.linalg.qr(np.random.default_rng(4).standard_normal((READINGS, 3)))[0]
+        along = np.cos(0.2) * axes[:, 0] + np.sin(0.2) * axes[:, 1]
+        rows = np.column_stack([2.0 * axes[:, 0], 50.0 * along, -size * axes[:, 0]])
+        lin = Linearisation(
+            (rows.T @ rows,),
+            (READINGS,),
+            1,
+            (slice(0, 1),),
+            0,
+            np.zeros(2),
+            np.ones(1),
+            (LENGTH,),
+            shifts[:1],
+        )
+        problem = selection_problem(lin, catalogue_of(shifts[:1]), 1.5)
+        values = problem.spike_slab.sizes.values
+        state = State(((0, int(np.argmin(np.abs(np.log(values / (size / 50.0)))))),), unit(problem), 0.0)
+        name = Named(problem.causes[0], (0,), 1.0, 1.0, (), 9.0)
+        flip = flip_inflation(cast(Found, SimpleNamespace(problem=problem, mode=state)), name)
+        worth = [_odds(problem, state, axes[:, 0], along, size, w) for w in WIDENINGS]
+        needed = [odds > 0.0 for odds in worth]
+        expected = None if needed[-1] else WIDENINGS[needed.index(False)]
+        assert flip == expected
+        told.append(flip)
+    assert len(set(told)) > 2  # the sizes tell
+
+
+def _odds(
+    problem: SelectionProblem, state: State, part: Array, along: Array, size: float, width: float
+) -> float:
+    """Log odds of a term along ``along`` beside a part of this tolerance, in readings of ``size`` along the part."""
+    ((term, own),) = state.members
+    spread = float(problem.spike_slab.sizes.values[own])
+    noise = problem.spike_slab.unknowns.noise[0].values[state.point.noise[0]]
+    v = noise**2 * np.eye(READINGS) + (2.0 * width) ** 2 * np.outer(part, part)
+    both = v + spread**2 * 50.0**2 * np.outer(along, along)
+    gain = multivariate_normal.logpdf(size * part, cov=both) - multivariate_normal.logpdf(size * part, cov=v)
+    share = float(problem.spike_slab.terms.log_first[term] + problem.spike_slab.sizes.log_prior[own])
+    return float(gain) + share + slot_odds(prior.RICHNESS, 0)

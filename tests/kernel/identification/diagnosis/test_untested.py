@@ -23,9 +23,8 @@ from truepose.identification.fit.estimate import estimate
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.finding_words import driver_clauses
-from truepose.identification.report.verdict import untestable_lines
 from truepose.identification.signatures.signatures import Signatures
-from truepose.identification.signatures.untestable import GRAVITY, Untestable, places_of
+from truepose.identification.signatures.untestable import GRAVITY, places_of
 from truepose.models.effect_text import parse_effect
 from truepose.models.effects.base import Effect, PlacedEffect, effects
 from truepose.models.load import load_machine
@@ -125,23 +124,6 @@ def test_nothing_false_is_sure_without_gravity(searched: Searched) -> None:
     _, found = searched(False)
     assert all(n.probability < 0.9 for n in summarised(found, found.fit).laws)
     assert found.signatures.machine.gravity is None and GRAVITY[2] < 0.0
-
-
-def test_what_a_line_would_make_testable_is_told_first() -> None:
-    lines = untestable_lines(
-        [
-            Untestable("backlash", "q1: no approach.q1 column; q2: no approach.q2 column"),
-            Untestable("zero-shift", "the recording holds one session only"),
-            Untestable(
-                "joint-compliance", "no `gravity:` in the machine file; add `gravity: [0, 0, -9.80665]`"
-            ),
-            Untestable("gravity-sag", "no `gravity:` in the machine file; add `gravity: [0, 0, -9.80665]`"),
-        ]
-    )
-    assert lines == [
-        "joint-compliance and gravity-sag: no `gravity:` in the machine file; add `gravity: [0, 0, -9.80665]`",
-        "backlash: no approach.q1 column",
-    ]
 
 
 def deflections(found: Found, effect: Effect) -> list[PlacedEffect]:

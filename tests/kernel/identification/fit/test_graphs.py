@@ -5,18 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from support.graph_machines import machine_of, poses, recorded, spread
 from support.loop_closed_forms import PLANAR, Planar, delta_position, near, planar_pose
+from truepose.arrays import Array
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models import lie
 from truepose.models.load import load_machine
-
-Array = NDArray[np.float64]
 
 
 def test_a_planar_machine_is_calibrated(tmp_path: Path) -> None:

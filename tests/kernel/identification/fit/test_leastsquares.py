@@ -10,12 +10,11 @@ from functools import cache
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from support import TESTS
+from truepose.arrays import Array
 from truepose.identification.fit.leastsquares import Linear, Solution, Status, minimise, triangular
 
-Array = NDArray[np.float64]
 FOLDER = TESTS / "data" / "nist-strd"
 PROBLEMS = tuple(sorted(path.stem for path in FOLDER.glob("*.dat")))
 NOT_FROM_FAR = ("BoxBOD", "Eckerle4", "Lanczos1", "MGH10", "MGH17")

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from support.built_machines import manufactured, read_machines, simulated
 from support.engines import compile_hastily, compile_none
 from support.generated_c import needs_compiler
+from truepose.arrays import Array
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.problem import NormalEquations, Problem, prior_of
 from truepose.identification.prediction.predictor import FIT, Predictor
@@ -19,7 +19,6 @@ from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine
 
 pytestmark = needs_compiler
-Array = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")

@@ -19,11 +19,11 @@ from support.two_arms import (
     RIGHT_TOOL,
     TARGETS,
     TOOL,
-    Array,
     chain,
     pose,
 )
 from truepose.api import calibrate
+from truepose.arrays import Array
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.predict import predict
 from truepose.identification.prediction.predictor import Predictor

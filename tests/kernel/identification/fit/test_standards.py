@@ -10,16 +10,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from support.exact_fits import fit_at, read
 from support.examples import examples
 from support.moving_machines import record, written
+from truepose.arrays import Array
 from truepose.identification.fit.repeatability import PoseTest, pose_test
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 LAWS = settings(max_examples=examples(8), deadline=None)
 SEEDS = st.integers(0, 2**32 - 1)
 ARM = """

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from support.effect_machines import read_machines
 from support.exact_fits import posed
 from support.moving_machines import record, written
+from truepose.arrays import Array
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.noise import unexplained
@@ -29,7 +30,6 @@ from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.sensor import Channel, Sensor
 
-Array = NDArray[np.float64]
 SMALL = """
 mechanism:
   type: serial

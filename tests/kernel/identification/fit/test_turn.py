@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.fit.turn import Turn, Turned, seen_directions, turn_of
 from truepose.identification.prediction.by_ports import ByPorts, Part
 from truepose.identification.prior import LONG
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 FIRST, SECOND = np.arange(3, 3 + 14), np.arange(18, 18 + 15)
 PLAIN = np.array([0, 1, 2, 17, 33])

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from truepose.api import calibrate, diagnose
+from truepose.arrays import Array
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.predict import predict
@@ -19,7 +19,6 @@ from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 AXES = ("z", "y", "y")
 ARM = (8.0, (0.0, 0.0, 200.0))  # kg and centre (mm) of the upper arm
 KG, COM = 3.2, np.array([25.0, -10.0, 80.0])  # what is really carried

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from support import MACHINES
 from support.short_arm import POSITION, arm
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.fit.problem import prior_of
@@ -36,7 +36,6 @@ from truepose.identification.identifiability.observability import (
 from truepose.identification.identifiability.patterns import Pattern, patterns, point_frames, remaining
 from truepose.models.load import load_machine
 
-Array = NDArray[np.float64]
 INF = float("inf")
 
 

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from support import MACHINES
 from support.reports import said_of
 from support.short_arm import JOINTS, POSITION, arm, status, written
+from truepose.arrays import Array
 from truepose.cli import app
 from truepose.errors import InputError
 from truepose.identification.fit.decomposition import Decomposition
@@ -27,9 +27,6 @@ from truepose.identification.recording.load import load_recording
 from truepose.identification.report.notes import worded
 from truepose.identification.report.unseen_words import unseen_sentences
 from truepose.models.load import load_machine
-
-Array = NDArray[np.float64]
-
 
 # -- one decomposition ---------------------------------------------------------------------------------
 

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from support import MACHINES, TESTS
 from support.reports import said_of
 from support.short_arm import POSITION, arm, status
 from truepose.api import calibrate
+from truepose.arrays import Array
 from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.identifiability.analysis import drawn_poses, identifiability
 from truepose.identification.identifiability.observability import (
@@ -29,8 +29,6 @@ from truepose.identification.identifiability.patterns import patterns
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.report.unseen_words import unseen_sentences
 from truepose.models.load import load_machine
-
-Array = NDArray[np.float64]
 
 
 def parts(direction: Direction) -> dict[str, float]:

@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.stats import norm
 
 from support.linear_problems import (
@@ -19,6 +18,7 @@ from support.linear_problems import (
     random_problem,
     single,
 )
+from truepose.arrays import Array
 from truepose.identification.posterior.design import GridPoint, Term, Terms
 from truepose.identification.posterior.marginal import (
     LARGEST_COST,
@@ -28,10 +28,8 @@ from truepose.identification.posterior.marginal import (
     marginal,
     plausibility,
 )
-from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.prior import BOUND_DOUBT, Sizes
 
-Array = NDArray[np.float64]
 TERMS = single(1, 2, 1, 3)
 WIDTH = 7
 POINTS: Sequence[GridPoint] = (GridPoint((1, 0), 0, 0), GridPoint((0, 1), 1, 2), GridPoint((2, 1), 2, 1))
@@ -279,19 +277,3 @@ def test_bounds_of_terms_of_several_columns_are_those_of_their_own_coefficients(
         std = np.sqrt(np.diag(covariance))
         expected = plausibility(mean, std, np.array(held.lower), np.array(held.upper))
         assert found[s, 1] - found[s, 0] == pytest.approx(float(expected), abs=1e-7)
-
-
-def test_terms_beside_what_is_given_for_good_are_weighed_without_it() -> None:
-    """Rows, blocks, scores and evidence of the columns that are left: those beside members that were taken in."""
-    dense = random_problem(10)
-    problem = SpikeSlab(dense.design, dense.unknowns, TERMS, SIZES)
-    given = ((0, 1), (3, 0))
-    part, point = problem.conditioned(given), POINTS[2]
-    whole, own = problem.beside(point, given), part.base(point)
-    left = np.array([1, 2, 3])
-    np.testing.assert_allclose(own.score, whole.score[left], atol=1e-8)
-    np.testing.assert_allclose(own.rows(np.arange(3)), whole.rows(left)[:, left], atol=1e-8)
-    assert own.log_evidence == pytest.approx(whole.log_evidence, abs=1e-7)
-    np.testing.assert_allclose(own.gain(np.array([0, 2]), np.ones(2)), whole.gain(left[[0, 2]], np.ones(2)))
-    odds = [p.log_odds(point, m)[:, [1, 2]] for p, m in ((part, ()), (problem, given))]
-    np.testing.assert_allclose(odds[0], odds[1], atol=1e-7)

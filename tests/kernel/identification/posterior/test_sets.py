@@ -16,14 +16,17 @@ from support.linear_problems import (
     FURTHER,
     RICHNESS,
     SIZES,
+    UNKNOWNS,
     catalogue_problem,
     drawn,
+    enumerated,
     random_problem,
     single,
     spike_slab,
 )
-from truepose.identification.posterior.design import GridPoint
-from truepose.identification.posterior.spike_slab import Conditional, SpikeSlab
+from truepose.identification.posterior.design import GridPoint, Terms
+from truepose.identification.posterior.sampler import Chain, Reach
+from truepose.identification.posterior.spike_slab import Conditional, Members, SpikeSlab
 from truepose.identification.posterior.state import log_posterior, slot_odds
 
 POINTS: Sequence[GridPoint] = (GridPoint((1, 0), 0, 0), GridPoint((0, 1), 1, 2), GridPoint((2, 1), 2, 1))
@@ -74,23 +77,6 @@ def test_odds_of_one_more_are_the_ratio_of_two_posteriors(seed: int) -> None:
                 more = log_posterior(problem, RICHNESS, (*members, (term, size)), point)
                 assert found[size, term] == pytest.approx(more - here, abs=1e-7)
         assert np.all(found[:, [0, 3]] == -np.inf)
-
-
-def test_a_conditional_is_its_odds_and_nothing() -> None:
-    dense = catalogue_problem(0)
-    problem = SpikeSlab(dense.design, dense.unknowns, single(*[1] * 6), SIZES)
-    point = GridPoint((1,), 0, 0)
-    conditional = problem.conditional(point, ((2, 1),))
-    slot = -1.3
-    odds = np.exp(problem.log_odds(point, ((2, 1),)) + slot)
-    np.testing.assert_allclose(conditional.terms(slot), odds.sum(axis=0) / (1.0 + odds.sum()), atol=1e-12)
-    assert conditional.log_total(slot) == pytest.approx(np.log1p(odds.sum()))
-    rng = np.random.default_rng(1)
-    drawn = [conditional.draw(slot, rng) for _ in range(20_000)]
-    for term in range(6):
-        for size in range(2):
-            share = odds[size, term] / (1.0 + odds.sum())
-            assert drawn.count((term, size)) / 20_000 == pytest.approx(share, abs=0.015)
 
 
 @given(st.lists(st.tuples(st.integers(0, 5), st.integers(0, 1)), unique_by=lambda m: m[0], max_size=6))
@@ -154,3 +140,77 @@ def test_a_slot_is_drawn_as_often_as_its_conditional_says(seed: int, slot: float
     drawn = [found.draw(slot, rng) for _ in range(2000)]
     counts = [drawn.count((term, size)) for size in range(2) for term in range(3)] + [drawn.count(None)]
     np.testing.assert_allclose(np.array(counts) / 2000.0, exact, atol=5.0 * np.sqrt(0.25 / 2000.0))
+
+
+TERMS = 6
+
+
+@pytest.mark.parametrize("given", [((0, 1),), ((3, 1), (4, 1))])
+def test_what_is_given_is_what_the_states_that_hold_it_say(given: Members) -> None:
+    """Other terms, one of the same cause among them, and the grid: of the whole posterior those that hold it alone."""
+    dense = catalogue_problem(1, strength=1.5)
+    whole = spike_slab(dense, single(*[1] * TERMS, causes=[0, 0, 1, 1, 2, 3], alone=False))
+    exact = enumerated(whole, RICHNESS, dense).given(given)
+    start = GridPoint((0,), 1, 1)
+    chain = Chain(whole.conditioned(given), RICHNESS, Reach((0, 1), (0, 1)), start, (), 3)
+    sweeps = list(chain.sweeps(4000))
+    held = [term for term, _ in given]
+    expected = exact.terms.copy()
+    np.testing.assert_allclose(expected[held], 1.0)
+    expected[held] = 0.0  # slots that are drawn hold it no second time
+    terms = np.mean([np.sum([v.terms for v in sweep.visits], axis=0) for sweep in sweeps], axis=0)
+    np.testing.assert_allclose(terms, expected, atol=0.02)
+    assert np.any((expected > 0.1) & (expected < 0.9))
+    for point, share in exact.points.items():
+        assert np.mean([s.point == point for s in sweeps]) == pytest.approx(share, abs=0.04)
+
+
+def test_evidence_and_prior_of_what_is_given_are_those_of_the_whole() -> None:
+    whole = spike_slab(catalogue_problem(1), single(*[1] * TERMS, causes=[0, 0, 1, 1, 2, 3], alone=False))
+    given = ((0, 1), (4, 1))
+    part = whole.conditioned(given)
+    for point in (GridPoint((0,), 0, 0), GridPoint((2,), 1, 1)):
+        for members in ((), ((1, 1),), ((2, 1), (5, 1))):
+            both = (*given, *members)
+            assert part.log_evidence(point, members) == pytest.approx(
+                whole.log_evidence(point, both), abs=1e-8
+            )
+            further = part.log_prior(members) - part.log_prior(())
+            assert further == pytest.approx(whole.log_prior(both) - whole.log_prior(given))
+
+
+@pytest.mark.parametrize("width", [8, 60])
+def test_beside_what_is_given_many_terms_are_weighed_as_few_are(width: int) -> None:
+    """Whether products are written out (few columns are left) or follow from halves (many are)."""
+    whole = SpikeSlab(random_problem(3, width=width).design, UNKNOWNS, single(*[2] * (width // 2)), SIZES)
+    given, point = ((0, 1), (2, 0)), GridPoint((1, 0), 1, 2)
+    part, left = whole.conditioned(given), np.array([2, 3, *range(6, width)])
+    own, expected = part.base(point), whole.beside(point, given)
+    assert own.log_evidence == pytest.approx(expected.log_evidence, abs=1e-8)
+    np.testing.assert_allclose(own.score, expected.score[left], atol=1e-8)
+    every = np.arange(len(left))
+    np.testing.assert_allclose(own.rows(every), expected.rows(left)[:, left], atol=1e-8)
+    np.testing.assert_allclose(own.among(every), expected.among(left), atol=1e-8)
+    members = ((1, 1), (3, 1))
+    assert part.log_evidence(point, members) == pytest.approx(whole.log_evidence(point, (*given, *members)))
+    found, known = part.log_odds(point, members), whole.log_odds(point, (*given, *members))
+    open_ = np.isfinite(known)
+    np.testing.assert_allclose(found[open_], known[open_], atol=1e-7)
+
+
+def test_signs_count_for_a_whole_state() -> None:
+    """One that holds a coefficient of the wrong sign is as much less probable as its slot would have it."""
+    dense, free = catalogue_problem(1), spike_slab(catalogue_problem(1))
+    size = int(np.flatnonzero(free.noticeable[:, 0])[0])
+    members, point = ((0, size),), GridPoint((0,), 0, 0)
+    mean, _ = free.root(point).posterior(*free.columns(members))
+    one, *others = single(*[1] * 6).all
+
+    terms = Terms([replace(one, lower=(0.0,), upper=(np.inf,)), *others], single(*[1] * 6).urn)
+    right, wrong = (
+        spike_slab(replace(dense, e=turn * np.sign(mean[0]) * dense.e), terms).log_bounds(point, members)
+        for turn in (1.0, -1.0)
+    )
+    assert right > wrong and right <= np.log(2.0) + 1e-9
+    assert np.exp(right) + np.exp(wrong) == pytest.approx(2.0)  # 2 P(c > 0) and 2 P(c < 0)
+    assert free.log_bounds(point, members) == free.log_bounds(point, ()) == 0.0

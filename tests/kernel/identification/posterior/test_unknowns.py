@@ -19,10 +19,9 @@ from support.linear_problems import (
 from truepose.identification.posterior import spike_slab as remembering
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.halves import cholesky, half_log_det, solved, taken
-from truepose.identification.posterior.sampler import Chain, Reach
 from truepose.identification.posterior.spike_slab import Memory
 from truepose.identification.posterior.state import State, best_point, log_posterior, slot_odds, supports
-from truepose.identification.prior import RATIO_DOUBT, Richness
+from truepose.identification.prior import RATIO_DOUBT
 
 # -- the grid -----------------------------------------------------------------------------------------------------
 
@@ -48,40 +47,12 @@ def test_a_point_of_another_grid_is_moved_onto_this_one() -> None:
     assert UNKNOWNS.all_at(0, 1, 2) == GridPoint((0, 0), 1, 2)
 
 
-def test_steps_on_a_grid_change_what_they_name() -> None:
-    point = GridPoint((1, 0), 2, 1)
-    assert point.louder(2) == GridPoint((3, 2), 2, 1)
-    assert point.at("widening", 0) == GridPoint((1, 0), 0, 1)
-    assert point.at("remainder", 0) == GridPoint((1, 0), 2, 0)
-    assert [point.with_noise(kind, 5).noise for kind in (0, 1)] == [(5, 0), (1, 5)]
-    assert UNKNOWNS.along(point, "widening") == [GridPoint((1, 0), k, 1) for k in range(3)]
-    assert UNKNOWNS.along(point, "remainder") == [GridPoint((1, 0), 2, k) for k in range(3)]
-    np.testing.assert_array_equal(UNKNOWNS.scales(point), [1.0, 0.9])
-
-
 def test_the_first_noise_pays_for_itself_and_others_for_what_they_differ_by() -> None:
     for point in points(UNKNOWNS):
         first, second = np.log(UNKNOWNS.scales(point))
         own = UNKNOWNS.noise[0].log_prior[point.noise[0]] + float(RATIO_DOUBT.log_prior(second - first))
         own += UNKNOWNS.log_widening[point.widening] + UNKNOWNS.size.log_prior[point.remainder]
         assert UNKNOWNS.log_prior(point) == pytest.approx(own)
-
-
-def test_noises_are_drawn_of_all_kinds_together_or_of_any_one() -> None:
-    """Each way as often; neighbours of the present one, which is among them."""
-    unknowns = replace(UNKNOWNS, noise=(UNKNOWNS.noise[0], UNKNOWNS.noise[0]))
-    dense = replace(random_problem(0), unknowns=unknowns)
-    here = GridPoint((1, 1), 0, 0)
-    chain = Chain(spike_slab(dense), RICHNESS, Reach((0,), (0,)), here, (), 3)
-    ways = {"both": 0, "first": 0, "second": 0}
-    for _ in range(1500):
-        found = {p.noise for p in chain.noises()}
-        assert (1, 1) in found and all(p.widening == p.remainder == 0 for p in chain.noises())
-        others = found - {(1, 1)}
-        way = {(a != 1, b != 1) for a, b in others}
-        assert len(way) == 1
-        ways[{(True, True): "both", (True, False): "first", (False, True): "second"}[way.pop()]] += 1
-    assert min(ways.values()) > 400
 
 
 # -- designs ------------------------------------------------------------------------------------------------------
@@ -141,17 +112,6 @@ def test_factors_solve_and_weigh_as_dense_algebra_does() -> None:
 # -- states -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("richness", [Richness((0.05, 0.3), (-0.5, -0.9), 4), Richness((0.4,), (0.0,), 2)])
-def test_a_slot_more_may_be_any_that_is_free(richness: Richness) -> None:
-    """As many sets as slots to choose from; none where all are full."""
-    levels = np.exp(richness.log_prior)
-    p, n = np.array(richness.filled), richness.slots
-    for number in range(n):
-        more, same = (float(np.sum(levels * p**k * (1 - p) ** (n - k))) for k in (number + 1, number))
-        assert slot_odds(richness, number) == pytest.approx(np.log((n - number) * more / same))
-    assert slot_odds(richness, n) == slot_odds(richness, n + 3) == -np.inf
-
-
 def test_the_likeliest_noise_without_any_term_is_the_best_point() -> None:
     for seed in range(5):
         problem = spike_slab(catalogue_problem(seed))
@@ -199,29 +159,6 @@ def test_the_posterior_of_a_state_is_its_evidence_and_the_priors_of_its_members_
 
 
 # -- what is remembered -------------------------------------------------------------------------------------------
-
-
-def test_the_latest_values_are_remembered_and_made_once() -> None:
-    memory, made = Memory[int](5), list[int]()
-
-    def value(key: int) -> int:
-        def make() -> int:
-            made.append(key)
-            return 10 * key
-
-        return memory.get_or(key, make)
-
-    assert [value(k) for k in (1, 2, 3, 4, 5, 1)] == [10, 20, 30, 40, 50, 10]
-    assert made == [1, 2, 3, 4, 5]
-    value(6)  # 2 is the one that nobody asked for since
-    value(1)
-    value(3)
-    assert made == [1, 2, 3, 4, 5, 6]
-    value(2)
-    assert made[-1] == 2
-    memory.clear()
-    value(1)
-    assert made[-1] == 1
 
 
 def test_several_values_are_made_at_once_where_they_are_not_there() -> None:

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from support.linear_problems import RICHNESS, UNKNOWNS, random_problem, single
+from truepose.arrays import Array
 from truepose.identification.posterior import posterior as drawing
 from truepose.identification.posterior import state as ascending
 from truepose.identification.posterior.design import GridPoint, Terms
@@ -19,7 +19,6 @@ from truepose.identification.posterior.spike_slab import HELD, SpikeSlab
 from truepose.identification.posterior.state import State, ascended, best_point, tops
 from truepose.identification.prior import SIZES
 
-Array = NDArray[np.float64]
 BUDGET = 3e7
 """A few sweeps of the problems here."""
 START = GridPoint((1, 0), 0, 0)

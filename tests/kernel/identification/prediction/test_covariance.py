@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.prediction.covariance import MANY, UNSEEN, Covariance
 
-Array = NDArray[np.float64]
 NAMES = ("a", "b", "c", "d")
 SCALE = np.array([1.0, 0.01, 10.0, 2.0])
 

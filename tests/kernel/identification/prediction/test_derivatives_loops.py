@@ -13,16 +13,14 @@ import casadi as ca
 import mpmath  # type: ignore[import-untyped]
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from support.derivative_machines import read_machines, readings, symbols_of
 from support.moving_machines import drawn, record
 from support.other_numbers import DIGITS, run
+from truepose.arrays import Array
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models.machine.kinematics import SymbolicModel
 from truepose.models.machine.machine import Machine
-
-Array = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from support.closed_kinematics import readings
 from support.moving_machines import ARM, FRAMED, MOVERS, drawn, named, nominal, record, written
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.prediction.predictor import Predictor, lost_of
 from truepose.identification.prediction.sensor_rows import Sight, sights
@@ -17,7 +17,6 @@ from truepose.identification.recording.load import load_recording
 from truepose.models import lie
 from truepose.models.machine.mechanism import AXES
 
-Array = NDArray[np.float64]
 SENSORS = {
     "pose": "{type: pose, sigma: {xyz: 0.01, rot: 0.001}}",
     "position": "{type: position, sigma: {xyz: 0.02}}",

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 
 from support import MACHINES
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.prediction.predict import LEAST_RANGE, column_std, predictor_for
 from truepose.identification.prediction.predictor import Predictor
@@ -22,7 +22,6 @@ from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 EFFECTS = """
 drivers: [payload, temperature.link2]
 effects:

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from support.searched_arm import ROWS, SCALE, Case
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import write_calibrated
@@ -25,7 +25,6 @@ from truepose.models.file.yaml_document import document_text, parse_document
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 COLUMNS = ("x", "y", "z")
 
 

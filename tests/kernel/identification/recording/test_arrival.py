@@ -10,9 +10,9 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from support.examples import examples
+from truepose.arrays import Array
 from truepose.identification.recording.history import last_steps, side_of_arrival, stop_operator
 from truepose.identification.recording.joint_column import JointColumn
 from truepose.identification.recording.load import tables
@@ -22,7 +22,6 @@ from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.table import table_in_memory
 from truepose.models.units import UnitSystem
 
-Array = NDArray[np.float64]
 WAYS = st.lists(st.integers(-40, 40), min_size=2, max_size=30).map(lambda way: np.array(way, dtype=float))
 JOINTS = (JointColumn("s", "mm", (-50.0, 50.0)), JointColumn("r", "rad", (-3.0, 3.0)))
 

@@ -9,9 +9,9 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from support.examples import examples
+from truepose.arrays import Array
 from truepose.identification.recording import history
 from truepose.identification.recording.history import creep_sum, line_of_full_loop, stop_operator
 from truepose.identification.recording.joint_column import JointColumn
@@ -21,7 +21,6 @@ from truepose.identification.recording.recording import Recording
 from truepose.models.file.driver import Driver
 from truepose.models.units import UnitSystem
 
-Array = NDArray[np.float64]
 WAYS = st.lists(st.floats(-10, 10), min_size=2, max_size=30).map(lambda way: np.array(way, dtype=float))
 WIDTHS = st.floats(0.01, 8.0)
 JOINTS = (JointColumn("s", "mm", (-50.0, 50.0)), JointColumn("r", "rad", (-3.0, 3.0)))

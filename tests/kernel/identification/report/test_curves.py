@@ -9,20 +9,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from support.effect_machines import ARM, GOUGH, STAGE
 from support.effects import with_effect
 from support.exact_fits import fit_at, read
 from support.moving_machines import record, written
 from support.reports import gear_finding, synthetic
+from truepose.arrays import Array
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.report.curves import Curve, all_curves
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 ROWS = 90
 TURN = 2 * np.pi
 

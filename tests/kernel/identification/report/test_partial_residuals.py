@@ -14,6 +14,7 @@ import truepose.models
 from support.effect_machines import read_machines
 from support.effects import with_effect
 from support.exact_fits import fit_at, formula_of, posed, read
+from truepose.arrays import Array
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
@@ -23,7 +24,6 @@ from truepose.models.effects.base import PlacedEffect
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 BUNDLED = Path(truepose.models.__path__[0]) / "machines"
 
 

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 import truepose.models
 from support.effect_machines import read_machines
@@ -20,6 +19,7 @@ from support.exact_fits import fit_at, posed, read
 from support.examples import examples
 from support.moving_machines import record, written
 from support.reports import arm, fitted, recorded
+from truepose.arrays import Array
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
@@ -41,7 +41,6 @@ from truepose.models.machine.mechanism import element_of
 from truepose.models.machine.skeleton import skeleton
 from truepose.shown.document import Guilty
 
-Array = NDArray[np.float64]
 BUNDLED = ("telescope", "nanopositioner", "polisher")
 BALLBAR = """
 mechanism:

@@ -41,14 +41,6 @@ def test_gain_is_that_of_least_squares_on_a_sine_and_a_cosine(order: int, seed: 
     assert int(np.argmax(found.gain[31:])) + 31 == order
 
 
-@pytest.mark.parametrize("step", [1.0, 2.0, 4.5])
-def test_orders_end_where_evenly_spaced_readings_repeat(step: float) -> None:
-    """At steps of a degree, order 360 - k reads as order k does."""
-    angle = np.radians(np.arange(-150.0, 150.0, step))
-    found = spectrum(angle, np.zeros(len(angle)), np.ones(len(angle)))
-    assert found.finest == pytest.approx(180.0 / step, abs=2)
-
-
 @pytest.mark.parametrize("n", [2, 3, 8, 25, 64, 199])
 def test_of_so_many_places_of_a_turn_half_as_many_orders_are_told_apart(n: int) -> None:
     angle = 2.0 * np.pi * np.arange(5 * n) / n - 1.0

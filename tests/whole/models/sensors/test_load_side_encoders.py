@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from support.derivative_machines import MACHINES, readings
 from support.derivative_machines import written as machine_of
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.fit.calibrate import calibrate
@@ -27,7 +27,6 @@ from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 ARM = """schema: truepose/machine/1
 name: arm
 gravity: [0, 0, -9.81]
