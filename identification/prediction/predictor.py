@@ -30,13 +30,22 @@ from truepose.identification.prediction.sensor_rows import Block, Sight, joined,
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.file.driver import PAYLOAD
-from truepose.models.machine.assembly import load_scale
+from truepose.models.machine.assembly import displacement_of, load_scale
 from truepose.models.machine.closure import solved
-from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.sensor import Channel, Comparison, Rows
 from truepose.models.sensors.base import Sensor
 from truepose.threads import in_order
+
+
+def computed_displacements(model: SymbolicModel) -> ca.SX:
+    """(k,) mm or rad, of the joints that formulas move; no number where a formula has no value."""
+    machine, values = model.machine, model.values
+    laws = [follower.law for follower in machine.mechanism.followers if follower.law is not None]
+    q = model.moved if laws else {}
+    own = {name: displacement_of(machine, name, values, q) for name in q}
+    return ca.vertcat(ca.SX(0, 1), *(law.value(own, values, bounded=False) for law in laws))
 
 
 def all_lost(machine: Machine, parts: Sequence[Mask | None], rows: int) -> Mask | None:
@@ -117,6 +126,8 @@ class Predictor:
         self._built: dict[str, BatchFunction] = {}
         """Of states, and of the gradients of energies by load case, where they were asked for."""
         self._loops = Loops(m, self.evaluations)
+        computed = computed_displacements(m)
+        self._computed = self._function("computed", [computed]) if computed.numel() else None
         self._pose = self._function("pose", [m.world])
         self._by_ports = PortKinematics.of(m, self.evaluations)
         if self._by_ports is None:
@@ -169,6 +180,8 @@ class Predictor:
         ``larger``: by how much ``p`` has the machine larger than its file.
         """
         x, good = self._loops.assemble(self.q, self.z, p, start, follow=follow, larger=larger)
+        if self._computed is not None:  # a formula has no value there: the root of a negative number
+            good &= np.isfinite(self._computed(x, self.q, self.z, p)[0][..., 0]).all(axis=1)
         return x, good if self.origin is None else good & good[self.origin]
 
     def poses(self, p: Array, x: Array | None = None) -> tuple[Array, Mask]:

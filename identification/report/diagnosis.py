@@ -15,7 +15,7 @@ from truepose.identification.report.applied_words import applied_words
 from truepose.identification.report.closing import limits_section, origin_section
 from truepose.identification.report.constants import constants_section, mount_words
 from truepose.identification.report.curves import Curve, all_curves, curve_chart
-from truepose.identification.report.estimate import document_facts, fit_table
+from truepose.identification.report.estimate import document_facts
 from truepose.identification.report.gains import diagnosis_gains
 from truepose.identification.report.naming import (
     coefficient_words,
@@ -25,13 +25,13 @@ from truepose.identification.report.naming import (
     with_article,
 )
 from truepose.identification.report.notes import diagnosis_notes
-from truepose.identification.report.numbers import measure, percent, significant, uncertain, unit_symbol
+from truepose.identification.report.numbers import measure, percent, significant, unit_symbol
 from truepose.identification.report.residuals import picked, residual_section, telling_drivers
 from truepose.identification.report.results import diagnosis_judgement
 from truepose.identification.report.scene import scene_of
 from truepose.identification.report.steps import diagnosis_steps
 from truepose.identification.report.uncertainty import uncertainty_section
-from truepose.shown.document import Block, Card, Charts, Document, Fold, Guilty, Items, Section, Table, Text
+from truepose.shown.document import Block, Card, Charts, Document, Guilty, Items, Section, Table, Text
 from truepose.shown.result import document
 from truepose.wording import joined
 
@@ -128,7 +128,6 @@ def _sections(found: Diagnosis, fits: Mapping[str, Estimate], rows: Index) -> li
     averaged = bool(found.terms)
     return [
         _findings_section(found, rows),
-        Section("fit", "Fit before and after", [fit_table(estimates, found.fits)]),
         residual_section(machine, recording, fits, telling_drivers(found), rows),
         constants_section(found.after, "improved.yaml", estimates, allowed, averaged=averaged),
         uncertainty_section(found.after, recording, found.before),
@@ -156,7 +155,8 @@ def _card(finding: Finding, curves: Sequence[Curve], rows: Index, number: int) -
     blocks: list[Block] = [Text(f"{hedge}{words.explanation(finding)}")] if finding.explanation else []
     if finding.parameters:
         size = coefficient_words(finding.parameters).replace(" +- ", " ± ")
-        blocks.append(Text(f"Size: {size} (likeliest explanation)."))
+        settings = "".join(f"; {name} {value:g}" for one in finding.settings for name, value in one.items())
+        blocks.append(Text(f"Size: {size}{settings} (likeliest explanation)."))
     blocks.append(Text(f"How sure: {words.sure_words(finding)}"))
     if curves:
         blocks.append(Charts([curve_chart(curve, rows) for curve in curves], _CURVES))
@@ -168,8 +168,6 @@ def _card(finding: Finding, curves: Sequence[Curve], rows: Index, number: int) -
         lead = "To tell them apart" if finding.equivalents else "To check it on the machine"
         blocks.append(Text(f"{lead}: {experiment.rstrip('.')}."))
     blocks.append(Text(words.tolerance_words(finding), "warn" if finding.prior_dependent else "muted"))
-    if finding.parameters:
-        blocks.append(_amplitudes(finding))
     return Card(f"{title[0].upper()}{title[1:]}", blocks, badge=sure, slug=finding.effect, number=number)
 
 
@@ -177,17 +175,6 @@ def _alternative_words(other: Alternative) -> str:
     name = f"something without a name at {joined(other.place)}" if other.nameless else named(other)
     experiment = f"; what would tell: {other.experiment}" if other.experiment else ""
     return f"{name}: {percent(other.probability)}, log Bayes factor {significant(other.log_bayes_factor)}{experiment}"
-
-
-def _amplitudes(finding: Finding) -> Block:
-    """Return the table of a finding's coefficients behind a line that opens it."""
-    rows = [[name, uncertain(q.value, q.std, q.unit)] for name, q in finding.parameters.items()]
-    settings = "; ".join(
-        ", ".join(f"{name} = {value:g}" for name, value in one.items()) for one in finding.settings if one
-    )
-    caption = f"Estimated in the fit with effects{f'; setting {settings}' if settings else ''}."
-    title = "Amplitude" if len(rows) == 1 else f"{len(rows)} amplitudes"
-    return Fold(title, [Table(["amplitude", "estimate ± 1 sigma"], rows, caption)])
 
 
 @document.register

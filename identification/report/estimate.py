@@ -24,17 +24,11 @@ from truepose.identification.report.scene import scene_of
 from truepose.identification.report.steps import calibration_steps
 from truepose.identification.report.uncertainty import uncertainty_section
 from truepose.models.file.sections import ExpectedPose
-from truepose.shown.document import Document, Items, Section, Table
+from truepose.shown.document import Document, Items, Section
 from truepose.shown.result import document
 from truepose.wording import shortened
 
 MOST = 12
-_NAMES = {
-    "free": "ordinary fit, parameters free",
-    "before": "under tolerances, no effects",
-    "calibrated": "calibrated, under tolerances",
-    "after": "under tolerances, with effects",
-}
 
 
 @document.register
@@ -114,46 +108,15 @@ def _figures(found: Calibration, told: FitSummary) -> list[str]:
 def _sections(found: Calibration, told: FitSummary) -> list[Section]:
     fit, recording, machine = found.fit, found.recording, found.fit.nominal
     fits = {"calibrated": fit} if found.free is None else {"free": found.free, "calibrated": fit}
-    summaries = {key: summarise(one, recording.validation) for key, one in fits.items()}
     usual = {"estimator": "map", "solver": "gn"}
     options = [f"--{k} {found.method[k]}" for k, v in usual.items() if found.method.get(k, v) != v]
     return [
-        Section("fit", "Fit", [fit_table(fits, summaries)]),
         residual_section(machine, recording, {"calibrated": fit}, [], picked(machine, recording, 1)),
         constants_section(fit, "calibrated.yaml", fits, told.worst_allowed),
         uncertainty_section(fit, recording, None),
         limits_section(fit, found.notes),
         origin_section(machine, recording, "calibrate", options),
     ]
-
-
-def fit_table(fits: Mapping[str, Estimate], summaries: Mapping[str, FitSummary]) -> Table:
-    """Return the fits side by side: rms by kind of reading, misfit, and the farthest parameter."""
-    keys = [key for key in fits if key in summaries]
-    own, units = [summaries[key] for key in keys], fits[keys[0]].nominal.residual_units
-    rows = [
-        [f"rms {kind}, calibration rows", *(measure(s.rms.get(kind), u) for s in own)]
-        for kind, u in units.items()
-    ]
-    if all(s.validation_rms is not None for s in own):
-        rows += [
-            [
-                f"rms {kind}, validation rows",
-                *(measure((s.validation_rms or {}).get(kind), unit) for s in own),
-            ]
-            for kind, unit in units.items()
-        ]
-    rows.append(["chi2 / degree of freedom", *(significant(s.chi2_per_dof) for s in own)])
-    farthest = [f"{s.worst_parameter} {significant(s.worst_parameter_sigma)}" for s in own]
-    rows.append(["farthest parameter [tolerances]", *farthest])
-    # of a free fit the widened tolerances would be the yardstick, which says nothing
-    allowed = ["-" if key == "free" else significant(summaries[key].worst_allowed) for key in keys]
-    rows.append(["what a true model stays below in 99 of 100 cases", *allowed])
-    caption = (
-        "The fits side by side. The free fit's parameters are not held to their tolerances, so its figures look best whatever"
-        " is missing."
-    )
-    return Table(["", *(_NAMES[key] for key in keys)], rows, caption)
 
 
 @document.register

@@ -99,6 +99,8 @@ def reasons(diagnosis: Diagnosis) -> list[str]:
             "With parameters held to their tolerances, misfit chi2/dof is"
             f" {significant(before.chi2_per_dof)}{'' if adequate else ended}; 1 is noise alone."
         )
+    if diagnosis.terms and not adequate:
+        out.append(_worst(diagnosis))
     if misfit_clause(diagnosis):
         out.append(f"Beside all effects, noise of {significant(diagnosis.noise)} stated sigmas is likeliest.")
     if diagnosis.proof is not None and not adequate:
@@ -133,6 +135,18 @@ def _best_candidate(diagnosis: Diagnosis) -> list[str]:
         f"The best of {several(len(diagnosis.candidates), 'explanation')} weighed, {named(best)}, reaches a log Bayes factor of"
         f" {significant(best.log_bayes_factor)}: after its share of prior probability, too little for a name."
     ]
+
+
+def _worst(diagnosis: Diagnosis) -> str:
+    before, after = diagnosis.fits["before"], diagnosis.fits["after"]
+    if not known(after.worst_allowed):
+        return "No parameter has a finite tolerance, so none can be judged against its drawing."
+    where = "within" if after.worst_parameter_sigma <= after.worst_allowed else "still above"
+    return (
+        f"Without effects the readings push {before.worst_parameter} {significant(before.worst_parameter_sigma)} tolerances"
+        f" from its drawing; with them the farthest is {after.worst_parameter} at {significant(after.worst_parameter_sigma)},"
+        f" {where} the {significant(after.worst_allowed)} that a true model keeps to in 99 of 100 cases."
+    )
 
 
 def _held_out(proof: Proof) -> str:

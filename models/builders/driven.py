@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 from pydantic import Field
 
 from truepose.errors import InputError
 from truepose.models.file.fields import Number, Period, Pitch, Range, Ratio, Section, quantity
+from truepose.models.file.formula import FUNCTIONS, Formula, Law
 from truepose.models.file.limits import positive
 from truepose.models.machine.builder import BuildContext
 from truepose.models.machine.mechanism import Actuator
@@ -98,6 +99,10 @@ def with_encoders(
     return [row | dict(encoders.get(row["name"], {})) for row in rows]
 
 
+_OWN = ("x", "y", "z", "rx", "ry", "rz", "offset")
+"""Parameters that every joint has."""
+
+
 class Mimic(Section):
     """Another joint that carries this one along."""
 
@@ -115,3 +120,33 @@ def ratio_name(joint: str, other: str) -> str:
 def ratio_unit(unit: str, other: str) -> str:
     """Unit of a ratio of displacements."""
     return "1" if unit == other else f"{unit}/{other}"
+
+
+def check_lengths(names: Iterable[str], driven: Collection[str], where: str) -> None:
+    """Raises InputError for a name that stands for something else in the formula, or among the joint's parameters."""
+    for name in names:
+        if name in driven or not name.isidentifier() or name in FUNCTIONS or name in _OWN:
+            raise InputError(
+                f"{where}.lengths: found {name!r}, expected a name of letters and digits that is no joint, function "
+                "or parameter of the joint"
+            )
+
+
+def law_of(
+    text: str,
+    joint: str,
+    dimension: str,
+    driven: Mapping[str, str],
+    lengths: Collection[str],
+    context: BuildContext,
+    where: str,
+) -> Law:
+    """What a joint's formula says; ``driven``: dimension of each joint with a reading.
+
+    Raises InputError for names and functions that there are not.
+    """
+    units = context.file.units
+    formula = Formula.read(text, (*driven, *lengths), units.to_internal(1.0, "angle"), f"{where}.computed")
+    readings = [(name, units.to_internal(1.0, driven[name])) for name in formula.names if name in driven]
+    named = [(name, f"{joint}.{name}", units.to_internal(1.0, "length")) for name in lengths]
+    return Law(formula, units.to_internal(1.0, dimension), tuple(readings), tuple(named))

@@ -18,12 +18,15 @@ from truepose.models.builders.driven import (
     Driven,
     Encoder,
     Mimic,
+    check_lengths,
+    law_of,
     ratio_name,
     ratio_unit,
 )
 from truepose.models.file.fields import (
     AngleVector,
     In,
+    Length,
     LengthVector,
     Number,
     Section,
@@ -158,8 +161,12 @@ class GraphJoint(Driven):
     """Whether it is driven and its reading recorded; revolute and prismatic joints only."""
     mimic: Mimic | tuple[Mimic, ...] = ()
     """It has no reading: `{joint: q2, ratio: -1}` moves it with that joint; several in a list add up."""
+    computed: str | None = None
+    """It has no reading: a formula of driven joints, `90 - q2 - q3`, in the file's units; see below."""
+    lengths: dict[str, Length] = Field(default_factory=dict)
+    """Lengths that the formula names, such as a linkage's bars: parameters `J.NAME`."""
     offset: Annotated[Number, In("reading")] = 0.0
-    """Added to the reading, or to what `mimic` says."""
+    """Added to the reading, or to what `mimic` or `computed` says."""
 
     @model_validator(mode="after")
     def _sound(self) -> GraphJoint:
@@ -172,6 +179,12 @@ class GraphJoint(Driven):
             raise bad_value("actuated: true on a revolute or prismatic joint only", self.kind)
         if self.follows and (self.actuated or self.kind not in _ONE_AXIS):
             raise bad_value("mimic on a revolute or prismatic joint that is not actuated", self.kind)
+        if self.computed is not None and (self.actuated or self.follows or self.kind not in _ONE_AXIS):
+            raise bad_value(
+                "computed on a revolute or prismatic joint without `actuated` or `mimic`", self.kind
+            )
+        if self.lengths and self.computed is None:
+            raise bad_value("lengths beside `computed`, whose formula names them", dict(self.lengths))
         if not any(self.axis):
             raise bad_value("axis: a direction", self.axis)
         return self
@@ -190,6 +203,11 @@ class GraphJoint(Driven):
     def follows(self) -> tuple[Mimic, ...]:
         """The joints that carry it along by a ratio."""
         return (self.mimic,) if isinstance(self.mimic, Mimic) else self.mimic
+
+    @property
+    def carried(self) -> bool:
+        """Whether others move it: by ratios or by a formula."""
+        return bool(self.follows) or self.computed is not None
 
 
 class Graph(Section):
@@ -230,7 +248,7 @@ def mechanism_of(parsed: Graph, context: BuildContext) -> Mechanism:
         placement = tuple(Step(kind, f"{joint.name}.{axis}") for kind, axis in _PLACEMENT)
         parent, child = (BASE if end == base else end for end in (joint.parent, joint.child))
         axis = unit_vector(joint.axis).tolist()
-        start = () if joint.actuated or joint.follows else home.get(joint.name, ())
+        start = () if joint.actuated or joint.carried else home.get(joint.name, ())
         joints.append(Joint(joint.name, joint.kind, parent, child, placement, tuple(axis), start))
         if joint.actuated:
             own, offset = home.get(joint.name), f"{joint.name}.offset"
@@ -250,7 +268,7 @@ def mechanism_of(parsed: Graph, context: BuildContext) -> Mechanism:
         tuple(actuators),
         parsed.flange or (FLANGE if FLANGE in parsed.bodies else parsed.bodies[-1]),
         platform=PLATFORM if PLATFORM in parsed.bodies else None,
-        followers=tuple(_follower(joint) for joint in parsed.joints if joint.follows),
+        followers=tuple(_follower(k, parsed, context) for k, j in enumerate(parsed.joints) if j.carried),
     )
     _check_reach(mechanism, parsed, context)
     named = {joint: limb for limb, joint in parsed.limbs.items()}
@@ -266,9 +284,12 @@ def _parameters(
         unit, part = ("mm", "xyz") if k < 3 else ("rad", "rpy")
         field = ("joints", place, part, k % 3)
         out.append(context.parameter(f"{joint.name}.{axis}", unit, values[k], field))
-    if joint.actuated or joint.follows:
+    if joint.actuated or joint.carried:
         offset = context.file.units.to_internal(joint.offset, joint.dimension)
         out.append(context.parameter(f"{joint.name}.offset", joint.unit, offset, ("joints", place, "offset")))
+    for name, length in joint.lengths.items():
+        bar = ("joints", place, "lengths", name)
+        out.append(context.parameter(f"{joint.name}.{name}", "mm", length, bar, default=0.0))
     for k, mimic in enumerate(joint.follows):
         unit = ratio_unit(joint.unit, others[mimic.joint].unit)
         own = context.file.units.written(unit)
@@ -279,9 +300,16 @@ def _parameters(
     return out
 
 
-def _follower(joint: GraphJoint) -> Follower:
+def _follower(place: int, parsed: Graph, context: BuildContext) -> Follower:
+    joint = parsed.joints[place]
     terms = tuple((mimic.joint, ratio_name(joint.name, mimic.joint)) for mimic in joint.follows)
-    return Follower(joint.name, joint.unit, f"{joint.name}.offset", terms)
+    driven = {other.name: other.dimension for other in parsed.joints if other.actuated}
+    where = f"{context.where}.joints[{place}]"
+    law = None
+    if joint.computed is not None:
+        check_lengths(joint.lengths, driven, where)
+        law = law_of(joint.computed, joint.name, joint.dimension, driven, joint.lengths, context, where)
+    return Follower(joint.name, joint.unit, f"{joint.name}.offset", terms, law)
 
 
 def _homes(parsed: Graph, context: BuildContext) -> dict[str, tuple[float, ...]]:

@@ -44,6 +44,8 @@ def check_machine_name(name: str) -> str:
 
 _HIDDEN: Final = frozenset(("Cc", "Cf", "Cs", "Co", "Zl", "Zp"))
 """Categories of Unicode: controls, formats (zero width, direction), surrogates, private use, ends of lines and paragraphs."""
+_WRAPPED: Final = "computed"
+"""A formula may go over several lines: it is read by its syntax, not shown as a name."""
 _ENCODED: Final = "covariance"
 """Numbers of a fit, encoded in many lines; what it names is compared with names that were checked."""
 
@@ -67,20 +69,20 @@ def check_document(document: Mapping[str, Any], where: str) -> None:
     for key, value in document.items():
         check_text(str(key), where)
         if key != _ENCODED:
-            _check_value(value, f"{where}: {key}")
+            _check_value(value, f"{where}: {key}", wrapped=False)
 
 
-def _check_value(value: Any, where: str) -> None:
+def _check_value(value: Any, where: str, *, wrapped: bool) -> None:
     if isinstance(value, str):
-        check_text(value, where)
+        check_text(" ".join(value.split()) if wrapped else value, where)
     elif isinstance(value, bytes):  # !!binary: would become a text unseen
         raise InputError(f"{where}: found binary data, expected a text or a number")
     elif isinstance(value, Mapping):
         for key, item in value.items():
-            _check_value(item, f"{where}.{check_text(str(key), where)}")
+            _check_value(item, f"{where}.{check_text(str(key), where)}", wrapped=key == _WRAPPED)
     elif isinstance(value, (list, tuple)):
         for k, item in enumerate(value):
-            _check_value(item, f"{where}[{k}]")
+            _check_value(item, f"{where}[{k}]", wrapped=wrapped)
 
 
 MACHINE_SCHEMA: Final = "https://truepose.dev/schema/machine-1.json"

@@ -277,6 +277,8 @@ def displacements(machine: Machine, values: Mapping[str, ca.SX], q: Mapping[str,
     for follower in mechanism.followers:
         carried = (values[ratio] * own[reading] for reading, ratio in follower.terms)
         out[follower.joint] = sum(carried, values[follower.offset])
+        if follower.law is not None:
+            out[follower.joint] += follower.law.value(own, values)
     return out
 
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from truepose.arrays import Array
 from truepose.errors import InputError
+from truepose.models.file.formula import Law
 from truepose.models.file.machine_file import MachineFile
 from truepose.models.lie import AXES as AXES  # noqa: PLC0414 -- exported again
 from truepose.models.units import UnitSystem, convert
@@ -227,13 +228,15 @@ class Actuator:
 class Follower:
     """A joint without a reading that driven ones carry along: displacement = offset + sum of ratio * their displacements.
 
-    ``terms`` are (reading of the driven joint, parameter of the ratio); ``unit`` is that of the displacement (mm or rad).
+    ``terms`` are (reading of the driven joint, parameter of the ratio); ``unit`` is that of the displacement (mm or rad). A
+    ``law`` stands in place of the sum.
     """
 
     joint: str
     unit: str
     offset: str
     terms: tuple[tuple[str, str], ...]
+    law: Law | None = None
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,6 @@ from truepose.identification.report.numbers import (
     uncertain,
     unit_symbol,
 )
-from truepose.identification.report.scene import scene_of
 from truepose.identification.report.steps import machine_name, recording_names
 from truepose.shown.chart import Axis, Band, Chart, Layer, Level, Line, Marks
 from truepose.shown.document import (
@@ -38,25 +37,15 @@ from truepose.shown.document import (
     Command,
     Document,
     Gain,
-    Guilty,
     Items,
-    Scene,
     Section,
     Table,
     Text,
 )
 from truepose.shown.result import document
 
-MOST_PANELS, GUILTY = 12, 4
+MOST_PANELS = 12
 _ORDER = ("moved", "perhaps", "anew", "still", "masked", "unseen")
-_HEAD = (
-    "parameter",
-    "status",
-    "change to the last session",
-    "probability",
-    "log Bayes factor",
-    "would show from",
-)
 
 
 @document.register
@@ -80,7 +69,6 @@ def drift_document(found: Drift) -> Document:
         drift_notes(found),
         more="to_frame(), drift.json and report.html have all",
         sections=lambda: _sections(found, shown),
-        scene=lambda: _scene(found, shown[:GUILTY]),
     )
 
 
@@ -90,14 +78,6 @@ def _steps(found: Drift) -> list[Command | Text]:
     machine, files = machine_name(found.fits[0].nominal), recording_names(found.recording.files)
     line = f"truepose calibrate {machine} {files.split()[-1]} -o fit"
     return [Command(line, "calibrate on the last session:")]
-
-
-def _scene(found: Drift, moved: Sequence[Movement]) -> Scene | None:
-    if not found.fits or found.recording is None:
-        return None
-    first = found.recording.subset(found.recording.session == found.recording.session[0])
-    guilty = [Guilty(f"{m.name} {m.status}", "", percent(m.probability), (m.name,)) for m in moved]
-    return scene_of(found.fits[0], None, first, guilty) if len(first) == len(found.fits[0].residual) else None
 
 
 def _gains(found: Drift) -> list[Gain]:
@@ -203,4 +183,5 @@ def _parameter_table(found: Drift) -> Table:
     caption = (
         "The last column: two sigmas of a movement from the first session to the last, if it moved alone."
     )
-    return Table(_HEAD, rows, caption=caption, text_columns=2)
+    head = ["parameter", "status", "change to the last session", "probability", "log Bayes factor"]
+    return Table([*head, "would show from"], rows, caption=caption, text_columns=2)

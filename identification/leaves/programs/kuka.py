@@ -12,6 +12,7 @@ import functools
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -80,7 +81,7 @@ class Kuka(Language):
 
     name, title = "kuka", "KUKA KRL"
     form, configuration = Euler(), StatusTurn()
-    joint_units = {"rad": "deg", "mm": "mm"}  # noqa: RUF012
+    joint_units: ClassVar[Mapping[str, str]] = {"rad": "deg", "mm": "mm"}
     comment = r";[^\r\n]*|(?m:^[ \t]*&[^\r\n]*)"
     words = Keywords(
         function=r"(?:GLOBAL[ \t]+)?(?:DEF|DEFFCT)\b",

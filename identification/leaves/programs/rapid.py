@@ -7,7 +7,8 @@ in motions. The work object and the tool of one are those of the motions of this
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import ClassVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -85,7 +86,7 @@ class Rapid(Language):
 
     name, title = "rapid", "ABB RAPID"
     form, configuration = Quaternion(), Quadrants()
-    joint_units = {"rad": "deg", "mm": "mm"}  # noqa: RUF012
+    joint_units: ClassVar[Mapping[str, str]] = {"rad": "deg", "mm": "mm"}
     comment, quote = r"![^\r\n]*", r'"(?:[^"\r\n]|"")*"'
     words = Keywords(
         function=r"(?:LOCAL[ \t]+)?(?:PROC|FUNC|TRAP)\b",

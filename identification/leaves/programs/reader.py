@@ -10,8 +10,9 @@ from __future__ import annotations
 import functools
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from truepose.identification.leaves.programs.program import (
     Configuration,
     Copies,
     Form,
+    Kind,
     Left,
     Lines,
     Number,
@@ -87,7 +89,7 @@ class Language(ABC):
     name: str
     title: str
     form: Form
-    joint_units: dict[str, str]
+    joint_units: ClassVar[Mapping[str, str]]
     configuration: Configuration | None = None
     comment: str
     quote = r'"[^"\r\n]*"'
@@ -406,6 +408,6 @@ def target_of(
     is_pose: bool,
 ) -> Target:
     """Return what a constant says of a target by itself."""
-    kind = "pose" if is_pose else "joints"
+    kind: Kind = "pose" if is_pose else "joints"
     line = reader.lines.of(span[0])
-    return Target(line, name, kind, tuple(numbers), tuple(configuration), place=span[0])  # type: ignore[arg-type]
+    return Target(line, name, kind, tuple(numbers), tuple(configuration), place=span[0])

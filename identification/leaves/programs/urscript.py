@@ -7,7 +7,8 @@ go to. ``pose_trans(feature, p[...])`` in a motion is a pose in that feature; fe
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import ClassVar
 
 import numpy as np
 
@@ -53,7 +54,7 @@ class UrScript(Language):
     form = RotationVector(
         ("m",) * 3, ("rad",) * 3, (7, 7, 7, 8, 8, 8), "x,y,z,rx,ry,rz in m and rad, a rotation vector"
     )
-    joint_units = {"rad": "rad", "mm": "m"}  # noqa: RUF012
+    joint_units: ClassVar[Mapping[str, str]] = {"rad": "rad", "mm": "m"}
     comment, quote = r"#[^\r\n]*", r"\"[^\"\r\n]*\"|'[^'\r\n]*'"
     words = Keywords(
         function=r"(?:def|thread|sec)\b",

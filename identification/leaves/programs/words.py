@@ -44,21 +44,22 @@ def correction_lines(found: Correction, title: str, source: Path, output: Path) 
 
 def correction_notes(found: Correction, machine: Machine, limit: Limit) -> list[str]:
     """Say what was taken for granted, and what a person should look at."""
+    beyond = f"corrections of more than {limit.position:g} mm or {limit.rotation:g} deg: "
     bare, toolless = found.unnamed
     at = ", ".join(f"{name} = {value:g}" for name, value in found.drivers.items())
-    every = [
-        (f"corrections of more than {limit.position:g} mm or {limit.rotation:g} deg: ", _listed(_beyond(found, limit))),
-        ("axes pass a border, so that numbers of the configuration changed with them: ",
-         _listed([one for one in found.done if one.reconfigured])),
-        ("motions that got a pose of their own, because what they name is a frame as well, goes by several frames or is "
-         "worked out: ", _listed([one for one in found.done if one.target.copies is not None])),
-        ("", bare and f"poses that name no base ({bare}) stand in the robot's own; --base tells another"),
-        ("", toolless and f"poses that name no tool ({toolless}) are the machine file's tool's; --tool tells another"),
-        ("taken for the machine file's tool: ",
-         found.assumed and f"{', '.join(found.assumed)}; --frame NAME=... gives another"),
-        ("at all targets: ", at and f"{at}; --at NAME=VALUE gives others"),
-    ]  # fmt: skip
-    out = [f"{head}{what}" for head, what in every if what]
+    turned = _listed([one for one in found.done if one.reconfigured])
+    copied = _listed([one for one in found.done if one.target.copies is not None])
+    why = "what they name is a frame as well, goes by several frames or is worked out"
+    notes = {
+        beyond: _listed(_beyond(found, limit)),
+        "axes pass a border, so that numbers of the configuration changed with them: ": turned,
+        f"motions that got a pose of their own, because {why}: ": copied,
+        "poses that name no base stand in the robot's own (--base tells another): ": bare,
+        "poses that name no tool are the machine file's tool's (--tool tells another): ": toolless,
+        "taken for the machine file's tool (--frame NAME=... gives another): ": ", ".join(found.assumed),
+        "at all targets (--at NAME=VALUE gives others): ": at,
+    }
+    out = [f"{head}{what}" for head, what in notes.items() if what]
     if not (machine.file and machine.file.nominal):
         out.append("the machine file has no `nominal:`; its own constants are taken for the controller's")
     return out

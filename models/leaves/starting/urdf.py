@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree.ElementTree import Element
@@ -32,28 +33,26 @@ def urdf_start(path: Path, output: Path, base: str, tip: str, *, written_out: bo
     several = len(tips) > 1 and tip not in robot.links
     section = Urdf(type="urdf", file=shown, base_link=base, tip_link=tuple(tips) if several else tip)
     graph = expanded(section, robot, UnitSystem(), "--urdf")
-    about = (f"Source: {path.name}, from the link {base} to the link {tip}.", *unranged(graph["joints"]))
-    left_out = _left_out(robot, graph["bodies"])
-    if not written_out:
-        weighs = bool(inertials_of(robot, graph["bodies"])[0])
-        return Start(
-            path.stem,
-            f"The URDF {path.name}",
-            {**section.model_dump(exclude_defaults=True), "tip_link": tips if several else tip},
-            about,
-            described_in=path.name if weighs else "",
-            readings=readings_of(graph),
-            left_out=left_out,
-        )
     inertials, notes = inertials_of(robot, graph["bodies"])
-    return Start(
+    about = (f"Source: {path.name}, from the link {base} to the link {tip}.", *unranged(graph["joints"]))
+    named = Start(
         path.stem,
         f"The URDF {path.name}",
-        graph,
-        (*about, *(f"Note: {note}" for note in notes)),
+        {**section.model_dump(exclude_defaults=True), "tip_link": tips if several else tip},
+        about,
+        described_in=path.name if inertials else "",
+        readings=readings_of(graph),
+        left_out=_left_out(robot, graph["bodies"]),
+    )
+    if not written_out:
+        return named
+    return replace(
+        named,
+        mechanism=graph,
+        about=(*about, *(f"Note: {note}" for note in notes)),
         gravity=gravity_in(robot, base) if inertials else UPRIGHT,
         masses={i.body: {"kg": i.kg, "com": list(i.com), "in": i.body} for i in inertials},
-        left_out=left_out,
+        described_in="",
     )
 
 

@@ -88,6 +88,16 @@ def test_letters_of_all_languages_are_names(name: str) -> None:
     assert checked_machine(Path("arm.yaml"), document).mechanism["joints"][0]["name"] == name
 
 
+def test_a_formula_may_go_over_several_lines_and_hides_nothing() -> None:
+    joint = {"name": "q3", "kind": "revolute", "computed": "90\n  - q1\n"}
+    document = copy.deepcopy(DOCUMENT)
+    document["mechanism"]["joints"].append(joint)
+    checked_machine(Path("arm.yaml"), document)
+    joint["computed"] = "90 - \u202eq1"
+    with pytest.raises(InputError, match=r"joints\[2\]\.computed: found U\+202E"):
+        checked_machine(Path("arm.yaml"), document)
+
+
 @pytest.mark.parametrize("written", ["&#10;", "&#x202e;", "&#9;"])
 def test_names_of_a_robot_description_are_checked_too(tmp_path: Path, written: str) -> None:
     (tmp_path / "arm.urdf").write_text(

@@ -69,8 +69,6 @@ def test_candidates_are_read_from_a_file_and_drivers_that_are_not_planned_are_na
     ("arguments", "says"),
     [
         (["-n", 5, "--method", "best"], "found 'best', expected one of continuous, exchange, random"),
-        (["-n", 5, "--criterion", "e"], "found 'e', expected one of d, a, o1"),
-        (["-n", 3, "--criterion", "o1"], "expected at least 13 readings"),
         (["-n", 5, "--candidates", "missing.csv"], "cannot read the file"),
         (["-n", 5, "--candidates", MACHINES / "serial.yaml"], "found"),
     ],
@@ -91,17 +89,7 @@ def test_candidates_cannot_be_moved(tmp_path: Path) -> None:
     assert (
         run("plan", MACHINES / "serial.yaml", "-n", 9, "-o", candidates, "--method", "random").exit_code == 0
     )
-    result = run(
-        "plan",
-        MACHINES / "serial.yaml",
-        "-n",
-        5,
-        "-o",
-        tmp_path / "p.csv",
-        "--candidates",
-        candidates,
-        "--method",
-        "continuous",
-    )
+    more = ("--candidates", candidates, "--method", "continuous")
+    result = run("plan", MACHINES / "serial.yaml", "-n", 5, "-o", tmp_path / "p.csv", *more)
     assert result.exit_code == 2 and "candidates stay in place" in result.stderr
     assert run("plan", MACHINES / "serial.yaml", "-n", 1, "-o", tmp_path / "p.csv").exit_code == 2

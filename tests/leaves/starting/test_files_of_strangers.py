@@ -5,10 +5,14 @@ from __future__ import annotations
 from importlib.util import find_spec
 from pathlib import Path
 
+import casadi as ca
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from truepose.errors import InputError
 from truepose.models.builders.urdf_file import Robot
+from truepose.models.file.formula import LONGEST, Formula
 from truepose.models.file.yaml_document import parse_document
 from truepose.models.load import load_machine
 from truepose.models.units import parse_unit
@@ -37,6 +41,11 @@ XML = {
     "a parameter": '<!DOCTYPE r [<!ENTITY % p SYSTEM "http://127.0.0.1:9/x"> %p;]>' + ROBOT.format(""),
     "a document type": '<!DOCTYPE r SYSTEM "http://127.0.0.1:9/x">' + ROBOT.format(""),
 }
+FORMULAS = (
+    f"__import__('os').system('touch ran') or {RUN}", RUN, f"(lambda: {RUN})()", f"[{RUN} for u in u]", f"f'{{{RUN}}}'",
+    "u.__class__.__mro__", "sin.__globals__", "u if u else u", "(u := 1)", "sin(*u)", "sin(x=u)", "'u'", "9" * 999,
+    "0x" + "f" * 900, "-" * 998 + "u", "(" * 490 + "u" + ")" * 490, "u" * (LONGEST + 1), "True", "1j", "...",
+)  # fmt: skip
 
 
 @pytest.fixture(autouse=True)
@@ -103,6 +112,35 @@ def test_a_machine_file_reads_no_device_and_no_pipe(device: str) -> None:
     section = f"{{type: urdf, file: '{device}', base_link: a, tip_link: b}}"
     path.write_text(f"schema: truepose/machine/1\nname: arm\nmechanism: {section}\n")
     assert "cannot read the " in refused(path)
+
+
+@pytest.mark.parametrize("text", FORMULAS, ids=lambda text: text[:24])
+def test_a_formula_is_arithmetic_or_nothing(text: str) -> None:
+    with pytest.raises(InputError) as caught:
+        Formula.read(text, ("u",), 1.0, "here")
+    assert not Path("ran").exists()
+    assert str(caught.value).startswith("here: ") and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["9**9**9**9", "u**" * 300 + "u", "sin(" * 150 + "u" + ")" * 150, "+".join("u" * 250), "1e300*1e300"],
+)
+def test_towers_of_powers_are_worked_out(text: str) -> None:
+    made = Formula.read(text, ("u",), 1.0, "here").value({"u": ca.SX.sym("u")})
+    assert made.shape == (1, 1)
+
+
+@given(st.text(max_size=60) | st.text("u9*-+/().,sincoabqrt '\"_[]{}:=", max_size=80))
+@example("u\x00")
+@example("u\n+u")
+def test_any_text_is_a_formula_or_refused_in_words(text: str) -> None:
+    try:
+        formula = Formula.read(text, ("u",), 1.0, "here")
+    except InputError:
+        return
+    assert set(formula.names) <= {"u"}
+    assert formula.value({"u": ca.SX.sym("u")}).shape == (1, 1)
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from truepose.identification.compensation.compensate import compensate
 from truepose.identification.compensation.path_table import commands, load_path
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.leaves.planning.plan import plan
-from truepose.identification.leaves.planning.pose_tables import plan_table
+from truepose.identification.leaves.planning.showing import plan_table
 from truepose.identification.load import load_recording
 from truepose.models.leaves.export.write import export
 from truepose.models.load import load_machine

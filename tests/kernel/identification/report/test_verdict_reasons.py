@@ -75,11 +75,37 @@ def test_doubts_beside_the_proof() -> None:
     (text,) = doubts(diagnosis("missing-physics", own, fits=far, terms=("one",)))
     assert text.startswith("q1.d still stands 4.00 tolerances from its drawing, beyond the 3.00 that")
     assert doubts(diagnosis("missing-physics", own, fits=far)) == []
-    hardly_seen = fits(1.0)
-    hardly_seen["after"] = SimpleNamespace(
-        chi2_per_dof=1.1, worst_parameter="q1.d", worst_parameter_sigma=0.004, worst_allowed=5.6e-6
-    )
+    hardly_seen = judged(4.0, 0.004, allowed=5.6e-6)
     assert doubts(diagnosis("missing-physics", own, fits=hardly_seen, terms=("one",))) == []
+
+
+def judged(before: float, after: float, allowed: float = 3.0) -> dict[str, object]:
+    """Fits whose farthest parameters stand so many tolerances away."""
+    return {
+        name: SimpleNamespace(
+            chi2_per_dof=1.1, worst_parameter="q1.d", worst_parameter_sigma=far, worst_allowed=allowed
+        )
+        for name, far in (("before", before), ("after", after))
+    }
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "said_"),
+    [(9.0, 2.0, "within the 3.00"), (2.5, 2.0, "within the 3.00"), (9.0, 4.0, "still above the 3.00"),
+     (3.0, 3.0, "within the 3.00")],
+)  # fmt: skip
+def test_where_the_farthest_parameter_went(before: float, after: float, said_: str) -> None:
+    found = diagnosis(
+        "missing-physics", finding(0.99, 1), fits=judged(before, after), terms=("one",), alarms={}
+    )
+    (text,) = [one for one in reasons(found) if "tolerances from its drawing" in one]
+    assert f"is q1.d at {after:.2f}, {said_} that a true model keeps to in 99 of 100 cases." in text
+    endless = diagnosis(
+        "missing-physics", finding(0.99, 1), fits=judged(9.0, 2.0, NAN), terms=("one",), alarms={}
+    )
+    assert "No parameter has a finite tolerance, so none can be judged against its drawing." in reasons(
+        endless
+    )
 
 
 def test_reasons_of_a_finding_are_those_of_the_surest_and_of_rows_held_out() -> None:

@@ -21,9 +21,10 @@ from support.reports import calibration_html, report_html
 from support.told_drift import drift_html
 from support.told_fleet import fleet_html
 from truepose.identification.compensation.inverse import PoseSolver
-from truepose.identification.leaves.fleet.result import Fleet
+from truepose.identification.leaves.fleet.odd import Oddness, Reason
+from truepose.identification.leaves.fleet.record import Record
 from truepose.identification.leaves.fleet.statistics import FleetStatistics
-from truepose.identification.leaves.fleet.table import Row
+from truepose.identification.leaves.fleet.table import Fleet, fleet_table
 from truepose.models.machine.machine import Machine
 
 needs_browser = pytest.mark.skipif(browser() is None, reason="no chromium to show a page in")
@@ -96,14 +97,13 @@ def _drift(folder: Path) -> str:
 
 def _fleet(folder: Path) -> str:
     told = FleetStatistics(1, (), (), (), ())
-    found = {"verdict": SECOND, "findings": DRIVER, "odd": True, "odd_because": MASS}
-    done = Row(MACHINE, "done", machine=FIRST, check="ok", **found)  # type: ignore[arg-type]
-    link = replace(done, name=f"javascript:{OWN}")
-    failed = Row(FIRST, "failed", SECOND)
-    rows = [done, link]
-    return fleet_html(
-        Fleet(MACHINE, 3, {"done": 2, "failed": 1}, {SECOND: 2}, told, 2, rows, [failed], rows, None)
-    )
+    figures = {"machine": FIRST, "check": "ok", "verdict": SECOND, "findings": DRIVER}
+    done = [
+        Record(name=name, key="", status="done", figures=figures) for name in (MACHINE, f"javascript:{OWN}")
+    ]
+    failed = Record(name=FIRST, key="", status="failed", why=SECOND)
+    odd = Oddness(2.0, True, (Reason("present", "", 0.0, MASS),))
+    return fleet_html(Fleet(MACHINE, fleet_table([*done, failed], [odd, odd]), told, None))
 
 
 PAGES: dict[str, Callable[[Path], str]] = {
