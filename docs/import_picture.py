@@ -62,7 +62,7 @@ FLOORS = (
     ("commands",),
     ("demo",),
     ("models.leaves.starting",),
-    ("models.leaves.export", "codegen.leaves.all_solutions", "codegen.leaves.embedded"),
+    ("models.leaves.export", "codegen.leaves.all_solutions"),
     (
         "identification.leaves.check",
         "identification.leaves.drift",

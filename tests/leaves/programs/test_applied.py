@@ -59,40 +59,32 @@ def test_a_file_that_should_not_be_applied_is_only_where_that_is_wanted(
 
 
 @pytest.mark.parametrize(
-    ("options", "real", "features", "measured"),
+    ("options", "real", "features"),
     [
-        ("", "double", ALL, False),
-        ("--real float", "float", ALL, False),
-        ("--features warm,p", "double", Features.of("warm,p"), False),
-        ("--measure", "double", ALL, True),
+        ("", "double", ALL),
+        ("--real float", "float", ALL),
+        ("--features warm,p", "double", Features.of("warm,p")),
     ],
 )
 def test_what_is_generated_is_what_was_asked_for(
-    options: str, real: str, features: Features, measured: bool, monkeypatch: pytest.MonkeyPatch
+    options: str, real: str, features: Features, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    heard: list[tuple[str, Any, Any]] = []
+    heard: list[tuple[Any, Any]] = []
 
-    def called(kind: str, result: Any) -> Any:
-        def generate(*arguments: Any, **told: Any) -> Any:
-            heard.append((kind, arguments, told))
-            return result
+    def generate(*arguments: Any, **told: Any) -> list[Path]:
+        heard.append((arguments, told))
+        return [Path("out/b.h"), Path("out/a.c")]
 
-        return generate
-
-    files = [Path("out/b.h"), Path("out/a.c")]
-    monkeypatch.setattr("truepose.codegen.c.generate", called("plain", files))
-    monkeypatch.setattr(
-        "truepose.codegen.leaves.embedded.write.generate_measured", called("measured", (files, []))
-    )
+    monkeypatch.setattr("truepose.codegen.c.generate", generate)
     done = run(f"codegen arm.yaml -o out {options} --json")
     told = json.loads(done.stdout)
-    ((kind, arguments, named),) = heard
-    assert kind == ("measured" if measured else "plain") and arguments[0].name == "arm"
+    ((arguments, named),) = heard
+    assert arguments[0].name == "arm"
     assert arguments[1:] == (Path("out"), real) and named["features"] == features
     assert named["nominal"] is None  # this one is the drawing itself
     assert told["files"] == ["out/a.c", "out/b.h"] and told["features"] == list(features.names)
     assert (told["command"], told["machine"], told["real"]) == ("codegen", "arm", real)
-    assert "measured" not in told and told["notes"] == []
+    assert told["notes"] == []
     lines = run(f"codegen arm.yaml -o out {options}").stdout.splitlines()
     assert lines[:2] == ["out/a.c", "out/b.h"] and any("expected error of the tool" in line for line in lines)
 

@@ -14,15 +14,13 @@ import pytest
 from numpy.typing import NDArray
 from typer.testing import CliRunner
 
-from support.embedded import needs_toolchain
 from support.examples import by_day
 from support.generated_c import COMPILER, WARNINGS, Built, build, needs_compiler
-from support.generated_machines import ARM, HEAD, machine_of
+from support.generated_machines import machine_of
 from truepose.cli import app
 from truepose.codegen.blocks import rolled
 from truepose.codegen.c import generate, render
-from truepose.codegen.features import ALL, FEATURES, Features
-from truepose.codegen.leaves.embedded.measure import measure
+from truepose.codegen.features import FEATURES, Features
 from truepose.codegen.printer import Real
 from truepose.codegen.pruning import pruned
 from truepose.errors import InputError
@@ -30,7 +28,7 @@ from truepose.models.file.machine_file import checked_machine
 from truepose.models.file.yaml_document import parse_document
 from truepose.models.leaves.starting.start import bundled_start
 from truepose.models.leaves.starting.written import Asked, written
-from truepose.models.load import build_machine, load_machine
+from truepose.models.load import build_machine
 from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
@@ -248,24 +246,6 @@ def test_the_readme_says_what_was_asked_for(tmp_path: Path) -> None:
     assert "`--features warm,p`" in texts["README.md"]
     assert "ik_all" not in texts["README.md"] and "_batch" not in texts["README.md"]
     assert "--features" not in render(machine_of(tmp_path, "arm"), "double")["README.md"]
-
-
-@needs_toolchain
-def test_small_code_on_a_controller(root_directory: Path) -> None:
-    """An arm of six joints: the way from a nearby guess in 4 kB, everything in 14; neither slower than what is not small."""
-    text = HEAD.format(name="bare") + ARM.partition("masses:")[0]
-    (root_directory / "bare.yaml").write_text(text, encoding="utf-8")
-    machine, found = load_machine(root_directory / "bare.yaml"), {}
-    for features in ("warm", "warm,cold,branches,p", ""):
-        directory = root_directory / f"bare_{features}"
-        generate(machine, directory, features=Features.of(features) if features else ALL)
-        found[features] = measure(directory, optimisation="-Os")
-    warm, every, plain = found.values()
-    assert warm.cold is None and warm.solved and every.solved
-    assert warm.linked_ik.text <= 4000 and every.linked_ik.text <= 14_000
-    assert warm.linked_ik.data == every.linked_ik.data == 0
-    assert max(warm.warm.median, every.warm.median) <= plain.warm.median
-    assert max(warm.warm.stack, every.warm.stack) <= plain.warm.stack
 
 
 SOURCE = """/* a */

@@ -20,14 +20,11 @@ from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 import truepose
-from support.embedded import needs_toolchain
 from support.examples import by_day
 from support.generated_c import COMPILER, WARNINGS, needs_compiler
 from truepose.cli import app
 from truepose.codegen.c import generate, render
 from truepose.codegen.features import Features
-from truepose.codegen.leaves.embedded.measure import measure
-from truepose.codegen.leaves.embedded.section import table
 from truepose.codegen.printer import Real
 from truepose.models.machine.machine import Machine
 
@@ -346,17 +343,6 @@ int main()
         [compiler, *flags, tmp_path / "main.cpp", *objects, "-lm", "-o", tmp_path / "main"], check=True
     )
     assert subprocess.run([tmp_path / "main"], check=False).returncode == 0
-
-
-@needs_toolchain
-@both
-def test_every_update_takes_the_same_time_on_a_controller(root_directory: Path, real: Real) -> None:
-    found = measure(library(root_directory, EFFECTS, real).directory)
-    assert found.state and found.state_object
-    assert found.state.codes == (found.vectors, 0, 0, 0, 0)
-    assert found.state.most <= 1.05 * found.state.median  # a maximum takes one instruction or another
-    assert (found.state_object.data, found.state_object.bss) == (0, 0)
-    assert "mem_state_update`: instructions" in "".join(table([found]))
 
 
 def test_there_is_a_state_where_something_remembers_or_it_is_asked_for(root_directory: Path) -> None:
