@@ -176,10 +176,10 @@ def predict(machine: Machine, recording: Recording) -> pd.DataFrame:
     return pd.DataFrame(data)
 
 
-def predictor_for(machine: Machine, recording: Recording) -> Predictor:
-    """Predictor with the machine's effects, whose sessions are those of the fit that wrote the file."""
+def predictor_for(machine: Machine, recording: Recording, visits: int = 1) -> Predictor:
+    """Predictor with the machine's effects, whose sessions are those of the fit that wrote the file; ``visits`` as there."""
     known = machine.file.sessions if machine.file else ()
-    predictor = Predictor(machine, recording, machine.effects)
+    predictor = Predictor(machine, recording, machine.effects, visits=visits)
     for k, name in enumerate(predictor.model.drivers):
         if name == ROW and not _is_the_fitted(machine, recording):
             predictor.z[:, k] = predictor.model.z_home[k]

@@ -28,7 +28,7 @@ import numpy as np
 import pandas as pd
 
 from truepose.identification.compensation.compensate import compensate
-from truepose.identification.compensation.path_table import commands, csv_text, load_path
+from truepose.identification.compensation.path_table import commands, path_rows
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.simulate import simulate, with_inputs
@@ -120,20 +120,20 @@ def _path(machine: Machine, name: str, count: int) -> pd.DataFrame:
 def run(name: str, count: int, folder: Path, say: Callable[[str], object] = print) -> None:
     """Time one machine."""
     machine, path = calibrated(name, folder), folder / "path.csv"
-    path.write_text(csv_text(_path(machine, name, count)), encoding="utf-8")
+    _path(machine, name, count).to_csv(path, index=False)
     marks = [time.perf_counter()]
-    table, rows = load_path(machine, path)
+    table, rows = path_rows(machine, read_table(path))
     marks.append(time.perf_counter())
     found = compensate(machine, rows)
     marks.append(time.perf_counter())
     found = compensate(machine, rows)
     marks.append(time.perf_counter())
-    (folder / "commands.csv").write_text(csv_text(commands(table, machine, found)), encoding="utf-8")
+    commands(table, machine, found).to_csv(folder / "commands.csv", index=False)
     marks.append(time.perf_counter())
     read, first, again, write = np.diff(marks)
     before, after = (np.max(np.linalg.norm(twists[:, :3], axis=1)) for twists in (found.before, found.after))
     say(
-        f"{name}, {count} rows: read {read:.2f} s, solve {first:.2f} s (again: {again:.2f} s, {found.solved_by}), "
+        f"{name}, {count} rows: read {read:.2f} s, solve {first:.2f} s (again: {again:.2f} s), "
         f"write {write:.2f} s; {before:.3g} mm before, {after:.2g} mm after"
     )
 

@@ -10,8 +10,6 @@ import pandas as pd
 import pytest
 
 from truepose.errors import InputError
-from truepose.identification.compensation import path_table as path_file
-from truepose.identification.compensation.path_table import csv_text
 from truepose.identification.recording.arrow_columns import ArrowCells
 from truepose.identification.recording.table import Column, Table, read_table
 
@@ -44,17 +42,3 @@ def test_cells_are_a_sequence() -> None:
         2,
         False,
     )
-
-
-@pytest.mark.parametrize("note", [["a", "b c", ""], ["a, b", 'say "c"', "d"]])
-def test_what_is_written_reads_back_exactly(
-    note: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(path_file, "MANY", 0)
-    values = np.array([1 / 3, -1e-17, 6.02e23])
-    path = tmp_path / "commands.csv"
-    path.write_text(csv_text(pd.DataFrame({"q1 [mm]": values, "note": note})))
-    found = read_table(path)
-    np.testing.assert_array_equal(found.numbers("q1"), values)
-    assert list(found.cells["note"]) == note
-    assert found.columns[0].unit == "mm"

@@ -14,7 +14,7 @@ import pytest
 from support.calibrated_machines import SIX_AXES
 from truepose.errors import InputError
 from truepose.identification.compensation.compensate import compensate
-from truepose.identification.compensation.path_table import load_path
+from truepose.identification.compensation.path_table import path_rows
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import covariance_of, write_calibrated
 from truepose.identification.prediction.predict import predict, predicted, predictor_for
@@ -22,6 +22,7 @@ from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
+from truepose.identification.recording.table import read_table
 from truepose.identification.signatures.candidates import catalogue, empirical_forms
 from truepose.models.effect_text import parse_effect
 from truepose.models.effects.base import PlacedEffect
@@ -167,7 +168,7 @@ def test_commands_make_up_for_it(arm: Machine, tmp_path: Path) -> None:
     """The tool stands where the machine without it would stand, inside and outside of what was seen."""
     machine = arm.with_effects(tuple(parse_effect(text, arm) for text in TRUE[:3]))
     rows(machine, tmp_path, n=25, reach=1.0)
-    _, path = load_path(machine, tmp_path / "poses.csv")
+    _, path = path_rows(machine, read_table(tmp_path / "poses.csv"))
     done = compensate(machine, path)
     there, good = Predictor(machine, replace(path, q=done.command), machine.effects).poses(
         np.concatenate([[p.nominal for p in machine.parameters], *(e.amplitudes for e in machine.effects)])
