@@ -94,25 +94,18 @@ class Built:
 
 @cache
 def build(where: Path, name: str, real: Real) -> Built:
+    return built_of(machine_of(where, name), where / f"{name}_{real}", real)
+
+
+def built_of(machine: Machine, directory: Path, real: Real) -> Built:
+    """A machine's C, generated and compiled in a folder."""
     assert COMPILER is not None
-    machine = machine_of(where, name)
-    directory = where / f"{name}_{real}"
     generate(machine, directory, real)
-    arguments = [
-        COMPILER,
-        *WARNINGS,
-        "-O1"
-        if real == "double"
-        else LEVEL,  # some warnings come with optimisation; the C is the same in both
-        "-shared",
-        "-fPIC",
-        f"{name}_kin.c",
-        "-lm",
-        "-o",
-        f"lib{name}.so",
-    ]
-    subprocess.run(arguments, cwd=directory, check=True)
-    library = ctypes.CDLL(str(directory / f"lib{name}.so"))
+    # some warnings come with optimisation; the C is the same in both
+    flags = [*WARNINGS, "-O1" if real == "double" else LEVEL, "-shared", "-fPIC"]
+    command = [COMPILER, *flags, f"{machine.name}_kin.c", "-lm", "-o", "kin.so"]
+    subprocess.run(command, cwd=directory, check=True)
+    library = ctypes.CDLL(str(directory / "kin.so"))
     return Built(machine, symbolic_model(machine, machine.effects), real, directory, library)
 
 
