@@ -70,7 +70,7 @@ class NormalEquations:
         """
         if least <= 0.0:
             return None
-        gram = self.function(*self.inputs, p, weight=weight).matrix
+        gram = self.function(*self.inputs, p, weight=weight)
         steps = np.append(scale, 1.0)
         gram *= np.outer(steps, steps)
         rounding = float(np.finfo(float).eps * len(gram) * np.max(np.diag(gram)[:-1], initial=0.0))
