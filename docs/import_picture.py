@@ -55,7 +55,7 @@ FLOORS = (
     ("identification.fit",),
     ("identification.identifiability", "identification.compensation"),
     ("identification.load", "identification.posterior"),
-    ("identification.gate", "identification.signatures"),
+    ("identification.signatures",),
     ("identification.diagnosis",),
     ("identification.report",),
     ("api",),

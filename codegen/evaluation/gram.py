@@ -13,9 +13,18 @@ import casadi as ca
 import numpy as np
 
 from truepose.arrays import Array
-from truepose.codegen.evaluation.batch import BatchFunction, RowInputs, loads, pointers, rows_of, scratch
+from truepose.codegen.evaluation.batch import (
+    BatchFunction,
+    Engine,
+    RowInputs,
+    engine_for,
+    loads,
+    pointers,
+    rows_of,
+    scratch,
+    without_compiler,
+)
 from truepose.codegen.evaluation.compiled import NotCompiledError, load
-from truepose.codegen.evaluation.engine import Engine, engine_for, without_compiler
 from truepose.codegen.evaluation.rowwise import RowWise, rowwise
 
 CHUNK = 16384

@@ -28,8 +28,7 @@ from truepose.identification.compensation.inverse import (
     Reach,
     base_frame,
 )
-from truepose.identification.recording.angle_range import unfold_readings
-from truepose.identification.recording.joint_column import JointColumn, column_unit
+from truepose.identification.recording.joint_readings import JointColumn, column_unit, unfold_readings
 from truepose.identification.recording.load import joint_columns
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording

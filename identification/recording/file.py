@@ -13,7 +13,7 @@ from truepose.arrays import Array, Mask
 from truepose.errors import InputError
 from truepose.identification.recording.arrow_columns import ArrowCells
 from truepose.identification.recording.history import latest_earlier_row
-from truepose.identification.recording.joint_column import (
+from truepose.identification.recording.joint_readings import (
     JointColumn,
     column_unit,
     joint_readings,

@@ -11,7 +11,7 @@ import numpy as np
 from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.recording.file import RecordingPart, read_part, written_units
-from truepose.identification.recording.joint_column import JointColumn
+from truepose.identification.recording.joint_readings import JointColumn
 from truepose.identification.recording.recording import IntArray, Recording, frozen
 from truepose.identification.recording.table import Table
 from truepose.models.file.driver import DeclaredDriver, Driver

@@ -25,8 +25,7 @@ from truepose.arrays import Array, Mask
 from truepose.bounded import check_input
 from truepose.errors import InputError
 from truepose.identification.recording.arrow_columns import ArrowCells
-from truepose.identification.recording.origin import digest_of
-from truepose.identification.recording.text import SI, TextTable, read_text
+from truepose.identification.recording.text import SI, TextTable, digest_of, read_text
 from truepose.leaves import modules_named
 from truepose.models.units import is_unit, parse_unit
 

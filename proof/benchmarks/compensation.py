@@ -31,7 +31,7 @@ from truepose.identification.compensation.compensate import compensate
 from truepose.identification.compensation.path_table import commands, path_rows
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import write_calibrated
-from truepose.identification.prediction.simulate import simulate, with_inputs
+from truepose.identification.prediction.predict import simulate, with_inputs
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.table import read_table
 from truepose.models.load import load_machine

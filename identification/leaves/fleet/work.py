@@ -27,8 +27,8 @@ from truepose.threads import one_thread
 if TYPE_CHECKING:
     from truepose.identification.diagnosis.result import Diagnosis
     from truepose.identification.fit.calibrate import Calibration
-    from truepose.identification.gate import Caution
     from truepose.identification.learned_prior import LearnedPrior
+    from truepose.identification.load import Caution
     from truepose.identification.recording.recording import Recording
     from truepose.models.machine.machine import Machine
 
@@ -112,8 +112,8 @@ def _tried(task: Task) -> _Result | Record:
 def _worked_out(task: Task) -> _Result | Record:
     from truepose.identification.diagnosis.diagnose import diagnose
     from truepose.identification.fit.calibrate import calibrate
-    from truepose.identification.gate import load_checked
     from truepose.identification.leaves.fleet.place_evidence import evidence
+    from truepose.identification.load import load_checked
 
     for plugin in task.options.plugins:
         _load(plugin)

@@ -11,7 +11,7 @@ import typer
 from truepose.errors import InputError
 
 if TYPE_CHECKING:
-    from truepose.identification.gate import Caution
+    from truepose.identification.load import Caution
     from truepose.identification.recording.recording import Recording
     from truepose.models.machine.machine import Machine
 
@@ -32,11 +32,11 @@ def gated(
     tried: Sequence[str] | None = None,
     shuffled: bool = False,
 ) -> tuple[Machine, Recording, Caution]:
-    """Load and check files (``identification/gate.py``). Raises InputError where the check is certain of a mistake.
+    """Load and check files (``identification/load.py``). Raises InputError where the check is certain of a mistake.
 
     With ``anyway`` what was found stands above the result; a file without a sensor is refused all the same.
     """
-    from truepose.identification.gate import load_checked
+    from truepose.identification.load import load_checked
 
     caution, loaded, rows = load_checked(
         machine, recordings, irradiance=irradiance, tried=tried, shuffled=shuffled

@@ -31,7 +31,7 @@ from truepose.commands.try_columns import TryColumnsOption, tried_names
 if TYPE_CHECKING:
     from truepose.identification.diagnosis.result import Diagnosis
     from truepose.identification.fit.calibrate import Calibration
-    from truepose.identification.gate import Caution
+    from truepose.identification.load import Caution
 
 STOPPING = "the search ends, and what was found is named and written; Ctrl-C again stops at once"
 EstimatorOption = Annotated[

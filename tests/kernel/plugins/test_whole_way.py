@@ -23,8 +23,7 @@ from typer.testing import CliRunner
 
 from support.generated_c import COMPILER, needs_compiler
 from truepose.cli import app
-from truepose.identification.prediction.predict import predict
-from truepose.identification.prediction.simulate import simulate
+from truepose.identification.prediction.predict import predict, simulate
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 from truepose.models.machine.kinematics import symbolic_model

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from truepose.errors import InputError
 from truepose.identification.leaves.readers.reading import bag_table
 from truepose.identification.leaves.readers.settled import Stream, average, stretches
-from truepose.identification.recording.joint_column import JointColumn
+from truepose.identification.recording.joint_readings import JointColumn
 from truepose.identification.recording.load import tables
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording

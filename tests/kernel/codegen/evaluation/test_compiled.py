@@ -19,7 +19,7 @@ from support.built_machines import TEXTS, manufactured, read_machines, simulated
 from support.engines import compile_all, compile_none
 from support.examples import by_day, examples
 from support.generated_c import needs_compiler
-from truepose.codegen.evaluation import compiled, engine, rowwise
+from truepose.codegen.evaluation import batch, compiled, rowwise
 from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.codegen.evaluation.compiled import cache_folder
 from truepose.identification.fit.calibrate import calibrate
@@ -118,13 +118,13 @@ def test_a_long_function_in_many_parts(cache: Path, monkeypatch: pytest.MonkeyPa
 def test_few_rows_are_not_worth_a_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TRUEPOSE_CACHE", str(tmp_path))
     x = ca.SX.sym("x")
-    small = BatchFunction("small", [x], [ca.sin(x)], rows=engine.FEWEST_ROWS)
+    small = BatchFunction("small", [x], [ca.sin(x)], rows=batch.FEWEST_ROWS)
     unknown = BatchFunction("unknown", [x], [ca.sin(x)])
     for function in (small, unknown):
         function(np.zeros((3, 1)))
         assert str(function.engine) == "virtual machine (too little work for a compiler)"
     assert not libraries(tmp_path)
-    assert engine.engine_for(10**6, 1000).compiled
+    assert batch.engine_for(10**6, 1000).compiled
 
 
 # -- the cache ----------------------------------------------------------------------------------------------------
@@ -203,7 +203,7 @@ def test_without_a_compiler_the_virtual_machine_says_so(
     cache: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, setting: str
 ) -> None:
     """An empty setting, a program that is not there, one that is no compiler: the numbers come all the same."""
-    engine.log_once.cache_clear()
+    batch.log_once.cache_clear()
     monkeypatch.setenv("TRUEPOSE_CC", setting)
     with caplog.at_level(logging.WARNING):
         functions = [example(), example()]

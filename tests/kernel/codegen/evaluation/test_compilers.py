@@ -13,7 +13,7 @@ import pytest
 
 from support.engines import compile_all
 from support.generated_c import COMPILER, needs_compiler
-from truepose.codegen.evaluation import compiled, engine
+from truepose.codegen.evaluation import batch, compiled
 from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.codegen.evaluation.compiled import NotCompiledError, cache_folder, load
 
@@ -26,7 +26,7 @@ LAST = 'for last in "$@"; do :; done\n'
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     compile_all(monkeypatch, tmp_path / "cache")
-    engine.log_once.cache_clear()
+    batch.log_once.cache_clear()
     yield tmp_path / "cache"
 
 

@@ -21,7 +21,7 @@ from truepose.identification.diagnosis.posterior_summary import inclusion
 from truepose.identification.diagnosis.result import Alarm
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.posterior.state import State
-from truepose.identification.prediction.simulate import simulate
+from truepose.identification.prediction.predict import simulate
 from truepose.identification.prior import TOGETHER
 from truepose.identification.recording.load import load_recording
 from truepose.identification.signatures.candidates import Catalogue, catalogue

@@ -10,8 +10,8 @@ import pytest
 
 from support.short_arm import HEAD, JOINTS
 from truepose.identification.fit.align import aligned_start
+from truepose.identification.prediction.predict import simulate, with_inputs
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.prediction.simulate import simulate, with_inputs
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.table import read_table
 from truepose.models.load import load_machine

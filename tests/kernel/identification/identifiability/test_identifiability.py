@@ -22,7 +22,7 @@ from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.identifiability.analysis import drawn_poses, identifiability
 from truepose.identification.identifiability.observability import identifiable
-from truepose.identification.prediction.simulate import simulate
+from truepose.identification.prediction.predict import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.notes import worded
 from truepose.identification.report.unseen_words import unseen_sentences

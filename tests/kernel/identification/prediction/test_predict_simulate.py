@@ -14,8 +14,7 @@ from support import MACHINES
 from truepose.errors import InputError
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import write_calibrated
-from truepose.identification.prediction.predict import predict, unassembled
-from truepose.identification.prediction.simulate import simulate, with_inputs
+from truepose.identification.prediction.predict import predict, simulate, unassembled, with_inputs
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.table import read_table

@@ -19,12 +19,12 @@ from truepose.identification.prediction.predict import (
     predict,
     predicted,
     predictor_for,
+    simulate,
     unassembled,
     unheard,
     unknown_frames,
 )
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.effect_text import parse_effect

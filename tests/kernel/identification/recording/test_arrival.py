@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from support.examples import examples
 from truepose.identification.recording.history import last_steps, side_of_arrival, stop_operator
-from truepose.identification.recording.joint_column import JointColumn
+from truepose.identification.recording.joint_readings import JointColumn
 from truepose.identification.recording.load import tables
 from truepose.identification.recording.memory import TREMBLING
 from truepose.identification.recording.read import read_recording

@@ -11,9 +11,8 @@ import pytest
 
 from support.short_arm import FRAMES, JOINTS, POSITION, written
 from truepose.errors import InputError
-from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.load import load_recording, tried, try_columns, with_measured_loads
 from truepose.identification.recording.recording import Recording
-from truepose.identification.recording.tried import tried, try_columns, with_measured_loads
 from truepose.identification.signatures.candidates import catalogue
 from truepose.models.machine.machine import Machine
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from support.examples import examples
 from truepose.identification.recording import history
 from truepose.identification.recording.history import creep_sum, line_of_full_loop, stop_operator
-from truepose.identification.recording.joint_column import JointColumn
+from truepose.identification.recording.joint_readings import JointColumn
 from truepose.identification.recording.load import tables
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording

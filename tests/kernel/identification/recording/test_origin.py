@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from truepose.identification.recording.origin import digest_of, recorded_on, says_shuffled
+from truepose.identification.recording.text import digest_of, recorded_on, says_shuffled
 
 ROW = "1.0, 2.0\n"
 DATED = {

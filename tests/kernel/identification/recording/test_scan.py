@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from truepose.identification.recording.scan import affine, clipped
+from truepose.identification.recording.history import affine, clipped
 
 Array = NDArray[np.float64]
 ROWS = st.integers(1, 70)

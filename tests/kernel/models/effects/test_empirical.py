@@ -17,9 +17,8 @@ from truepose.identification.compensation.compensate import compensate
 from truepose.identification.compensation.path_table import path_rows
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import covariance_of, write_calibrated
-from truepose.identification.prediction.predict import predict, predicted, predictor_for
+from truepose.identification.prediction.predict import predict, predicted, predictor_for, simulate
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.table import read_table

@@ -15,8 +15,8 @@ from support.sensor_bench import TEXTS, Bench
 from truepose.errors import InputError
 from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.fit.estimate import estimate
+from truepose.identification.prediction.predict import simulate
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.signatures import Signatures

@@ -30,9 +30,8 @@ from truepose.errors import InputError
 from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import write_calibrated
-from truepose.identification.prediction.predict import predict
+from truepose.identification.prediction.predict import predict, simulate
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 
