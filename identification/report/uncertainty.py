@@ -9,7 +9,7 @@ import numpy as np
 from truepose.arrays import Array, Mask
 from truepose.errors import TrueposeError
 from truepose.identification.fit.estimated import Estimate
-from truepose.identification.fit.repeatability import PoseTest, axis_tests, pose_test
+from truepose.identification.fit.repeatability import PoseTest, pose_test
 from truepose.identification.fit.tool_pose import (
     EXPLANATIONS,
     READINGS,
@@ -38,7 +38,7 @@ _LEVELS: tuple[Tone, ...] = ("l1", "l2", "l3", "l4")
 
 
 def uncertainty_section(fit: Estimate, recording: Recording, before: Estimate | None) -> Section:
-    """Budget at the recorded poses, the workspace, and ISO 9283 and ISO 230-2 where the recording allows it.
+    """Budget at the recorded poses, the workspace, and ISO 9283 where the recording allows it.
 
     ``before``: the fit to compare the standards' figures with, None for a calibration alone.
     """
@@ -106,37 +106,16 @@ def _map(spread: ToolSpread, inside: Mask) -> list[Block]:
 
 
 def _standards(fit: Estimate, recording: Recording, before: Estimate | None) -> list[Block]:
-    out: list[Block] = []
     now = pose_test(fit, recording)
     if now is not None:
-        was = None if before is None else pose_test(before, recording)
-        out.append(_iso_9283(now, was))
-    axes = axis_tests(fit, recording)
-    if axes:
-        rows = [
-            [
-                a.joint,
-                *(measure(v, "mm") for v in (a.accuracy, a.systematic, a.repeatability, a.reversal)),
-                f"{a.targets}, {a.runs}",
-            ]
-            for a in axes
-        ]
-        head = ["axis", "accuracy A", "systematic E", "repeatability R", "reversal B", "targets, runs a side"]
-        caption = (
-            "Positioning after ISO 230-2, bidirectional, of what was read against the calibrated model. The standard asks for"
-            " five targets a metre and five runs from each side."
+        return [_iso_9283(now, None if before is None else pose_test(before, recording))]
+    return [
+        Text(
+            "ISO 9283 (pose accuracy and repeatability) needs poses that are visited three times and more under one number"
+            " in the column `pose`. This recording has none.",
+            "muted",
         )
-        out.append(Table(head, rows, caption))
-    if not out:
-        out.append(
-            Text(
-                "ISO 9283 (pose accuracy and repeatability) needs poses that are visited three times and more under one number"
-                " in the column `pose`; ISO 230-2 (an axis) needs a slide that moves alone to five targets and more, twice from"
-                " each side, with its `approach` column. This recording has neither.",
-                "muted",
-            )
-        )
-    return out
+    ]
 
 
 def _iso_9283(now: PoseTest, was: PoseTest | None) -> Table:

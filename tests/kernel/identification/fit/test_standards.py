@@ -1,11 +1,10 @@
-"""ISO 9283 and ISO 230-2 from made-up repeats: the standards' formulas, written out here once more, give the same."""
+"""ISO 9283 from made-up repeats: the standard's formulas, written out here once more, give the same."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from statistics import mean, stdev
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from support.exact_fits import fit_at, read
 from support.examples import examples
 from support.moving_machines import record, written
-from truepose.identification.fit.repeatability import AxisTest, PoseTest, axis_tests, pose_test
+from truepose.identification.fit.repeatability import PoseTest, pose_test
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine
 
@@ -155,127 +154,3 @@ def test_two_sensors_of_one_point_are_two(tmp_path: Path) -> None:
     found = pose_tested(machine, moved(recording, off))
     assert found is not None
     np.testing.assert_allclose([found.accuracy[0], found.repeatability[0]], iso_9283(off))
-
-
-# -- ISO 230-2 -----------------------------------------------------------------------------------------
-
-
-def travelled(machine: Machine, targets: Array, runs: int, axis: int = 1) -> Recording:
-    """One slide to its targets and back, several times, the other still; exact readings."""
-    way = np.tile(np.concatenate([targets, targets[::-1]]), runs)
-    side = np.tile(np.repeat([1.0, -1.0], len(targets)), runs)
-    q = np.full((len(way), 2), 12.5)
-    q[:, axis] = way
-    name = machine.mechanism.readings[axis]
-    other = machine.mechanism.readings[1 - axis]
-    drivers = {f"approach.{name}": side, f"approach.{other}": np.zeros(len(way))}
-    return read(machine, record(machine, q, drivers=drivers), [])
-
-
-def iso_230_2(deviations: dict[float, tuple[list[float], list[float]]]) -> AxisTest:
-    """From deviations by target, arrivals from below and from above, after ISO 230-2:2014, clause 3."""
-    up, down = ([(mean(pair[k]), stdev(pair[k])) for pair in deviations.values()] for k in (0, 1))
-    every = [*up, *down]
-    return AxisTest(
-        "s2",
-        accuracy=max(m + 2 * s for m, s in every) - min(m - 2 * s for m, s in every),
-        systematic=max(m for m, _ in every) - min(m for m, _ in every),
-        repeatability=max(4 * s for _, s in every),
-        reversal=max(abs(a - b) for (a, _), (b, _) in zip(up, down, strict=True)),
-        targets=len(deviations),
-        runs=min(len(one) for pair in deviations.values() for one in pair),
-    )
-
-
-@pytest.fixture(scope="module", params=["position", "targets"])
-def slides(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    return written(tmp_path_factory.mktemp("slides"), SLIDES + SENSORS[request.param])
-
-
-def along(machine: Machine, axis: int) -> Array:
-    """Unit vector of a slide's travel in the sensor's frame."""
-    q = np.array([[12.5, 12.5], [12.5, 12.5]])
-    q[1, axis] += 1.0
-    seen = read(machine, record(machine, q), []).observations
-    names = [channel.name for channel in machine.channels[:3]]
-    return np.array([seen[name][1] - seen[name][0] for name in names])
-
-
-def same(found: AxisTest, expected: AxisTest) -> None:
-    assert (found.joint, found.targets, found.runs) == (expected.joint, expected.targets, expected.runs)
-    for name in ("accuracy", "systematic", "repeatability", "reversal"):
-        assert getattr(found, name) == pytest.approx(getattr(expected, name), rel=1e-4), name
-
-
-@given(seed=SEEDS, targets=st.integers(5, 9), runs=st.integers(2, 5))
-@LAWS
-def test_an_axis_is_tested_by_the_standards_formulas(
-    slides: Machine, seed: int, targets: int, runs: int
-) -> None:
-    rng = np.random.default_rng(seed)
-    places = np.sort(rng.uniform(-200, 400, targets).round(3))
-    exact = travelled(slides, places, runs)
-    size = 0.01 * rng.normal(size=len(exact)) + 0.02 * exact.driver("approach.s2")  # type: ignore[operator]
-    across = np.cross(along(slides, 1), [0.3, 0.5, 0.8])  # what is across the axis is no positioning
-    off = size[:, None] * along(slides, 1) + 0.01 * rng.normal(size=(len(size), 1)) * across
-    point = [channel.name for channel in slides.channels[:3]]
-    recording = moved(exact, off, point)
-    (found,) = axis_tests(fit_at(slides, recording, []), recording)
-    q, side = recording.q[:, 1], np.asarray(recording.driver("approach.s2"))
-    table = {
-        float(at): (size[(q == at) & (side == 1)].tolist(), size[(q == at) & (side == -1)].tolist())
-        for at in np.unique(q)
-    }
-    same(found, iso_230_2(table))
-
-
-def test_lost_readings_are_no_runs(tmp_path: Path) -> None:
-    machine = written(tmp_path, SLIDES + POSITION)
-    exact = travelled(machine, np.linspace(0, 300, 6), 3)
-    size = 0.01 * np.random.default_rng(5).normal(size=len(exact))
-    recording = moved(exact, size[:, None] * along(machine, 1))
-    gone = {name: values.copy() for name, values in recording.observations.items()}
-    gone["x"][4] = np.nan
-    part = replace(recording, observations=gone)
-    (found,) = axis_tests(fit_at(machine, part, []), part)
-    q, side = recording.q[:, 1], np.asarray(recording.driver("approach.s2"))
-    kept = np.arange(len(q)) != 4
-    table = {
-        float(at): (
-            size[kept & (q == at) & (side == 1)].tolist(),
-            size[kept & (q == at) & (side == -1)].tolist(),
-        )
-        for at in np.unique(q)
-    }
-    same(found, iso_230_2(table))
-
-
-def test_a_length_is_tested_as_it_is_read(tmp_path: Path) -> None:
-    machine = written(tmp_path, SLIDES + BALLBAR)
-    exact = travelled(machine, np.linspace(0, 300, 6), 3)
-    size = 0.01 * np.random.default_rng(5).normal(size=len(exact))
-    (name,) = exact.observations
-    recording = replace(exact, observations={name: exact.observations[name] + size})
-    (found,) = axis_tests(fit_at(machine, recording, []), recording)
-    q, side = recording.q[:, 1], np.asarray(recording.driver("approach.s2"))
-    table = {
-        float(at): (size[(q == at) & (side == 1)].tolist(), size[(q == at) & (side == -1)].tolist())
-        for at in np.unique(q)
-    }
-    same(found, iso_230_2(table))
-
-
-@pytest.mark.parametrize(
-    ("targets", "runs", "told"), [(4, 5, False), (5, 1, False), (5, 2, True), (9, 3, True)]
-)
-def test_too_little_is_not_told(tmp_path: Path, targets: int, runs: int, told: bool) -> None:
-    machine = written(tmp_path, SLIDES + POSITION)
-    recording = travelled(machine, np.linspace(0, 300, targets), runs)
-    fit = fit_at(machine, recording, [])
-    assert len(axis_tests(fit, recording)) == told
-    assert axis_tests(fit, replace(recording, drivers={})) == []  # no side of arrival
-    rolling = replace(recording, q=recording.q + np.outer(np.arange(len(recording)), [1e-3, 0.0]))
-    assert axis_tests(fit, rolling) == []  # another joint moves
-    turning = written(tmp_path, ARM + POSITION, "turning")
-    angles = travelled(turning, np.linspace(0, 1, 6), 3)
-    assert axis_tests(fit_at(turning, angles, []), angles) == []  # no slide
