@@ -187,28 +187,6 @@ def test_a_list_of_features_finds_the_same_branches(root_directory: Path, name: 
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", ["offset", "gantry_built", "puma_built"])
-def test_what_finds_branches_is_there_only_where_it_is_used(root_directory: Path, name: str) -> None:
-    """An arm like one with a closed form takes its solutions as starts of the inverse; the others have no use for them."""
-    texts = {}
-    for features in ("warm", "cold,p", "cold,branches"):
-        made = with_list(root_directory, name, features)
-        text = texts[features] = (made.directory / f"{name}_kin.c").read_text()
-        header = (made.directory / f"{name}_kin.h").read_text()
-        asked = "branches" in features
-        assert f"{name}_HAS_BRANCHES {int(asked)} " in header
-        assert hasattr(made.library, f"{name}_ik_all") == asked == (f"{name}_MAX_ALL" in header)
-        for function in re.findall(r"^(?:static|SMALL|APART|INLINED|RARE)[^\n(=]*?(\w+)\(", text, re.M):
-            assert len(re.findall(rf"\b{function}\b", text)) > 1, function
-    similar = name == "puma_built"
-    assert "findings" not in texts["warm"] and ("findings" in texts["cold,p"]) == similar
-    for features, text in texts.items():  # nor anything for vector lanes, which it alone has in this file
-        assert ("#undef LINES" in text) == ("findings" in text), features
-    assert "collect" not in texts["cold,p"] and "look_beside" not in texts["cold,p"]
-    assert "collect" in texts["cold,branches"]
-
-
-@needs_compiler
 @pytest.mark.parametrize("name", ["offset", "gantry_built", "ur_built"])
 def test_a_list_compiles_in_single_precision_and_for_wide_vectors(root_directory: Path, name: str) -> None:
     for features in ("warm,branches", "cold"):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,7 +20,6 @@ from support.examples import by_day, examples
 from support.generated_c import needs_compiler
 from truepose.codegen.evaluation import batch, compiled, rowwise
 from truepose.codegen.evaluation.batch import BatchFunction
-from truepose.codegen.evaluation.compiled import cache_folder
 from truepose.identification.fit.calibrate import calibrate
 
 Array = NDArray[np.float64]
@@ -167,34 +165,6 @@ def test_without_a_folder_nothing_is_kept(tmp_path: Path, monkeypatch: pytest.Mo
     assert function.engine.compiled
 
 
-def test_where_libraries_are_kept(tmp_path: Path) -> None:
-    def folder(**environment: str) -> Path | None:
-        return cache_folder(environment)
-
-    own, general = tmp_path / "own", tmp_path / "general"
-    assert folder(TRUEPOSE_CACHE=str(own), XDG_CACHE_HOME=str(general)) == own
-    assert folder(XDG_CACHE_HOME=str(general)) == general / "truepose"
-    assert folder(XDG_CACHE_HOME=str(general), TRUEPOSE_CACHE="") == general / "truepose"
-    assert not own.stat().st_mode & 0o077
-
-
-@pytest.mark.nightly
-@needs_compiler
-def test_processes_share_a_cache(cache: Path, tmp_path: Path) -> None:
-    """Several at once, each of which finds it empty."""
-    script = tmp_path / "one.py"
-    script.write_text(
-        "import casadi as ca, numpy as np\n"
-        "from truepose.codegen.evaluation.batch import BatchFunction\n"
-        "x = ca.SX.sym('x')\n"
-        "f = BatchFunction('f', [x], [ca.sin(x) * x], rows=10**9)\n"
-        "assert f(np.ones((5, 1)))[0].sum() > 4 and f.engine.compiled, f.engine\n"
-    )
-    running = [subprocess.Popen([sys.executable, str(script)]) for _ in range(3)]
-    assert [process.wait(60) for process in running] == [0, 0, 0]
-    assert len(libraries(cache)) == 1
-
-
 # -- without a compiler -------------------------------------------------------------------------------------------
 
 
@@ -248,14 +218,3 @@ def test_a_calibration_is_the_same_by_both(
     assert fast.fit.chi2 == pytest.approx(slow.fit.chi2, rel=1e-11)  # tolerances pull: it is not stationary
     np.testing.assert_allclose(fast.fit.std, slow.fit.std, rtol=1e-9)
     assert fast.notes == slow.notes
-
-
-@pytest.mark.nightly
-def test_a_calibration_says_that_it_went_slowly(
-    cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    machine, rng = read_machines(tmp_path)["arm"], np.random.default_rng(6)
-    recording = simulated(machine, manufactured(machine, rng), rng)
-    monkeypatch.setenv("TRUEPOSE_CC", "")
-    notes = calibrate(machine, recording).notes
-    assert sum("TRUEPOSE_CC is empty: evaluated by CasADi's virtual machine" in note for note in notes) == 1

@@ -90,18 +90,6 @@ def test_arguments_reach_the_compiler_and_are_part_of_the_key(
     assert len(list(cache.glob("*.so"))) == 2
 
 
-@needs_compiler
-def test_a_compiler_in_a_folder_with_spaces(
-    cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder = tmp_path / "my tools"
-    folder.mkdir()
-    path = named(folder, f'exec {COMPILER} "$@"\n')
-    for text in (str(path), f"'{path}' -DX"):
-        monkeypatch.setenv("TRUEPOSE_CC", text)
-        assert load(SOURCE, ["three"]).three() == 3
-
-
 @pytest.mark.parametrize(
     ("asked", "words"),
     [

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tracemalloc
 from pathlib import Path
 
 import casadi as ca
@@ -91,19 +90,6 @@ def test_pieces_add_up(engine: str, monkeypatch: pytest.MonkeyPatch) -> None:
     np.testing.assert_allclose(pieces, whole, rtol=1e-12, atol=1e-12)
     monkeypatch.setattr(gram, "CHUNK", 13)
     np.testing.assert_allclose(function(*given), whole, rtol=1e-12, atol=1e-12)
-
-
-def test_memory_does_not_grow_with_rows(engine: str) -> None:
-    m, n = 6, 12
-    function, peaks = GramFunction("f", *problem(m, n, 2), rows=1), []
-    for rows in (2 * gram.CHUNK, 8 * gram.CHUNK):
-        given = inputs(m, n, rows)
-        function(*(a[:10] if a.ndim == 2 else a for a in given))
-        tracemalloc.start()
-        function(*given)
-        peaks.append(tracemalloc.get_traced_memory()[1])
-        tracemalloc.stop()
-    assert peaks[1] < 1.1 * peaks[0] + 10_000
 
 
 def test_without_a_compiler_it_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -175,15 +175,6 @@ def test_a_path_that_cannot_be_followed_is_refused(change: Any, says: str, tmp_p
     assert not out.exists()
 
 
-def test_an_unknown_method_is_refused(tmp_path: Path) -> None:
-    machine = calibrated("arm", tmp_path)
-    path = path_file(machine, tmp_path)
-    assert (
-        "expected one of exact, first-order"
-        in run(tmp_path / "calibrated.yaml", path, "-o", tmp_path / "c.csv", "--method", "magic").stderr
-    )
-
-
 def test_a_pose_out_of_reach_names_its_row(tmp_path: Path) -> None:
     machine = calibrated("polisher", tmp_path)
     path = tmp_path / "poses.csv"

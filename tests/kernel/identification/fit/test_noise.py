@@ -9,14 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from truepose.errors import InputError
 from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.leastsquares import triangular, triangular_parts
 from truepose.identification.fit.noise import Scatter, unexplained
 from truepose.identification.fit.write_machine import calibrated_document, covariance_of
-from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.prediction.predict import predict
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
@@ -103,18 +101,6 @@ def test_a_sandwich_is_the_textbooks(weights: Sequence[float]) -> None:
     np.testing.assert_allclose(root @ root.T, inverse @ m @ inverse, rtol=1e-8, atol=1e-12)
     same = known.root_with(1.0, [jacobian])
     np.testing.assert_allclose(same @ same.T, known.root @ known.root.T, rtol=1e-8, atol=1e-12)
-
-
-def test_what_nothing_sees_stays_out_of_a_sandwich() -> None:
-    rng = np.random.default_rng(3)
-    jacobian = rng.standard_normal((20, 4))
-    jacobian[:, 3] = 2.0 * jacobian[:, 2]
-    known = Decomposition.of(jacobian, np.zeros(4))
-    root = known.root_with(0.5, [jacobian])
-    assert len(known.unknown) == 1
-    np.testing.assert_allclose(known.unknown @ root, 0.0, atol=1e-9)
-    np.testing.assert_allclose(root, known.root_with(0.5, [jacobian]), rtol=0)
-    np.testing.assert_allclose(root @ root.T, 4.0 * known.root @ known.root.T, rtol=1e-6, atol=1e-12)
 
 
 # -- noise ---------------------------------------------------------------------------------------------
@@ -213,18 +199,3 @@ def test_predictions_are_as_uncertain_as_what_is_unexplained(stage: Machine, tmp
     again = predict(load_machine(tmp_path / "with.yaml"), fresh)
     pulls = [(fresh.observations[a] - again[a]) / np.hypot(again[f"{a}.std"], 0.01) for a in "xyz"]
     assert 0.8 < float(np.sqrt(np.mean(np.square(pulls)))) < 1.25
-
-
-@pytest.mark.parametrize(
-    ("entry", "message"),
-    [
-        ({"value": -1.0, "unit": "mm"}, r"covariance\.unexplained\.sensor\.position: found -1\.0 mm"),
-        ({"value": 1.0, "unit": "inch"}, r"found 1\.0 inch, expected a number from 0 on in mm or rad"),
-        ({"value": 1.0}, r"found a covariance that cannot be read"),
-        ("0.05", r"found a covariance that cannot be read"),
-    ],
-)
-def test_what_cannot_be_read_is_refused(entry: object, message: str) -> None:
-    section = {"names": ["a"], "factor": ["1.0"], "unexplained": {"sensor.position": entry}}
-    with pytest.raises(InputError, match=message):
-        Covariance.read(section, "covariance")

@@ -22,14 +22,12 @@ from truepose.identification.fit.tool_pose import (
     READINGS,
     TOLERANCES,
     UNEXPLAINED,
-    ToolSpread,
     tool_spread,
     workspace,
 )
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.sensor import Channel, Sensor
 
 Array = NDArray[np.float64]
 SMALL = """
@@ -145,33 +143,6 @@ def test_the_readings_part_shrinks_with_their_number(small: Machine) -> None:
     np.testing.assert_allclose(np.divide(found[0], found), [1.0, 4.0, 16.0], rtol=0.05)
 
 
-def test_without_tolerances_they_have_no_part(small: Machine) -> None:
-    """All constants exactly known but the tool's frame, of which the drawing says nothing."""
-    rng = np.random.default_rng(2)
-    recording = measured(small, record(small, rng.uniform(-1.4, 1.4, (30, 2))), drawn(small, rng, 0.0), rng)
-    prior = prior_of(small)
-    tool = np.array([name in ("tool.x", "tool.y", "tool.z") for name in prior.names])
-    fit = estimate(small, recording, prior=prior.with_sigma(np.where(tool, np.inf, 0.0)))
-    spread = tool_spread(fit, recording, np.arange(30, dtype=np.intp))
-    assert np.array_equal(spread.variance[TOLERANCES], np.zeros(30))
-    # the mean of n readings of a point that is carried around
-    expected = 3 * fit.scatter.variance[0] * 0.05**2 / 30
-    np.testing.assert_allclose(spread.variance[READINGS], expected, rtol=1e-6)
-
-
-def test_readings_that_say_nothing_leave_the_tolerances(tmp_path: Path) -> None:
-    """Noise of a kilometre: what is known of the tool is what the drawing says."""
-    dull = written(tmp_path, SMALL.replace("xyz: 0.05", "xyz: 1000000"))
-    rng = np.random.default_rng(2)
-    recording = measured(dull, record(dull, rng.uniform(-1.4, 1.4, (30, 2))), drawn(dull, rng), rng)
-    fit = estimate(dull, recording)
-    rows = np.array([3, 4], dtype=np.intp)
-    spread, by = tool_spread(fit, recording, rows), slopes(fit, recording, rows)
-    sigma = np.array([p.tolerance for p in dull.parameters])[fit.prior.free]
-    np.testing.assert_allclose(spread.variance[TOLERANCES], np.sum((by * sigma) ** 2, axis=(1, 2)), rtol=1e-4)
-    assert (spread.variance[READINGS] < 1e-6 * spread.variance[TOLERANCES]).all()
-
-
 REFITS = 80
 
 
@@ -236,43 +207,3 @@ def _directions(machine: Machine) -> Array:
     unit = Predictor(machine, record(machine, np.vstack([np.zeros(3), np.eye(3)])))
     position = unit.poses(unit.model.p_home)[0][:, :3, 3]
     return np.asarray((position[1:] - position[0]).T.round(9))
-
-
-@pytest.mark.parametrize("name", ["gough", "telescope"])
-def test_closed_loops_have_a_workspace(machines: Mapping[str, Machine], name: str) -> None:
-    machine, rng = machines[name], np.random.default_rng(5)
-    recording = measured(machine, posed(machine), drawn(machine, rng, 0.3), rng)
-    spread, inside = workspace(estimate(machine, recording), recording)
-    assert np.isfinite(spread.std).all() and np.isfinite(spread.position).all()
-    assert inside.any() and len(inside) == len(spread.position)
-
-
-class Angles(Sensor):
-    """Azimuth and elevation of the tool's origin."""
-
-    type = "angles of the tests"
-    columns = {"azimuth": "rad", "elevation": "rad"}  # noqa: RUF012
-    channels = tuple(Channel(name, "rad", 2e-5, "angle", "sight") for name in columns)
-
-    @classmethod
-    def build(cls, section: object, context: object) -> Angles:
-        return cls()
-
-    def predict(self, world, s):  # type: ignore[no-untyped-def]
-        import casadi as ca
-
-        x, y, z = (world[k, 3] for k in range(3))
-        return ca.vertcat(ca.atan2(y, x), ca.atan2(z, ca.sqrt(x**2 + y**2)))
-
-
-def test_a_sensor_of_angles_alone_has_a_budget(small: Machine) -> None:
-    machine = replace(small, sensors=(Angles(),))
-    rng = np.random.default_rng(5)
-    poses = record(machine, rng.uniform(-1.0, 1.0, (40, 2)))
-    recording = measured(machine, poses, drawn(machine, rng), rng, noise=5.0)
-    fit = estimate(machine, recording)
-    spread = tool_spread(fit, recording, np.arange(6, dtype=np.intp))
-    assert set(spread.variance) == {READINGS, TOLERANCES}  # angles say nothing of lengths without a name
-    assert (spread.std > 0).all()
-    whole, inside = workspace(fit, recording)
-    assert isinstance(whole, ToolSpread) and inside.any()

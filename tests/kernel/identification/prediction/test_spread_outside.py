@@ -85,19 +85,6 @@ def moved_by_effect(machine: Machine, case: Case, turned: float) -> Array:
     return np.abs(jacobian[:, :, count:] @ p[count:])
 
 
-def test_a_machine_without_effects_says_no_ranges(case: Case, tmp_path: Path) -> None:
-    machine = calibrated(case, tmp_path)
-    assert machine.file is not None and machine.file.covariance is not None
-    assert "seen" not in machine.file.covariance
-
-
-@pytest.mark.parametrize("wrong", [[1.0], [2.0, 1.0], ["a", 1.0], 3.0, [0.0, float("inf")]])
-def test_a_range_that_is_none_is_refused(wrong: object) -> None:
-    section = {"names": ["a"], "factor": ["1.0"], "seen": {"q1": wrong}}
-    with pytest.raises(InputError, match="cannot be read"):
-        Covariance.read(section, "here")
-
-
 @given(st.integers(1, 30), st.integers(0, 2**32 - 1))
 def test_a_packed_covariance_is_the_one_that_was_written(size: int, seed: int) -> None:
     """32-bit floats: seven digits of each entry of the factor."""

@@ -184,13 +184,6 @@ def test_the_width_is_in_the_readings_own_unit(tmp_path: Path) -> None:
     np.testing.assert_allclose(driver(recording, "stop.s~3") - driver(recording, "loop.s~3~-50~50"), line)
 
 
-def test_recorded_approach_reaches_the_driver(tmp_path: Path) -> None:
-    table = rows()
-    table["approach.s"] = -1.0
-    upwards = np.flatnonzero(np.diff(table["s"]) >= 0) + 1
-    assert np.all(driver(recorded(tmp_path, table), "stop.s~3")[upwards] == -3.0)
-
-
 @pytest.mark.parametrize("time", [True, False])
 @pytest.mark.parametrize("one_session", [True, False])
 def test_sessions_begin_anew_and_files_where_there_is_no_clock(

@@ -33,12 +33,6 @@ def test_the_day_stands_in_the_comments_above_the_rows(case: str) -> None:
     assert recorded_on(text) == day
 
 
-@pytest.mark.parametrize(("above", "found"), [(39, True), (40, False)])
-def test_the_head_of_a_file_has_forty_lines(above: int, found: bool) -> None:
-    text = "# a line\n" * above + "# 2026-03-14, order: shuffled\n"
-    assert (recorded_on(text) != "") is found and says_shuffled(text) is found
-
-
 @pytest.mark.parametrize(
     ("text", "shuffled"),
     [

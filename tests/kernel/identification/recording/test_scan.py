@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from truepose.identification.recording.history import affine, clipped
 
-Array = NDArray[np.float64]
 ROWS = st.integers(1, 70)
 SEEDS = st.integers(0, 2**32 - 1)
 
