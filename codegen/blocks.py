@@ -283,9 +283,8 @@ class _Writer:
                 self.graph, self.real, ("p", "z", "k", "start"), {**self._places, **plan.given}
             )
             statements = printer.statements(plan.targets)
-            texts.append(
-                function_text(plan.title, _lane_name(plan.name), plan.arguments("lanes"), statements)
-            )
+            name = plan.name if plan.name == ROOTS else f"lanes_{plan.name}"  # a file may hold both
+            texts.append(function_text(plan.title, name, plan.arguments("lanes"), statements))
             helpers |= printer.helpers
         return [lane_runtime(self.real, helpers), *texts]
 
@@ -334,11 +333,6 @@ def _write_lines(writer: _Writer, nodes: _Nodes, chain: ChainExpressions) -> Non
     every = lines("C", chain.line) + lines("A", chain.axes)
     title = f"{title}; and of the axis and origin of every move."
     writer.function(title, "chain_line", (("s", "c"), ("C", "A")), every, given=first, lines=True)
-
-
-def _lane_name(name: str) -> str:
-    """Name of a function for several rows at once: a file may hold both."""
-    return name if name == ROOTS else f"lanes_{name}"
 
 
 def _of_column(k: int) -> str:

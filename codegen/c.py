@@ -33,9 +33,8 @@ from truepose.codegen.texts import environment, wrappers
 from truepose.errors import InputError
 from truepose.files import atomic_directory
 from truepose.models.file.names import check_machine_name
-from truepose.models.given import MachineLike, as_machine
 from truepose.models.machine.kinematics import SymbolicModel, symbolic_model
-from truepose.models.machine.machine import FRAME_OF, Machine
+from truepose.models.machine.machine import FRAME_OF, Machine, MachineLike, as_machine
 from truepose.models.machine.velocities import twists
 
 MAX_ITER = 1500

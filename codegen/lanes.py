@@ -90,10 +90,6 @@ class LanePrinter(Printer):
             self._shared[k] = leaf or (bool(node.args) and all(self._shared[a] for a in node.args))
         self.helpers: set[str] = set()
 
-    def is_shared(self, node: int) -> bool:
-        """Whether all rows share a node's value."""
-        return self._shared[node]
-
     def statements(self, targets: Sequence[tuple[str, int]]) -> list[str]:
         """``place = expression;`` for every pair of a C place (of ``lanes``) and a node."""
         return [statement.text for statement in self.parts(targets)]
@@ -188,7 +184,7 @@ class _Written:
         if entry is None:
             self.texts[node] = self._printer.leaf(node)
             return
-        shared = self._printer.is_shared(node)
+        shared = self._printer._shared[node]
         if entry.op in _TURNS and not shared:
             self.texts[node] = self._turned(entry)
         elif entry.op in (*_CALLS, "CEIL") and not shared:

@@ -17,10 +17,9 @@ from truepose.codegen.printer import Real
 from truepose.codegen.reference import Reference
 from truepose.errors import InputError
 from truepose.models.machine.controllability import free_joints, task_of
-from truepose.models.machine.couplings import turns_freely
 from truepose.models.machine.kinematics import SymbolicModel
 from truepose.models.machine.machine import FRAME_OF, Machine
-from truepose.models.machine.mechanism import COORDINATES, Actuator
+from truepose.models.machine.mechanism import COORDINATES, Actuator, turns_freely
 from truepose.models.task import Task
 
 _STANDARD_GRAVITY = 9.80665

@@ -38,7 +38,9 @@ def left_out(machine: Machine, features: Features = ALL) -> LeftOut:
     """What the C of a machine holds and leaves out."""
     sensor = [e.label for e in machine.effects if e.kind == "sensor" or _of_the_moment(e)]
     memory = [
-        e.label for e in machine.effects if _remembers(e) and e.label not in sensor and not features.state
+        e.label
+        for e in machine.effects
+        if any(Driver.of(name).numbers for name in e.drivers) and e.label not in sensor and not features.state
     ]
     names = driver_names(machine, machine.effects)
     readings = machine.mechanism.readings
@@ -96,10 +98,6 @@ def _held(name: str, value: float, unit: str) -> str:
 def _of_the_moment(effect: PlacedEffect) -> bool:
     """Whether it tells of readings before the machine stood: standing, the tool is where it should be."""
     return any(Driver.of(name).kind == STEP for name in effect.drivers)
-
-
-def _remembers(effect: PlacedEffect) -> bool:
-    return any(Driver.of(name).numbers for name in effect.drivers)
 
 
 def left_out_json(found: LeftOut) -> dict[str, object]:

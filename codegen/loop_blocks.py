@@ -17,8 +17,7 @@ from truepose.codegen.printer import Real
 from truepose.codegen.reference import strain_of
 from truepose.models import lie
 from truepose.models.machine.kinematics import SymbolicModel
-from truepose.models.machine.singular import CALM, FARTHEST, NOTHING
-from truepose.models.task import Task
+from truepose.models.task import CALM, FARTHEST, NOTHING, Task
 
 Targets = list[tuple[str, int]]
 Arrays = tuple[tuple[str, ...], tuple[str, ...]]

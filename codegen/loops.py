@@ -208,7 +208,7 @@ class LoopExpressions:
     @classmethod
     def of(cls, model: SymbolicModel, layout: Layout, real: str) -> LoopExpressions:
         """The expressions of a model's loops."""
-        derivative = _without_zeros(_derivative(model))
+        derivative = ca.sparsify(ca.simplify(_derivative(model)))
         places, inner = _places(derivative, len(model.readings))
         entries = ca.vertcat(*(derivative[i, j] for i, j in places))
         symbols = ca.SX.sym("J", len(places))
@@ -240,10 +240,6 @@ def _derivative(model: SymbolicModel) -> ca.SX:
             return told
     y = ca.vertcat(model.q, model.x)
     return ca.vertcat(twists(model.pose, y), ca.jacobian(model.closure, y))
-
-
-def _without_zeros(matrix: ca.SX) -> ca.SX:
-    return ca.sparsify(ca.simplify(matrix))
 
 
 def _places(derivative: ca.SX, nq: int) -> tuple[list[tuple[int, int]], int]:

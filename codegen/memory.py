@@ -14,8 +14,8 @@ from typing import Any
 
 from truepose.codegen.layout import Layout, sample_ranges
 from truepose.models.file.driver import APPROACH, STEP, TREMBLING, Driver
-from truepose.models.machine.couplings import coupling_matrix
 from truepose.models.machine.kinematics import SymbolicModel, driver_default
+from truepose.models.machine.mechanism import coupling_matrix
 
 LONGEST = 1e6
 """s: creep is followed for so long after a move (twelve days), then it stands."""

@@ -44,7 +44,6 @@ FLOORS = (
     ("models.sensors", "models.builders"),
     ("models.effects",),
     ("models.load", "models.schemas"),
-    ("models.given",),
     ("models.effect_text",),
     ("codegen",),
     ("codegen.evaluation",),

@@ -10,10 +10,10 @@ import re
 from dataclasses import dataclass
 from typing import Final, Literal
 
+from machine_schema import DIALECT, Schema
 from truepose.models.file.driver import Driver
-from truepose.models.file.names import RECORDING_SCHEMA
-from truepose.models.schemas.machine import DIALECT, Schema
 
+RECORDING_SCHEMA: Final = "https://truepose.dev/schema/recording-1.json"
 Holds = Literal["number", "integer", "text", "time"]
 _PLACEHOLDER: Final = re.compile(r"<\w+>")
 

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any, Final
 
 import recording_columns as columns
+from machine_schema import allowed, machine_schema, schema_text
 from recording_columns import row_schema
 from truepose.models.schemas import FILES, MACHINE, RECORDING
-from truepose.models.schemas.machine import allowed, machine_schema, schema_text
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 PAGES: Final = (ROOT / "docs/reference/machine-file.md", ROOT / "docs/reference/recording.md")

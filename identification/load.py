@@ -13,9 +13,8 @@ from truepose.identification.recording.load import Sources, tables, try_columns
 from truepose.identification.recording.load import load_recording as load_rows
 from truepose.identification.recording.recording import Recording
 from truepose.leaves import modules_named
-from truepose.models.given import MachineLike, as_machine
 from truepose.models.load import load_machine
-from truepose.models.machine.machine import Machine
+from truepose.models.machine.machine import Machine, MachineLike, as_machine
 
 
 def load_recording(

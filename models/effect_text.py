@@ -10,13 +10,12 @@ import numpy as np
 from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models.file.driver import TIME, VELOCITY, Driver
+from truepose.models.file.effect_entry import EffectSpec
 from truepose.models.file.limits import LARGEST, within
-from truepose.models.file.machine_file import EffectSpec
-from truepose.models.given import MachineLike, as_machine
 from truepose.models.load import place_effect, resolve_place
 from truepose.models.machine.effect import Effect, effects
 from truepose.models.machine.kinematics import driver_default
-from truepose.models.machine.machine import Machine
+from truepose.models.machine.machine import Machine, MachineLike, as_machine
 from truepose.models.machine.placed import Coefficient, PlacedEffect
 from truepose.models.units import parse_unit
 from truepose.wording import close_matches

@@ -8,7 +8,7 @@ Rotation vectors are in rad; a twist is [v; w] in the world frame: p + v, Exp(w)
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cache
+from functools import cache, wraps
 
 import casadi as ca
 import numpy as np
@@ -21,54 +21,55 @@ AXES = ("x", "y", "z", "rx", "ry", "rz")
 """Components of a pose or a twist."""
 
 
-@cache
-def _recorded(formula: Callable[[ca.SX], ca.SX], size: int) -> ca.Function:
-    """The operations of a formula of ``size`` numbers."""
-    v = ca.SX.sym("v", size)
-    return ca.Function("formula", [v], [formula(v)])
+Formula = Callable[[ca.SX], ca.SX]
 
 
-def _repeated(formula: Callable[[ca.SX], ca.SX], size: int, v: ca.SX) -> ca.SX:
-    """A formula of ``v`` (size,): to repeat its operations is ten times as fast as to write them in Python."""
-    result: ca.SX = _recorded(formula, size)(v if isinstance(v, ca.SX) else ca.SX(v))
-    return result
+def _repeated(size: int) -> Callable[[Formula], Formula]:
+    """Decorate a formula of ``size`` numbers: to repeat its recorded operations is ten times as fast as Python."""
+
+    def decorate(formula: Formula) -> Formula:
+        @cache
+        def recorded() -> ca.Function:
+            v = ca.SX.sym("v", size)
+            return ca.Function("formula", [v], [formula(v)])
+
+        @wraps(formula)
+        def repeat(v: ca.SX) -> ca.SX:
+            result: ca.SX = recorded()(v if isinstance(v, ca.SX) else ca.SX(v))
+            return result
+
+        return repeat
+
+    return decorate
 
 
+@_repeated(1)
 def rot_x(angle: ca.SX) -> ca.SX:
     """4x4 rotation about x."""
-    return _repeated(_rot_x, 1, angle)
-
-
-def rot_y(angle: ca.SX) -> ca.SX:
-    """4x4 rotation about y."""
-    return _repeated(_rot_y, 1, angle)
-
-
-def rot_z(angle: ca.SX) -> ca.SX:
-    """4x4 rotation about z."""
-    return _repeated(_rot_z, 1, angle)
-
-
-def _rot_x(angle: ca.SX) -> ca.SX:
     c, s = ca.cos(angle), ca.sin(angle)
     return _embed(ca.vertcat(_row(1, 0, 0), _row(0, c, -s), _row(0, s, c)))
 
 
-def _rot_y(angle: ca.SX) -> ca.SX:
+@_repeated(1)
+def rot_y(angle: ca.SX) -> ca.SX:
+    """4x4 rotation about y."""
     c, s = ca.cos(angle), ca.sin(angle)
     return _embed(ca.vertcat(_row(c, 0, s), _row(0, 1, 0), _row(-s, 0, c)))
 
 
-def _rot_z(angle: ca.SX) -> ca.SX:
+@_repeated(1)
+def rot_z(angle: ca.SX) -> ca.SX:
+    """4x4 rotation about z."""
     c, s = ca.cos(angle), ca.sin(angle)
     return _embed(ca.vertcat(_row(c, -s, 0), _row(s, c, 0), _row(0, 0, 1)))
 
 
 def translation(x: ca.SX, y: ca.SX, z: ca.SX) -> ca.SX:
     """4x4 translation, mm."""
-    return _repeated(_translation, 3, ca.vertcat(x, y, z))
+    return _translation(ca.vertcat(x, y, z))
 
 
+@_repeated(3)
 def _translation(xyz: ca.SX) -> ca.SX:
     return transform(ca.SX.eye(3), xyz)
 
@@ -91,19 +92,17 @@ def inverse(pose: ca.SX) -> ca.SX:
 
 def rpy_transform(xyz: Sequence[ca.SX], rpy: Sequence[ca.SX]) -> ca.SX:
     """Trans(xyz) Rz(yaw) Ry(pitch) Rx(roll), rpy = (roll, pitch, yaw)."""
-    return _repeated(_rpy_transform, 6, ca.vertcat(*xyz, *rpy))
+    return _rpy_transform(ca.vertcat(*xyz, *rpy))
 
 
+@_repeated(6)
 def _rpy_transform(v: ca.SX) -> ca.SX:
-    return ca.mtimes([_translation(v[:3]), _rot_z(v[5]), _rot_y(v[4]), _rot_x(v[3])])
+    return ca.mtimes([_translation(v[:3]), rot_z(v[5]), rot_y(v[4]), rot_x(v[3])])
 
 
+@_repeated(3)
 def skew(v: ca.SX) -> ca.SX:
     """3x3 matrix of the cross product with v."""
-    return _repeated(_skew, 3, v)
-
-
-def _skew(v: ca.SX) -> ca.SX:
     return ca.vertcat(_row(0, -v[2], v[1]), _row(v[2], 0, -v[0]), _row(-v[1], v[0], 0))
 
 
@@ -118,16 +117,13 @@ def axis_rotation(axis: ca.SX, angle: ca.SX) -> ca.SX:
     return ca.SX.eye(3) + ca.sin(angle) * k + (1 - ca.cos(angle)) * ca.mtimes(k, k)
 
 
+@_repeated(3)
 def mrp_rotation(s: ca.SX) -> ca.SX:
     """3x3 rotation of modified Rodrigues parameters s = tan(angle / 4) axis.
 
     Rational and smooth for every turn below a full one, so Newton's method never meets a singular chart.
     """
-    return _repeated(_mrp_rotation, 3, s)
-
-
-def _mrp_rotation(s: ca.SX) -> ca.SX:
-    k, n = _skew(s), ca.dot(s, s)
+    k, n = skew(s), ca.dot(s, s)
     return ca.SX.eye(3) + (4 * (1 - n) * k + 8 * ca.mtimes(k, k)) / (1 + n) ** 2
 
 

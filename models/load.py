@@ -9,11 +9,11 @@ from pathlib import Path
 
 from truepose.errors import InputError
 from truepose.files import mixture_notes
-from truepose.models.file.machine_file import EffectSpec, MachineFile, read_machine
-from truepose.models.file.names import check_texts
+from truepose.models.file.effect_entry import EffectSpec
+from truepose.models.file.machine_file import MachineFile, read_machine
+from truepose.models.file.names import check_text
 from truepose.models.machine.builder import BuildContext, builders
 from truepose.models.machine.columns import check_column_names, declared_drivers, driver_names
-from truepose.models.machine.couplings import resolve_couplings
 from truepose.models.machine.effect import effects
 from truepose.models.machine.kinematics import home_directions
 from truepose.models.machine.loads import (
@@ -25,7 +25,7 @@ from truepose.models.machine.loads import (
     with_recordings,
 )
 from truepose.models.machine.machine import FRAMES, Machine
-from truepose.models.machine.mechanism import Mechanism
+from truepose.models.machine.mechanism import Mechanism, resolve_couplings
 from truepose.models.machine.mounts import frame_parameters, mounts
 from truepose.models.machine.placed import Place, PlacedEffect, check_settings
 from truepose.models.machine.sensor import Sensor, sensors
@@ -65,7 +65,7 @@ def build_machine(file: MachineFile) -> Machine:
         drivers=driver_names(file, declared),
         file=file,
         notes=notes,
-        set_up=tuple(name for name in FRAMES if getattr(file.frames, name).per_session),
+        set_up=tuple(name for name in FRAMES if getattr(file.frames, name).per),
         declared_drivers=with_recordings(with_columns(declared, forces, file), own, masses),
     )
     _check_names(machine, file)
@@ -170,9 +170,8 @@ def _sensors(file: MachineFile, mechanism: Mechanism) -> tuple[Sensor, ...]:
 
 def _check_names(machine: Machine, file: MachineFile) -> None:
     names = [p.name for p in machine.parameters]
-    check_texts(
-        [*names, *machine.mechanism.readings, *machine.mechanism.bodies], str(file.path)
-    )  # a URDF has its own
+    for name in (*names, *machine.mechanism.readings, *machine.mechanism.bodies):  # a URDF has its own
+        check_text(name, str(file.path))
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise InputError(

@@ -16,7 +16,6 @@ import sys
 import traceback
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 from typing import Generic, TypeVar
@@ -75,16 +74,6 @@ class Registry(Generic[T]):
     def __iter__(self) -> Iterator[str]:
         self._fill()
         return iter(sorted(self._entries))
-
-    @contextmanager
-    def as_before(self) -> Iterator[None]:
-        """What is added or replaced within is forgotten afterwards (tests)."""
-        self._fill()
-        before = dict(self._entries)
-        try:
-            yield
-        finally:
-            self._entries = before
 
     def _fill(self) -> None:
         if self._filled:

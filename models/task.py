@@ -3,6 +3,8 @@
 Positions count along the axes of the base, turns about the axes of the tool, where it should be. ``axis`` is the
 direction of the tool's z axis, whatever the turn about it; ``axis.x`` and ``axis.y`` are those of the others. The
 inverse in numpy and the generated C solve the same conditions: those of ``Task.gap`` and ``Task.turns``.
+
+Next to a pose where a joint turns the tool no longer, it may move only so far for a small turn: ``CALM``, ``FARTHEST``.
 """
 
 from __future__ import annotations
@@ -23,6 +25,12 @@ AXIS: Final = {"axis": 2, "axis.x": 0, "axis.y": 1}
 """Which of the tool's axes each direction is of."""
 COMPONENTS: Final = (*AXES, *AXIS)
 """What a task may ask for: x y z along the axes of the base, rx ry rz about those of the tool, the direction of one of them."""
+CALM: Final = 0.2
+"""Turn of the tool by a turn of a joint, about rad a rad, from which no pose counts as next to a singular one."""
+FARTHEST: Final = 0.05
+"""rad that a joint may move for a turn that it makes slowly."""
+NOTHING: Final = 5e-10
+"""rad; a turn below this is met as it is."""
 _OPPOSITE = 1e-6
 """One plus the cosine of an angle at which directions count as opposite: no way to turn is the shorter one."""
 

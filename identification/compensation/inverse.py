@@ -23,12 +23,11 @@ from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.errors import InputError
 from truepose.identification.prediction.loops import Loops
 from truepose.models import lie
-from truepose.models.given import MachineLike, as_machine
 from truepose.models.machine.closure import coordinate_scale
 from truepose.models.machine.controllability import task_of
-from truepose.models.machine.couplings import turns_freely
 from truepose.models.machine.kinematics import SymbolicModel, symbolic_model
-from truepose.models.machine.machine import Machine
+from truepose.models.machine.machine import Machine, MachineLike, as_machine
+from truepose.models.machine.mechanism import turns_freely
 from truepose.models.task import Task
 from truepose.shown.result import Shown, frame
 

@@ -21,8 +21,7 @@ import numpy as np
 
 from truepose.arrays import Array, Index, Mask
 from truepose.codegen.evaluation.batch import BatchFunction
-from truepose.models.machine.singular import CALM, FARTHEST, NOTHING
-from truepose.models.task import Task
+from truepose.models.task import CALM, FARTHEST, NOTHING, Task
 
 _NEWTON = 30
 _SETTLED = 1e-13

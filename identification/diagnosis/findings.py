@@ -179,7 +179,7 @@ def _explanation(
     first = cat.candidates[one.candidates[0]]
     waves = [e.settings_map for e in after.effects if e.kind == "position-periodic"]  # of all joints
     orders = [wave["order"] for wave in waves if "order" in wave]
-    said = [first.effect.explain_term(machine, one.cause.place, first.settings_map)]
+    said = [first.effect.explain(machine, one.cause.place, first.settings_map)]
     for placed in (cat.candidates[i] for i in one.candidates):
         fitted = _fitted(after, placed)
         said.append(placed.effect.found(*({n: q[k] for n, q in fitted.items()} for k in (0, 1))))
@@ -200,7 +200,7 @@ def _twins(cat: Catalogue, one: Named) -> list[result.Alternative]:
     """Effects whose signature is the same function: nothing measured this way can tell them apart."""
     likely: dict[str, float] = {}
     for placed in (cat.candidates[i] for i in one.candidates):
-        for slug, ratio in placed.effect.twins(placed.settings_map).items():
+        for slug, ratio in placed.twins.items():
             likely.setdefault(slug, ratio)
     share, out = one.probability / (1.0 + sum(likely.values())), list[result.Alternative]()
     for slug, ratio in likely.items():

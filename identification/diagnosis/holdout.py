@@ -20,7 +20,7 @@ from truepose.identification.fit.tool_pose import tool_points
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.file.driver import PAYLOAD, Driver
-from truepose.models.file.machine_file import NO_WORSE
+from truepose.models.file.sections import NO_WORSE
 from truepose.threads import in_order, one_thread
 
 FOLDS = 5

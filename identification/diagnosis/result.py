@@ -17,7 +17,7 @@ from truepose.identification.signatures.untestable import Missing, Untestable
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.empirical import Empirical
 from truepose.models.file.driver import DriverKind
-from truepose.models.file.machine_file import NO_WORSE
+from truepose.models.file.sections import NO_WORSE
 from truepose.models.machine.machine import Machine
 from truepose.shown.result import Shown, Written, frame
 

@@ -23,7 +23,7 @@ from truepose.errors import InputError
 from truepose.identification.fit.problem import Prior
 from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.recording.recording import Recording
-from truepose.models.effects.frame_shift import ANEW, FrameShift
+from truepose.models.effects.sessions import ANEW, FrameShift
 from truepose.models.file.driver import Driver
 from truepose.models.machine.machine import FRAME_OF, Machine
 from truepose.models.machine.mechanism import Parameter

@@ -29,7 +29,7 @@ from truepose.identification.fit.turn import Turned
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording, frozen
 from truepose.models import lie
-from truepose.models.file.machine_file import ExpectedPose
+from truepose.models.file.sections import ExpectedPose
 from truepose.models.machine.controllability import judged_axes
 from truepose.models.machine.kinematics import SymbolicModel
 
@@ -118,7 +118,7 @@ def calibrated_pose(fit: Estimate, recording: Recording, than: str = "the drawin
     if any(not len(squares) for squares in both):
         return None
     before, after = (float(np.sqrt(np.mean(squares))) for squares in both)
-    return ExpectedPose(than, before, after, rows)
+    return ExpectedPose(than=than, before=before, after=after, rows=rows)
 
 
 READINGS, TOLERANCES, EXPLANATIONS, UNEXPLAINED = "readings", "tolerances", "explanations", "unexplained"

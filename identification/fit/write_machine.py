@@ -27,7 +27,8 @@ from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.file.driver import MEASURED_LOADS, ROW, Driver
-from truepose.models.file.machine_file import ExpectedPose, machine_text
+from truepose.models.file.machine_file import machine_text
+from truepose.models.file.sections import ExpectedPose
 from truepose.models.machine.machine import Machine, Mass
 from truepose.models.machine.mechanism import AXES, Direction, Parameter
 from truepose.models.units import UnitSystem, convert
@@ -149,7 +150,7 @@ def _expand(document: dict[str, Any], machine: Machine) -> None:
     if machine.mechanism.inertials or machine.mechanism.table_frames:
         _write_weights(document, machine)
         _write_springs(document, machine)
-    if machine.file.frames.tool.present or not machine.mechanism.tool_length:
+    if machine.file.frames.is_stated("tool") or not machine.mechanism.tool_length:
         return
     frames = document.setdefault("frames", {})
     geometry = machine.geometry

@@ -37,8 +37,8 @@ from truepose.identification.identifiability.observability import (
 from truepose.identification.identifiability.patterns import Blind
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
-from truepose.models.machine.couplings import coupling_matrix
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.mechanism import coupling_matrix
 from truepose.shown.result import Shown, frame
 
 SEED = 20

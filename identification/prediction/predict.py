@@ -108,13 +108,18 @@ def _beyond(predictor: Predictor, values: Array, jacobian: Array) -> Array:
     for effect in machine.effects:
         own = slice(first, first + len(effect.coefficients))
         first = own.stop
-        over = effect.effect.overshoot(machine, effect.place, effect.settings_map, at)
-        whole = over is not None or effect.effect.slug == Empirical.slug
+        form, over = effect.effect, None
+        if isinstance(form, Empirical):
+            over = form.overshoot(machine, effect.place, effect.settings_map, at)
         if over is None:
             weight = (PAYLOAD, *machine.force_columns) if effect.needs_load else ()
             over = _outside(seen, at, {*model.readings, *effect.drivers, *weight})
         signal = jacobian[..., own] * effect.amplitudes
-        moved = np.sum(signal**2, axis=2) if whole else (FORM_ERROR * np.sum(signal, axis=2)) ** 2
+        moved = (
+            np.sum(signal**2, axis=2)
+            if isinstance(form, Empirical)
+            else (FORM_ERROR * np.sum(signal, axis=2)) ** 2
+        )
         out += -2.0 * np.expm1(-over)[:, None] * moved
     return out
 

@@ -28,9 +28,8 @@ from truepose.identification.recording.recording import Recording, frozen
 from truepose.identification.recording.table import Table
 from truepose.models.file.limits import LARGEST
 from truepose.models.machine.closure import home_readings
-from truepose.models.machine.couplings import turns_freely
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.mechanism import Actuator
+from truepose.models.machine.mechanism import Actuator, turns_freely
 from truepose.models.units import COUNT_WORDS, UnitSystem, convert
 
 Limits: TypeAlias = tuple[float, float]

@@ -28,10 +28,10 @@ from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording, frozen
 from truepose.identification.recording.table import Table, is_table, read_table, table_in_memory
 from truepose.models.file.driver import MEASURED_LOADS, DeclaredDriver, Driver
-from truepose.models.file.sections import DriverSpec
+from truepose.models.file.sections import DriverEntry
 from truepose.models.machine.columns import declared_driver
-from truepose.models.machine.couplings import coupling_matrix, turns_freely
 from truepose.models.machine.machine import Equipment, Machine
+from truepose.models.machine.mechanism import coupling_matrix, turns_freely
 from truepose.wording import close_matches, joined
 
 Source: TypeAlias = "str | os.PathLike[str] | Table | pd.DataFrame | Mapping[str, Any]"
@@ -246,7 +246,7 @@ def with_measured_loads(machine: Machine, recording: Recording) -> Machine:
     of_joints = [n for n in recording.drivers if Driver.of(n).kind in MEASURED_LOADS]
     missing = [n for n in of_joints if n not in machine.drivers]
     units = machine.mechanism.reading_units
-    added = [declared_driver(n, Driver.of(n).unit(units), "", DriverSpec(n)) for n in missing]
+    added = [declared_driver(n, Driver.of(n).unit(units), "", DriverEntry(name=n)) for n in missing]
     return _with(machine, added)
 
 
@@ -257,7 +257,7 @@ def tried(machine: Machine) -> tuple[str, ...]:
 
 def _tried(machine: Machine, table: Table, name: str) -> DeclaredDriver:
     own = Driver.of(name).unit(machine.mechanism.reading_units)
-    return declared_driver(name, own, table.unit(name, own, own or "any"), DriverSpec(name), tried=True)
+    return declared_driver(name, own, table.unit(name, own, own or "any"), DriverEntry(name=name), tried=True)
 
 
 def _with(machine: Machine, added: Sequence[DeclaredDriver]) -> Machine:

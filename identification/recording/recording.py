@@ -44,7 +44,7 @@ class Recording(Shown):
     left out because nobody declared them. shuffled: that rows next to each other are declared to be no visits one after the
     other, so that their order tells nothing of how a joint came. reading_errors: estimated noise of the joints' readings,
     known only where rows are compared with each other (`truepose.identification.fit.reading_errors`). uncoupling: takes
-    readings to the joints' own motions where some hold the motion of others (`truepose.models.machine.couplings`).
+    readings to the joints' own motions where some hold the motion of others (`truepose.models.machine.mechanism`).
     """
 
     joints: tuple[str, ...]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from truepose.errors import InputError
 from truepose.identification.diagnosis.result import WHOLE, Applied
 from truepose.identification.report.numbers import known, measure, significant
-from truepose.models.file.machine_file import ExpectedPose
+from truepose.models.file.sections import ExpectedPose
 from truepose.models.machine.machine import Machine
 
 _HOLDS = {
@@ -53,7 +53,9 @@ def expected_pose(applied: Applied | None) -> ExpectedPose | None:
     if applied is None or applied.pose is None:
         return None
     before = applied.baselines.get("drawing", applied.pose.plain)
-    return ExpectedPose("plain calibration", before, applied.pose.model, rows_words(applied))
+    return ExpectedPose(
+        than="plain calibration", before=before, after=applied.pose.model, rows=rows_words(applied)
+    )
 
 
 def expected_words(machine: Machine) -> str:

@@ -47,7 +47,7 @@ from truepose.identification.report.scene.scene import scene_of
 from truepose.identification.report.steps import calibration_steps, diagnosis_steps
 from truepose.identification.report.uncertainty import uncertainty_section
 from truepose.identification.report.weighing import weighing_section
-from truepose.models.file.machine_file import ExpectedPose
+from truepose.models.file.sections import ExpectedPose
 from truepose.shown.document import Document, Guilty, Items, Section, Table, Text
 from truepose.shown.result import document, frame
 from truepose.wording import joined, shortened

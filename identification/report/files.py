@@ -33,7 +33,7 @@ from truepose.identification.report.applied_words import expected_pose
 from truepose.identification.report.documents import calibration_document, diagnosis_document
 from truepose.identification.report.json_text import json_text
 from truepose.identification.report.results import calibration_json, diagnosis_json, diagnosis_judgement
-from truepose.models.file.machine_file import ExpectedPose
+from truepose.models.file.sections import ExpectedPose
 from truepose.models.load import DIAGNOSIS
 from truepose.models.machine.machine import Machine
 from truepose.models.units import convert

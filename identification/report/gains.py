@@ -11,7 +11,7 @@ from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.summary import FitSummary, rms_by_kind
 from truepose.identification.report.applied_words import rows_words
 from truepose.identification.report.numbers import NONE, finer, known, significant, unit_symbol
-from truepose.models.file.machine_file import ExpectedPose
+from truepose.models.file.sections import ExpectedPose
 from truepose.models.machine.machine import Machine
 from truepose.shown.document import Gain
 

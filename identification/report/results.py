@@ -340,7 +340,7 @@ def _row_finding(diagnosis: Diagnosis, slug: str, rows: Sequence[int], more: str
     far = after.residual[left_out] ** 2 / max(after.chi2_per_dof, 1.0)
     effect, place = effects.get(slug, slug)(), tuple(str(row) for row in rows)
     evidence = 0.5 * float(np.sum(far[far != 0.0] - 1.0))  # a lost reading says nothing
-    told = effect.explain(diagnosis.nominal, place) + more
+    told = effect.explain(diagnosis.nominal, place, {}) + more
     levels = Levels(_SURE, "sensor", _SURE)
     return finding_json(
         Finding(

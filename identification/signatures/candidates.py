@@ -222,7 +222,7 @@ def _weights(machine: Machine, found: Sequence[PlacedEffect]) -> Array:
     weight = np.array([e.effect.weight(e.settings_map) for e in found])
     columns = set(tried(machine))
     is_tried = np.array([bool(columns.intersection(_columns(e))) for e in found], dtype=bool)
-    borrowed = np.array([e.effect.borrows(e.settings_map) for e in found], dtype=bool)
+    borrowed = np.array([e.borrows for e in found], dtype=bool)
     priced = np.where(is_tried, weight / max(len(columns), 1), weight)
     at: dict[EffectAtPlace, list[int]] = {}
     for k, e in enumerate(found):

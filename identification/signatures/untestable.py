@@ -15,7 +15,7 @@ from truepose.arrays import Array
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import Effect, PlacedEffect, effects
 from truepose.models.effects.empirical import travel_of
-from truepose.models.effects.sights import any_thermometer
+from truepose.models.effects.sights import is_thermometer
 from truepose.models.file import driver as drivers
 from truepose.models.file.driver import Driver
 from truepose.models.machine.machine import Machine
@@ -110,7 +110,7 @@ def _of_columns(machine: Machine, recording: Recording) -> list[Missing]:
         [place[0] for place in places_of(effects.get(slug, "untestable")(), machine)]
         for slug in (HEAT, PLAY, DRIFT)
     )
-    if heated and not any_thermometer(machine, list(recording.drivers)):
+    if heated and not any(is_thermometer(machine, name) for name in recording.drivers):
         add = f"log `{drivers.TEMPERATURE}.air` or `{drivers.TEMPERATURE}.{heated[0]}`"
         out.append(Missing((HEAT,), "no temperature column", f"{add}; a thermometer elsewhere does, too"))
     if joints and all(recording.driver(f"{drivers.APPROACH}.{joint}") is None for joint in joints):

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
-from typing import Any, Self
+from typing import Any
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from truepose.errors import InputError
-from truepose.models.file.fields import Number, Period, Pitch, Range, Ratio, Section, bad_value, quantity
+from truepose.models.file.fields import Number, Period, Pitch, Range, Ratio, Section, quantity
 from truepose.models.file.formula import FUNCTIONS, Formula, Law
 from truepose.models.file.limits import positive
 from truepose.models.machine.builder import BuildContext
@@ -37,12 +37,6 @@ class Driven(Encoder):
     """Turns of the motor for one of the joint; errors that repeat with it are looked for."""
     screw_pitch: Pitch | None = None
     """Travel for one turn of the screw: errors that repeat with it are looked for."""
-
-    @model_validator(mode="after")
-    def _ordered(self) -> Self:
-        if self.range and self.range[0] >= self.range[1]:
-            raise bad_value("range: [low, high] with low < high", self.range)
-        return self
 
     def actuator(
         self,

@@ -6,11 +6,12 @@ mechanism; many of them are redundant, and tolerances decide how they share.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
+from scipy.spatial.transform import Rotation
 
 from truepose.errors import InputError
 from truepose.models.builders.driven import (
@@ -326,14 +327,12 @@ def _homes(parsed: Graph, context: BuildContext) -> dict[str, tuple[float, ...]]
                 f"{joints[name].kind} joint"
             )
         turned = tuple(context.file.units.to_internal(v, joints[name].dimension) for v in values)
-        out[name] = _mrp(turned) if joints[name].kind == "spherical" else turned
+        out[name] = (
+            tuple(Rotation.from_euler("xyz", turned).as_mrp().tolist())
+            if joints[name].kind == "spherical"
+            else turned
+        )
     return out
-
-
-def _mrp(rpy: Sequence[float]) -> tuple[float, ...]:
-    from scipy.spatial.transform import Rotation
-
-    return tuple(Rotation.from_euler("xyz", rpy).as_mrp().tolist())
 
 
 def _check(parsed: Graph, context: BuildContext) -> None:

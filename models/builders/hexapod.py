@@ -8,15 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Annotated, Any, Literal, Protocol
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import Field
 
 from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models.builders.driven import Driven
-from truepose.models.file.fields import Gain, In, Length, LengthVector, Number, Section, Vector, bad_value
+from truepose.models.file.fields import Gain, In, Length, LengthVector, Number, Section, Vector
 from truepose.models.lie import exp_so3, unit_vector
 from truepose.models.machine.assembly import SHAPE
 from truepose.models.machine.builder import BuildContext, builders
@@ -44,160 +44,96 @@ _LARGEST_SHAPE = 0.75
 class Bar(Section):
     """A round section: EI (N mm^2), EA (N), GJ (N mm^2); the report's k1, k2, k3."""
 
-    bending: Annotated[Number, In("N*mm^2")]
+    bending: Annotated[Number, In("N*mm^2")] = Field(gt=0.0)
     """Bending stiffness EI, whatever `units` says."""
-    tension: Annotated[Number, In("N")]
+    tension: Annotated[Number, In("N")] = Field(gt=0.0)
     """Tension stiffness EA."""
-    torsion: Annotated[Number, In("N*mm^2")]
+    torsion: Annotated[Number, In("N*mm^2")] = Field(gt=0.0)
     """Torsion stiffness GJ, whatever `units` says."""
-
-    @model_validator(mode="after")
-    def _positive(self) -> Bar:
-        for name, unit in SECTION.items():
-            if getattr(self, name) <= 0:
-                raise bad_value(f"{name} > 0 ({unit})", getattr(self, name))
-        return self
 
 
 class Flexure(Section):
     """Flexures in place of joints: their length, beta of their shift, and their section where it is known."""
 
-    length: Length
+    length: Length = Field(gt=0.0)
     """Length of each flexure."""
-    beta: Number = SHAPE
+    beta: Number = Field(default=SHAPE, ge=0.0, lt=_LARGEST_SHAPE)
     """Shape factor: the tip runs on a circle of (1 - beta) of the length; 1/4 where the section is constant."""
-    bending: Annotated[Number, In("N*mm^2")] | None = None
+    bending: Annotated[Number, In("N*mm^2")] | None = Field(default=None, gt=0.0)
     """Bending stiffness EI; needed by the models stiffness and elastic."""
-    tension: Annotated[Number, In("N")] | None = None
+    tension: Annotated[Number, In("N")] | None = Field(default=None, gt=0.0)
     """Tension stiffness EA; needed by the models stiffness and elastic."""
-    torsion: Annotated[Number, In("N*mm^2")] | None = None
+    torsion: Annotated[Number, In("N*mm^2")] | None = Field(default=None, gt=0.0)
     """Torsion stiffness GJ; needed by the models stiffness and elastic."""
 
-    @model_validator(mode="after")
-    def _possible(self) -> Flexure:
-        if self.length <= 0:
-            raise bad_value("length > 0", self.length)
-        if not 0 <= self.beta < _LARGEST_SHAPE:
-            raise bad_value(f"0 <= beta < {_LARGEST_SHAPE}", self.beta)
-        for name, unit in SECTION.items():
-            value = getattr(self, name)
-            if value is not None and value <= 0:
-                raise bad_value(f"{name} > 0 ({unit})", value)
-        return self
 
-
-class FlexedLeg(Protocol):
-    """A leg's entry: ``flexure`` and ``beta`` say its own, where they differ from those of all."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def length(self) -> float: ...
-    @property
-    def flexure(self) -> float | None: ...
-    @property
-    def beta(self) -> float | None: ...
-
-
-def flexed(
-    mechanism: Mechanism,
-    model: Model,
-    legs: Sequence[FlexedLeg],
-    flexure: Flexure | None,
-    rod: Bar | None,
-    context: BuildContext,
-) -> Mechanism:
+def flexed(mechanism: Mechanism, hexapod: Pus, context: BuildContext) -> Mechanism:
     """The mechanism with ball joints as the chosen model has it. Raises InputError where a section is missing."""
+    model, flexure = hexapod.model, hexapod.flexure
     mechanism = replace(mechanism, flexure_length=flexure.length if flexure else None)
-    if model == "spherical":
-        return mechanism
-    if model == "linear":
-        return replace(mechanism, loops="linear")
+    if model in ("spherical", "linear"):
+        return replace(mechanism, loops="linear" if model == "linear" else "exact")
     if flexure is None:
         raise InputError(f"{context.where}.flexure: found none, expected one: model {model} bends flexures")
-    _check_lengths(legs, flexure, context)
-    if model == "beam":
-        return _bent(mechanism, legs, flexure, context)
-    return _elastic(mechanism, model, legs, flexure, rod, context)
-
-
-def _bent(
-    mechanism: Mechanism, legs: Sequence[FlexedLeg], flexure: Flexure, context: BuildContext
-) -> Mechanism:
-    """Rods that grow as their flexures bend; flexures are straight in the assembly at home as drawn."""
-    found = home_directions(mechanism, context.file)
-    home = [(found[f"{rod.name}.a"], found[f"{rod.name}.b"]) for rod in mechanism.rods]
-    parameters, rods = list(mechanism.parameters), []
-    for k, (leg, rod, (axis_a, axis_b)) in enumerate(zip(legs, mechanism.rods, home, strict=True)):
-        shape = flexure.beta if leg.beta is None else leg.beta
-        parameters += [
-            _length(k, leg, flexure, context),
-            context.parameter(f"{leg.name}.beta", "1", shape, ("legs", k, "beta"), "shape", default=0.0),
-        ]
-        rods.append(
-            replace(rod, flexures=Flexures(f"{leg.name}.flexure", f"{leg.name}.beta", axis_a, axis_b))
-        )
-    return replace(mechanism, parameters=tuple(parameters), rods=tuple(rods))
-
-
-def _elastic(
-    mechanism: Mechanism,
-    model: Model,
-    legs: Sequence[FlexedLeg],
-    flexure: Flexure,
-    rod: Bar | None,
-    context: BuildContext,
-) -> Mechanism:
-    """Elastic rods: one flexure length a leg, sections that all legs share."""
-    missing = [name for name in SECTION if getattr(flexure, name) is None]
-    if missing or rod is None:
-        field = f"flexure.{missing[0]}" if missing else "rod"
-        raise InputError(
-            f"{context.where}.{field}: found none, expected one: model {model} needs bending, "
-            "tension and torsion (EI, EA, GJ) of flexure and rod"
-        )
-    parts = {"flexure": flexure, "rod": rod}
-    sections = [
-        context.parameter(f"{part}.{name}", unit, getattr(of, name), (part, name), "stiffness", default=0.0)
-        for part, of in parts.items()
-        for name, unit in SECTION.items()
-    ]
-    names = [parameter.name for parameter in sections]
-    joint, bar = (names[0], names[1], names[2]), (names[3], names[4], names[5])
-    lengths = [_length(k, leg, flexure, context) for k, leg in enumerate(legs)]
-    rods = [
-        replace(
-            r,
-            elastic=ElasticChain(
-                f"{leg.name}.flexure", joint, bar, _pull(leg, flexure, rod), follows=model == "elastic"
-            ),
-        )
-        for leg, r in zip(legs, mechanism.rods, strict=True)
-    ]
-    return replace(
-        mechanism, parameters=(*mechanism.parameters, *lengths, *sections), rods=tuple(rods), loops="elastic"
-    )
-
-
-def _pull(leg: FlexedLeg, flexure: Flexure, rod: Bar) -> float:
-    """Stiffness of a leg in tension, N/mm."""
-    assert flexure.tension is not None
-    return 1.0 / (2 * flexure.length / flexure.tension + (leg.length - flexure.length) / rod.tension)
-
-
-def _length(place: int, leg: FlexedLeg, flexure: Flexure, context: BuildContext) -> Parameter:
-    own = flexure.length if leg.flexure is None else leg.flexure
-    return context.parameter(f"{leg.name}.flexure", "mm", own, ("legs", place, "flexure"))
-
-
-def _check_lengths(legs: Sequence[FlexedLeg], flexure: Flexure, context: BuildContext) -> None:
-    for leg in legs:
+    lengths = []
+    for k, leg in enumerate(hexapod.legs):
         own = flexure.length if leg.flexure is None else leg.flexure
         if not 0 < own < leg.length:
             raise InputError(
                 f"{context.where}.legs: {leg.name}: found flexures of {own:g} mm in a leg of {leg.length:g} mm, "
                 "expected them longer than 0 and shorter than the leg"
             )
+        lengths.append(context.parameter(f"{leg.name}.flexure", "mm", own, ("legs", k, "flexure")))
+    if model == "beam":
+        return _bent(mechanism, hexapod.legs, lengths, flexure, context)
+    mechanism = replace(mechanism, parameters=(*mechanism.parameters, *lengths))
+    return _elastic(mechanism, hexapod, flexure, context)
+
+
+def _bent(
+    mechanism: Mechanism,
+    legs: Sequence[PusLeg],
+    lengths: Sequence[Parameter],
+    flexure: Flexure,
+    context: BuildContext,
+) -> Mechanism:
+    """Rods that grow as their flexures bend; flexures are straight in the assembly at home as drawn."""
+    home = home_directions(mechanism, context.file)
+    parameters, rods = list(mechanism.parameters), []
+    for k, (leg, length, rod) in enumerate(zip(legs, lengths, mechanism.rods, strict=True)):
+        shape = flexure.beta if leg.beta is None else leg.beta
+        field = ("legs", k, "beta")
+        beta = context.parameter(f"{leg.name}.beta", "1", shape, field, "shape", default=0.0)
+        parameters += [length, beta]
+        ends = home[f"{rod.name}.a"], home[f"{rod.name}.b"]
+        rods.append(replace(rod, flexures=Flexures(length.name, beta.name, *ends)))
+    return replace(mechanism, parameters=tuple(parameters), rods=tuple(rods))
+
+
+def _elastic(mechanism: Mechanism, hexapod: Pus, flexure: Flexure, context: BuildContext) -> Mechanism:
+    """Elastic rods: one flexure length a leg, sections that all legs share."""
+    bar, model = hexapod.rod, hexapod.model
+    missing = [name for name in SECTION if getattr(flexure, name) is None]
+    if missing or bar is None or flexure.tension is None:
+        field = f"flexure.{missing[0]}" if missing else "rod"
+        raise InputError(
+            f"{context.where}.{field}: found none, expected one: model {model} needs bending, "
+            "tension and torsion (EI, EA, GJ) of flexure and rod"
+        )
+    sections = [
+        context.parameter(f"{part}.{name}", unit, getattr(of, name), (part, name), "stiffness", default=0.0)
+        for part, of in (("flexure", flexure), ("rod", bar))
+        for name, unit in SECTION.items()
+    ]
+    bending, tension, torsion, *of_bar = (parameter.name for parameter in sections)
+    rods = []
+    for leg, rod in zip(hexapod.legs, mechanism.rods, strict=True):
+        pull = 1.0 / (2 * flexure.length / flexure.tension + (leg.length - flexure.length) / bar.tension)
+        joint, straight = (bending, tension, torsion), (of_bar[0], of_bar[1], of_bar[2])
+        chain = ElasticChain(f"{leg.name}.flexure", joint, straight, pull, follows=model == "elastic")
+        rods.append(replace(rod, elastic=chain))
+    parameters = (*mechanism.parameters, *sections)
+    return replace(mechanism, parameters=parameters, rods=tuple(rods), loops="elastic")
 
 
 PLATFORM = "platform"
@@ -285,7 +221,7 @@ def pus(section: Mapping[str, Any], context: BuildContext) -> Mechanism:
             Limb(leg.name, leg.joint, _names(leg.name, "a"), _names(leg.name, "b"), f"{leg.name}.length")
         )
     mechanism = _mechanism(parameters, joints, rods, actuators, limbs)
-    return flexed(mechanism, hexapod.model, hexapod.legs, hexapod.flexure, hexapod.rod, context)
+    return flexed(mechanism, hexapod, context)
 
 
 @builders.add("6-ups")

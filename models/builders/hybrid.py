@@ -13,11 +13,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator
 
 from truepose.models.builders.driven import Encoder, with_encoders
 from truepose.models.builders.graph import Graph, mechanism_of
-from truepose.models.file.fields import In, Length, Number, Pitch, Section, bad_value
+from truepose.models.file.fields import Ascending, In, Length, Pitch, Section, bad_value
 from truepose.models.machine.builder import BuildContext, builders
 from truepose.models.machine.mechanism import Mechanism
 from truepose.models.units import UnitSystem
@@ -43,25 +43,21 @@ class Hybrid(Section):
     """Length of the head. Without `frames.tool` the tool frame stands wrist_offset + head along z of the flange."""
     tool: Length = 0.0
     """From the tool frame to the tool's point; only a note."""
-    limb_range: Annotated[tuple[Number, Number], In("length")]
+    limb_range: Annotated[Ascending, In("length")]
     """Shortest and longest limb: the range of q1, q2 and q3."""
-    wrist_range: Annotated[tuple[Number, Number], In("angle")]
+    wrist_range: Annotated[Ascending, In("angle")]
     """Range of the wrist's angles q4, q5 and q6."""
     screw_pitch: Pitch | None = None
     """Travel of a limb for one turn of its screw: errors that repeat with it are looked for."""
     encoders: dict[str, Encoder] = Field(default_factory=dict)
     """What columns of joints hold, by the joint's name: `q5: {coupled: {q4: 1}}`."""
 
-    @model_validator(mode="after")
-    def _ordered(self) -> Hybrid:
-        for name in ("limb_range", "wrist_range"):
-            low, high = getattr(self, name)
-            if low >= high:
-                raise bad_value(f"{name}: [low, high] with low < high", [low, high])
-        low, _ = self.limb_range
-        if low <= 0:
-            raise bad_value("limb_range: lengths > 0", list(self.limb_range))
-        return self
+    @field_validator("limb_range")
+    @classmethod
+    def _positive(cls, limbs: tuple[float, float]) -> tuple[float, float]:
+        if limbs[0] <= 0:
+            raise bad_value("lengths > 0", list(limbs))
+        return limbs
 
 
 @builders.add("3ups-up-3r")

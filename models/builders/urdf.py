@@ -9,7 +9,7 @@ redundant with their neighbours', and the tolerances decide how they share it. W
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Literal
 from xml.etree.ElementTree import Element
@@ -65,7 +65,8 @@ def urdf(section: Mapping[str, Any], context: BuildContext) -> Mechanism:
 def expanded(section: Urdf, robot: Robot, units: UnitSystem, where: str) -> dict[str, Any]:
     """The section of the chains as a graph, in the file's units; ``where`` opens messages."""
     tips = (section.tip_link,) if isinstance(section.tip_link, str) else section.tip_link
-    chain = _united([robot.chain(section.base_link, tip, where) for tip in tips])
+    chains = [robot.chain(section.base_link, tip, where) for tip in tips]
+    chain = list({id(joint): joint for way in chains for joint in way}.values())
     links = [section.base_link, *(robot.end(joint, "child") for joint in chain)]
     for joint in chain:
         robot.kind(joint)  # a floating joint is refused by its name, before anything that follows from it
@@ -92,11 +93,6 @@ def expanded(section: Urdf, robot: Robot, units: UnitSystem, where: str) -> dict
             f"{where}: found no joint that moves between {ends}, expected links with one between them"
         )
     return {"type": "graph", "bodies": links, "flange": tips[0], "joints": joints}
-
-
-def _united(chains: Sequence[list[Element]]) -> list[Element]:
-    """The joints of several chains, each once, parents first."""
-    return list({id(joint): joint for chain in chains for joint in chain}.values())
 
 
 def _followed(robot: Robot, joint: Element, called: Mapping[str, str], units: UnitSystem) -> dict[str, Any]:

@@ -53,6 +53,7 @@ class AirRefraction(Effect):
     """
 
     slug = "air-refraction"
+    borrowing = ("from.", STILL)
     setting_ranges = ranges({"still": SWITCH, "temperature": SWITCH, "pressure": SWITCH, "from.": ANY})
     driven_by = "sensor"
     title = "Refraction of air that is not corrected"
@@ -76,7 +77,9 @@ class AirRefraction(Effect):
         if settings.get(STILL):
             return (Coefficient("n", "1", LARGEST_STRAIN / 3, -LARGEST_STRAIN, LARGEST_STRAIN),)
         lowest = -MOST if of_stars(sensor_at(machine, place[0])) else 0.0
-        return (Coefficient("share", "1", 1.0, lowest, MOST_ELSEWHERE if self.borrows(settings) else MOST),)
+        return (
+            Coefficient("share", "1", 1.0, lowest, MOST if borrowed(settings) is None else MOST_ELSEWHERE),
+        )
 
     def shifts(self, site: Site) -> Shifts:
         sensor = sensor_at(site.machine, site.place[0])
@@ -118,31 +121,23 @@ class AirRefraction(Effect):
             {STILL: 1.0},
         ]
 
-    def borrows(self, settings: Settings) -> bool:
-        return borrowed(settings) is not None or bool(settings.get(STILL))
-
     def weight(self, settings: Settings) -> float:
         if settings.get(STILL):
             return NO_WEATHER
         return 1.0 if all(settings.get(name, 1.0) for name in LOGGED) else 0.5
 
-    def explain(self, machine: Machine, place: Place) -> str:
-        if of_stars(sensor_at(machine, place[0])):
-            return "The air lifts what is seen above where the recording has it, more the lower it stands."
-        kind = sensor_at(machine, place[0]).type
-        return f"The sensor {kind} looks through air whose refraction changes with the weather and is not corrected."
-
-    def explain_term(self, machine: Machine, place: Place, settings: Settings) -> str:
-        elsewhere = borrowed(settings)
-        if elsewhere is not None:
-            return f"{self.explain(machine, place)} Its temperature is taken from {elsewhere[0]}."
-        if settings.get(STILL):
-            kind = sensor_at(machine, place[0]).type
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
+        sensor, elsewhere = sensor_at(machine, place[0]), borrowed(settings)
+        if settings.get(STILL) and elsewhere is None:
             return (
-                f"The sensor {kind} reads all paths too long or too short by one share, as air does whose refraction is not "
-                "corrected; nobody logged its temperature or pressure, so a wrong scale looks the same."
+                f"The sensor {sensor.type} reads all paths too long or too short by one share, as air does whose refraction is "
+                "not corrected; nobody logged its temperature or pressure, so a wrong scale looks the same."
             )
-        return self.explain(machine, place)
+        if of_stars(sensor):
+            said = "The air lifts what is seen above where the recording has it, more the lower it stands."
+        else:
+            said = f"The sensor {sensor.type} looks through air whose refraction changes with the weather and is not corrected."
+        return said if elsewhere is None else f"{said} Its temperature is taken from {elsewhere[0]}."
 
     def found(self, values: Mapping[str, float], std: Mapping[str, float]) -> str:
         if "n" in values:

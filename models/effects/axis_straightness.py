@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from truepose.arrays import Array
-from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
+from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import (
     actuator_at,
     centre_and_half,
@@ -45,6 +45,9 @@ class AxisStraightness(Effect):
     setting_ranges = ranges({"degree": COUNT, "waves": COUNT})
     title = "Guideway that is not straight"
     counted = True
+    sentence = "The guideway of {0} is bent: its slide leaves the line, and may turn, as it moves."
+    # a rail bolted down at many points bends between any two of them: 6 half waves
+    forms = (*({"degree": n} for n in (2.0, 3.0, 4.0)), *({"waves": n} for n in (2.0, 3.0, 4.0, 6.0)))
     formula = (
         "slide moves by x2 t^2 + x3 t^3 ... and turns by rx1 t + rx2 t^2 ... (y, z alike), t = travel / half "
         "range; or by xw1, xw2 ... times k half waves sin(k pi (t + 1) / 2) between the ends of the range; "
@@ -83,13 +86,6 @@ class AxisStraightness(Effect):
             for axis, part in zip(LETTERS, directions[name[0]], strict=True):
                 motion[axis] += float(part) * c * _value(name[1:], t)
         return {site.machine.motion(actuator.reading, axis): shift for axis, shift in motion.items()}
-
-    def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
-        # a rail bolted down at many points bends between any two of them: 6 half waves
-        return (*({"degree": n} for n in (2.0, 3.0, 4.0)), *({"waves": n} for n in (2.0, 3.0, 4.0, 6.0)))
-
-    def explain(self, machine: Machine, place: Place) -> str:
-        return f"The guideway of {place[0]} is bent: its slide leaves the line, and may turn, as it moves."
 
 
 def _shapes(settings: Settings) -> list[tuple[str, str]]:

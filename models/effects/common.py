@@ -12,18 +12,15 @@ from scipy.spatial.transform import Rotation
 
 from truepose.arrays import Array
 from truepose.errors import InputError
-from truepose.models.file.driver import CURRENT, MEASURED_LOADS, VELOCITY, Driver
-from truepose.models.machine.effect import Effect, Site
+from truepose.models.machine.effect import Site
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import AXES, Actuator, Direction, Joint, Limb
-from truepose.models.machine.placed import Coefficient, Observed, Place, Settings, Shifts
+from truepose.models.machine.placed import Coefficient, Observed, Place, Settings
 from truepose.models.machine.sensor import Sensor
 from truepose.wording import joined
 
 SECONDS_PER_HOUR = 3600.0
 ARCSEC = 206264.8
-PIEZO_RANGE = {"mm": 5.0, "rad": 0.2}
-"""Longest whole range of an actuator that may be a piezo."""
 APPROACHES = (0.003, 0.006, 0.0125, 0.025, 0.05, 0.1)
 """How far behind its goal a joint may start its approach, as parts of its range."""
 
@@ -113,14 +110,6 @@ def nominal_gain(machine: Machine, actuator: Actuator) -> float:
     return machine.nominal_values[actuator.gain] if actuator.gain else 1.0
 
 
-def piezo_like(actuator: Actuator) -> bool:
-    """Whether an actuator may be a piezo: no screw, and a small range."""
-    if actuator.range is None or actuator.screw_pitch:
-        return False
-    low, high = actuator.range
-    return actuator.reading_unit != "turn" and high - low <= PIEZO_RANGE[actuator.unit]
-
-
 def down(site: Site, joint: str) -> ca.SX:
     """(3,) which way gravity pulls, a unit vector in the frame of the body that a joint moves; weights cancel."""
     case = site.machine.weight_case
@@ -152,12 +141,6 @@ def sine_coefficients(unit: str, scale: float) -> tuple[Coefficient, ...]:
     return (Coefficient("a", unit, scale), Coefficient("b", unit, scale))
 
 
-def twist_coefficients(mm: float, rad: float, per: str = "") -> tuple[Coefficient, ...]:
-    """Six small motions x y z rx ry rz with their scales; ``per`` ends the unit (``/h``)."""
-    moves = [Coefficient(axis, "mm" + per, mm) for axis in AXES[:3]]
-    return (*moves, *(Coefficient(axis, "rad" + per, rad) for axis in AXES[3:]))
-
-
 def clock(recording: Observed) -> tuple[float, float] | None:
     """First and last time of a recording, s; None when no time is recorded."""
     time = recording.driver("time")
@@ -165,12 +148,6 @@ def clock(recording: Observed) -> tuple[float, float] | None:
         return None
     seconds = np.asarray(time, dtype=float)
     return float(seconds.min()), float(seconds.max())
-
-
-def moves_while_read(recording: Observed, joint: str) -> bool:
-    """Whether a joint's velocity is recorded, and not always zero."""
-    velocity = recording.driver(Driver(VELOCITY, joint).name)
-    return velocity is not None and bool(np.any(np.asarray(velocity, dtype=float)))
 
 
 def approaches(machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
@@ -187,16 +164,6 @@ def overshoot_of(actuator: Actuator, settings: Settings) -> str:
     """Last number of the name of a driver that remembers a joint's way, in the reading's unit; empty for far off."""
     low, high = actuator.range or (0.0, 1.0)
     return f"~{settings['overshoot'] * (high - low):.6g}" if "overshoot" in settings else ""
-
-
-def boundaries(recording: Observed) -> Sequence[Settings]:
-    """One candidate a boundary between sessions; none in a single session."""
-    return [{"session": float(k)} for k in range(1, recording.n_sessions)]
-
-
-def after_session(settings: Settings) -> str:
-    """Driver that is 0 up to a boundary between sessions and 1 after it."""
-    return f"session.after.{settings.get('session', 1.0):g}"
 
 
 @dataclass(frozen=True)
@@ -257,68 +224,5 @@ def _unknown(machine: Machine, kind: str, name: str, known: Sequence[str]) -> In
     return InputError(f"effect's place: found {name!r} on {machine.name}, expected {expected}{hint}")
 
 
-PER_AMPERE = 10.0
-"""N m (N) that an ampere of a geared motor holds, to a power of ten. Chosen."""
-
-
-def is_measured(machine: Machine, reading: str) -> bool:
-    """Whether the machine has a column of the load at a joint."""
-    return any(Driver(kind, reading).name in machine.drivers for kind in MEASURED_LOADS)
-
-
-def measured_settings(machine: Machine, reading: str, recording: Observed) -> list[Settings]:
-    """Either sign of each column that was recorded."""
-    kinds = [
-        kind
-        for kind in MEASURED_LOADS
-        for name in (Driver(kind, reading).name,)
-        if name in machine.drivers and recording.driver(name) is not None
-    ]
-    return [{kind: sign} for kind in kinds for sign in (1.0, -1.0)]
-
-
-def measured_kind(settings: Settings) -> str | None:
-    """``torque`` or ``current`` where settings read one of them."""
-    return next((kind for kind in MEASURED_LOADS if kind in settings), None)
-
-
-def measured_driver(settings: Settings, reading: str) -> str | None:
-    """The column that they read."""
-    kind = measured_kind(settings)
-    return None if kind is None else Driver(kind, reading).name
-
-
-def measured_coefficient(
-    machine: Machine, settings: Settings, reading: str, unit: str, scale: float
-) -> Coefficient:
-    """The compliance in ``unit`` (mm or rad) by the column's; ``scale``: for a newton (metre)."""
-    driver = measured_driver(settings, reading) or ""
-    per = machine.driver_unit(driver)
-    size = scale * (PER_AMPERE if measured_kind(settings) == CURRENT else 1.0)
-    return Coefficient("c", f"{unit}/({per})" if "*" in per else f"{unit}/{per}", scale=size, lower=0.0)
-
-
-def measured_words(settings: Settings, reading: str) -> str:
-    """Which column, and what its sign means."""
-    sign = settings[measured_kind(settings) or ""]
-    meant = "the load that pulls at it" if sign > 0 else "what the drive holds against the load"
-    return f"{measured_driver(settings, reading)}, which by its sign is {meant}"
-
-
 OF_ROWS = ("outliers", "fringe-miscount")
 """Their slugs: findings of these alone say nothing against the model."""
-
-
-class OfRows(Effect):
-    """Shifts no port; its place in a finding is the numbers of the rows."""
-
-    driven_by = "sensor"
-
-    def places(self, machine: Machine) -> Sequence[Place]:
-        return ()
-
-    def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
-        return ()
-
-    def shifts(self, site: Site) -> Shifts:
-        return {}

@@ -223,6 +223,9 @@ class Empirical(Effect):
     slug = "empirical"
     setting_ranges = ranges({"degree": COUNT, "reach": POSITIVE, "from.": COLUMN, "to.": COLUMN})
     title = "A smooth error without a name"
+    sentence = (
+        "Something at {0} errs smoothly with what is recorded; no physics with a name was found for it."
+    )
     formula = (
         "c1 T1(t) + c2 T2(t) + ..., t the source from -1 to 1; c t u of two; points: x.xy x y / reach^2 ..."
     )
@@ -260,7 +263,8 @@ class Empirical(Effect):
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
         """One for a product; one a polynomial for a curve, from the square on in the joint's own reading."""
         if place[0] in sensor_names(machine):
-            largest = _stated_sigma(machine, place[0])
+            channels = sensor_at(machine, place[0]).channels
+            largest = max(c.sigma for c in channels if c.kind == "position")
             return tuple(Coefficient(f"{axis}.{pair}", "mm", largest) for axis in XYZ for pair in WARP)
         sources = sources_of(machine, place, settings)
         if place[0] in FRAMES:
@@ -365,14 +369,6 @@ class Empirical(Effect):
         if len(names) == 2:
             return joined(names), "product"
         return joined(names), "line" if settings.get(DEGREE) == LINE else "curve"
-
-    def explain(self, machine: Machine, place: Place) -> str:
-        return f"Something at {place[0]} errs smoothly with what is recorded; no physics with a name was found for it."
-
-
-def _stated_sigma(machine: Machine, sensor: str) -> float:
-    """Largest 1-sigma of a point's coordinates as the instrument's maker states it, mm."""
-    return max(c.sigma for c in sensor_at(machine, sensor).channels if c.kind == "position")
 
 
 def _warp(site: Site) -> Shifts:

@@ -109,7 +109,7 @@ class JointRunout(Effect):
     def weight(self, settings: Settings) -> float:
         return 1.0 / abs(settings.get("order", 1.0))  # fine lobes are shallower
 
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         if place[0] in _hinges(machine):
             return f"The pin of joint {place[0]} is not round, or runs out: its centre wanders as it turns."
         return f"The axes of the cross in joint {place[0]} do not meet: its centre wanders as it turns."

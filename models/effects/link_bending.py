@@ -94,7 +94,7 @@ class LinkBending(Effect):
         motion = ca.vertcat(move - ca.cross(turn, end), turn)
         return {f"{link.joint.name}.motion.{axis}": c * motion[k] for k, axis in enumerate(AXES)}
 
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         if _link(machine, place).short:
             return f"{place[0]} gives way across its joint under {carried(machine)}: bearings and housing."
         return f"The link {place[0]} bends under {carried(machine)}, like a cantilever."

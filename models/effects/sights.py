@@ -10,7 +10,7 @@ import numpy as np
 from truepose.arrays import Array
 from truepose.models import lie
 from truepose.models.effects.base import Settings, Site
-from truepose.models.file.driver import AIR, TEMPERATURE, TIME, Driver
+from truepose.models.file.driver import AIR, TEMPERATURE, TIME
 from truepose.models.machine.assembly import assemble, frame_of
 from truepose.models.machine.closure import home_readings
 from truepose.models.machine.machine import Machine
@@ -30,16 +30,11 @@ def others(machine: Machine, own: Sequence[str], seen: Mapping[str, Array]) -> l
     known = [seen[name] for name in own if name in seen]
     out = list[str]()
     for name in sorted(seen, key=lambda name: name == AIR):  # the air last: it may stand for any of them
-        varies = _is_thermometer(machine, name) and np.ptp(seen[name]) > 0.0
+        varies = is_thermometer(machine, name) and np.ptp(seen[name]) > 0.0
         if varies and not any(_alike(seen[name], other) for other in known):
             known.append(seen[name])
             out.append(name)
     return out
-
-
-def own_columns(place: Sequence[str], seen: Mapping[str, Array]) -> list[str]:
-    """The column of each part's temperature, that of the air where it has none."""
-    return [Driver(TEMPERATURE, part).served_by(seen) for part in place]
 
 
 def from_settings(name: str, seen: Mapping[str, Array]) -> Settings:
@@ -57,12 +52,7 @@ def span(seen: Mapping[str, Array]) -> float:
     return float(np.ptp(seen[TIME])) if TIME in seen else 0.0
 
 
-def any_thermometer(machine: Machine, names: Sequence[str]) -> bool:
-    """Whether a thermometer is among the columns, wherever it is."""
-    return any(_is_thermometer(machine, name) for name in names)
-
-
-def _is_thermometer(machine: Machine, name: str) -> bool:
+def is_thermometer(machine: Machine, name: str) -> bool:
     return machine.drives(name) == TEMPERATURE and compatible(machine.driver_unit(name), "degC")
 
 

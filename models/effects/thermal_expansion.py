@@ -9,7 +9,8 @@ import casadi as ca
 from truepose.arrays import Array
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import clock, limb_at, singly
-from truepose.models.effects.sights import FROM, borrowed, from_settings, others, own_columns, span
+from truepose.models.effects.sights import FROM, borrowed, from_settings, others, span
+from truepose.models.file.driver import TEMPERATURE, Driver
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.placed import ANY, NOT_NEGATIVE, ranges
 
@@ -43,6 +44,7 @@ class ThermalExpansion(Effect):
     experiment = "heat this part alone by a few kelvin and repeat a reference pose; log its temperature"
     source = "handbook values of linear expansion; lag of a lumped body"
     continuous = ("lag",)
+    borrowing = (FROM,)
 
     def places(self, machine: Machine) -> Sequence[Place]:
         names = (*machine.mechanism.lengths, TOOL)
@@ -51,7 +53,7 @@ class ThermalExpansion(Effect):
         return [*singly(parts), legs] if len(legs) > 1 else singly(parts)
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
-        gain = GAIN if self.borrows(settings) else 1.0
+        gain = 1.0 if borrowed(settings) is None else GAIN
         return (Coefficient("alpha", "1/K", scale=3e-5 * gain, lower=0.0, upper=1e-4 * gain**2),)
 
     def shifts(self, site: Site) -> Shifts:
@@ -82,22 +84,24 @@ class ThermalExpansion(Effect):
     def elsewhere(self, machine: Machine, place: Place, seen: Mapping[str, Array]) -> Sequence[Settings]:
         """Every thermometer that says something else than the place's own, without a lag and with few."""
         lags = [0.0, *(lag for lag in LAGS_ELSEWHERE if lag < span(seen))]
-        names = others(machine, own_columns([_part(machine, name) for name in place], seen), seen)
+        names = others(
+            machine, [Driver(TEMPERATURE, _part(machine, name)).served_by(seen) for name in place], seen
+        )
         if place[0] in _slides(machine):  # right at 20 degC (ISO 1): no constant bears an offset
             return [{"lag": lag, f"{FROM}{name}": REFERENCE} for name in names for lag in lags]
         return [{"lag": lag, **from_settings(name, seen)} for name in names for lag in lags]
 
-    def borrows(self, settings: Settings) -> bool:
-        return borrowed(settings) is not None
-
     def adds(self, settings: Settings) -> bool:
         """Heat from elsewhere comes by more than one way, and each way has its lag."""
-        return self.borrows(settings)
+        return borrowed(settings) is not None
 
-    def explain_term(self, machine: Machine, place: Place, settings: Settings) -> str:
-        found, what = borrowed(settings), _growing(machine, place)
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
+        found, slides = borrowed(settings), place[0] in _slides(machine)
+        what = (
+            f"The screw or scale of {place[0]} grows" if slides else f"The lengths of {', '.join(place)} grow"
+        )
         if found is None:
-            return self.explain(machine, place)
+            return f"{what} in proportion to {'its' if slides else 'their'} temperature above 20 degC."
         lag = settings.get("lag", 0.0)
         behind = f", {lag:g} s behind it" if lag else ""
         return (
@@ -105,21 +109,11 @@ class ThermalExpansion(Effect):
             "times how much more the part warms up."
         )
 
-    def explain(self, machine: Machine, place: Place) -> str:
-        whose = "its" if place[0] in _slides(machine) else "their"
-        return f"{_growing(machine, place)} in proportion to {whose} temperature above 20 degC."
-
 
 def _slides(machine: Machine) -> list[str]:
     """Readings of slides that are no part of a leg: their screw or scale has the length."""
     limbs = {limb.reading for limb in machine.mechanism.limbs}
     return [a.reading for a in machine.mechanism.actuators if a.unit == "mm" and a.reading not in limbs]
-
-
-def _growing(machine: Machine, place: Place) -> str:
-    if place[0] in _slides(machine):
-        return f"The screw or scale of {place[0]} grows"
-    return f"The lengths of {', '.join(place)} grow"
 
 
 def _part(machine: Machine, name: str) -> str:

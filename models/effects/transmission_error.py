@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from math import hypot, pi, sqrt
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -110,6 +111,7 @@ class TransmissionError(Effect):
     driven_by = "position-periodic"
     title = "Transmission error of a geared joint"
     counted = True
+    sentence = "The gear of joint {0} turns unevenly: its error repeats several times per turn."
     formula = (
         "dq = a sin(k q) + b cos(k q), k cycles per turn of the joint; or the sum over k = 1 ... 60, "
         "less its mean over the arc from ... to that was seen, beyond which it fades"
@@ -124,6 +126,8 @@ class TransmissionError(Effect):
         "Judd and Knasinski 1990, A technique to calibrate industrial robots with experimental verification"
     )
     settings_add = True
+    # any function of the joint's angle may come from the gear or from the encoder that reads the angle
+    twins: ClassVar = {"orders": {"encoder-eccentricity": 0.2}}
 
     def places(self, machine: Machine) -> Sequence[Place]:
         return singly(a.reading for a in machine.mechanism.actuators if a.unit == "rad")
@@ -171,10 +175,3 @@ class TransmissionError(Effect):
             return ""
         told = ", ".join(f"{k} ({size[k] * ARCSEC:.0f} arcsec)" for k in strongest)
         return f"Orders that stand out of their uncertainty, cycles per turn: {told}."
-
-    def twins(self, settings: Settings) -> Mapping[str, float]:
-        # any function of the joint's angle may come from the gear or from the encoder that reads the angle
-        return {"encoder-eccentricity": 0.2} if "orders" in settings else {}
-
-    def explain(self, machine: Machine, place: Place) -> str:
-        return f"The gear of joint {place[0]} turns unevenly: its error repeats several times per turn."

@@ -207,28 +207,3 @@ def driven_by_unit(unit: str) -> DriverKind:
     """What a column of this unit makes vary: ``load``, ``temperature`` or ``time``, else ``coupling`` with another thing."""
     found = (kind for like, kind in _BY_DIMENSION.items() if compatible(unit, like))
     return next(found, "coupling")
-
-
-__all__ = [
-    "AIR",
-    "APPROACH",
-    "CURRENT",
-    "MEASURED_LOADS",
-    "OF_THE_ORDER",
-    "OF_THE_WAY",
-    "PAYLOAD",
-    "RECORDING",
-    "ROW",
-    "SESSION",
-    "STEP",
-    "TEMPERATURE",
-    "TIME",
-    "TORQUE",
-    "TREMBLING",
-    "VELOCITY",
-    "DeclaredDriver",
-    "Driver",
-    "DriverKind",
-    "driven_by_unit",
-    "is_known_driver",
-]

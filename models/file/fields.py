@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Annotated, Any, cast
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -45,6 +46,8 @@ _EXPECTED = {
     "bool_type": "expected true or false",
     **dict.fromkeys(("int_type", "int_from_float", "int_parsing"), "expected a whole number"),
 }
+
+_BOUNDS = {"greater_than": ("gt", ">"), "greater_than_equal": ("ge", ">="), "less_than": ("lt", "<")}
 
 
 def input_error(exc: ValidationError, path: Path | str, prefix: str = "") -> InputError:
@@ -77,6 +80,9 @@ def _join(prefix: str, location: list[int | str]) -> str:
 def _message(kind: str, text: str, context: dict[str, Any]) -> str:
     if kind in _EXPECTED:
         return _EXPECTED[kind]
+    if kind in _BOUNDS:
+        key, sign = _BOUNDS[kind]
+        return f"expected a number {sign} {context[key]:g}"
     if kind == "literal_error":
         return f"expected {context['expected']}"
     if kind == "value_error":
@@ -250,6 +256,12 @@ def _period(value: object) -> float | str:
     return _SIGMA.read(value, "number", UnitSystem(), _SIGMA.words("1"))
 
 
+def _ascending(value: tuple[float, float]) -> tuple[float, float]:
+    if value[0] >= value[1]:
+        raise bad_value("[low, high] with low < high", list(value))
+    return value
+
+
 _LENGTH, _ANGLE = In("length", stated=True), In("angle", stated=True)
 _TOLERANCE_SCHEMA = {"type": "number", "minimum": 0}
 _SIGMA_SCHEMA = WithJsonSchema({"type": "number", "exclusiveMinimum": 0})
@@ -274,7 +286,8 @@ Angle = Annotated[float, _scalar("angle"), _ANGLE]
 Force = Annotated[float, _scalar("force"), In("N", stated=True)]
 Stiffness = Annotated[float, _scalar("stiffness"), In("N/mm", stated=True)]
 Gain = Annotated[float, _scalar("gain", _DIVISOR), In("gain", stated=True)]
-Range = Annotated[tuple[Number, Number], In("reading")]
+Ascending = Annotated[tuple[Number, Number], AfterValidator(_ascending)]
+Range = Annotated[Ascending, In("reading")]
 Vector = Annotated[Triple, _vector("number")]
 LengthVector = Annotated[Triple, _vector("length"), _LENGTH]
 AngleVector = Annotated[Triple, _vector("angle"), _ANGLE]

@@ -14,6 +14,7 @@ from typing import Final
 import casadi as ca
 
 from truepose.errors import InputError
+from truepose.models.file.fields import as_number
 from truepose.wording import close_matches
 
 LONGEST: Final = 1000
@@ -49,7 +50,7 @@ class Formula:
         """Raises InputError, which opens with ``where``, for what is no formula of the ``known`` names."""
         tree = _tree(text, where)
         try:
-            _Check(text, known, where).visit(tree)
+            _Value(text, {name: ca.SX.sym(name) for name in known}, _BY_NAME, angle, where).visit(tree)
         except RecursionError:
             raise InputError(f"{where}: found {text!r}, expected fewer brackets in brackets") from None
         found = [node for node in ast.walk(tree) if isinstance(node, ast.Name) and node.id not in FUNCTIONS]
@@ -62,22 +63,7 @@ class Formula:
         bounded: roots and arcs of what has none are those of the nearest that has, so that a step out there finds back.
         """
         known = {name: _bounded(name) if bounded else function for name, function in _BY_NAME.items()}
-        return self._of(ast.parse(self.text.strip(), mode="eval").body, at, known)
-
-    def _of(self, node: ast.expr, at: Mapping[str, ca.SX], known: Functions) -> ca.SX:
-        if isinstance(node, ast.BinOp):
-            return _POWERS[type(node.op)](self._of(node.left, at, known), self._of(node.right, at, known))
-        if isinstance(node, ast.UnaryOp):
-            inner = self._of(node.operand, at, known)
-            return -inner if isinstance(node.op, ast.USub) else inner
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-            name, arguments = node.func.id, [self._of(argument, at, known) for argument in node.args]
-            out: ca.SX = known[name](*(a * self.angle if name in _OF_ANGLES else a for a in arguments))
-            return out / self.angle if name in _TO_ANGLES else out
-        if isinstance(node, ast.Name):
-            return at[node.id]
-        assert isinstance(node, ast.Constant)
-        return ca.SX(float(node.value))  # type: ignore[arg-type]  # checked when it was read
+        return _Value(self.text, at, known, self.angle, "formula").visit(_tree(self.text, "formula"))
 
 
 @dataclass(frozen=True)
@@ -118,55 +104,64 @@ def _tree(text: str, where: str) -> ast.Expression:
         raise InputError(f"{where}: found {text!r}, expected a formula such as 90 - q2 - q3") from None
 
 
-class _Check(ast.NodeVisitor):
-    """Refuses all that is not arithmetic of known names."""
+class _Value(ast.NodeVisitor):
+    """The value of a formula, node by node; refuses all that is not arithmetic of known names."""
 
-    def __init__(self, text: str, known: Collection[str], where: str) -> None:
-        self._text, self._known, self._where = text.strip(), known, where
+    def __init__(
+        self, text: str, at: Mapping[str, ca.SX], functions: Functions, angle: float, where: str
+    ) -> None:
+        self._text, self._at, self._functions, self._angle, self._where = (
+            text.strip(),
+            at,
+            functions,
+            angle,
+            where,
+        )
 
-    def visit_Expression(self, node: ast.Expression) -> None:
-        self.visit(node.body)
+    def visit(self, node: ast.AST) -> ca.SX:
+        value: ca.SX = super().visit(node)
+        return value
 
-    def visit_BinOp(self, node: ast.BinOp) -> None:
+    def visit_Expression(self, node: ast.Expression) -> ca.SX:
+        return self.visit(node.body)
+
+    def visit_BinOp(self, node: ast.BinOp) -> ca.SX:
         if isinstance(node.op, ast.BitXor):
             raise self._bad(node, "** for a power")
         if type(node.op) not in _POWERS:
             raise self._bad(node, "+ - * / or **")
-        self.visit(node.left)
-        self.visit(node.right)
+        return _POWERS[type(node.op)](self.visit(node.left), self.visit(node.right))
 
-    def visit_UnaryOp(self, node: ast.UnaryOp) -> None:
+    def visit_UnaryOp(self, node: ast.UnaryOp) -> ca.SX:
         if not isinstance(node.op, (ast.USub, ast.UAdd)):
             raise self._bad(node, "+ or - before a term")
-        self.visit(node.operand)
+        inner = self.visit(node.operand)
+        return -inner if isinstance(node.op, ast.USub) else inner
 
-    def visit_Call(self, node: ast.Call) -> None:
+    def visit_Call(self, node: ast.Call) -> ca.SX:
         name = node.func.id if isinstance(node.func, ast.Name) else ""
         if name not in FUNCTIONS:
             raise self._bad(node.func, f"a function; {close_matches(name, FUNCTIONS)}")
         count = 2 if name in _TWO else 1
         if node.keywords or len(node.args) != count:
             raise self._bad(node, f"{name} of {count} {'values' if count > 1 else 'value'}")
-        for argument in node.args:
-            self.visit(argument)
+        arguments = [self.visit(argument) for argument in node.args]
+        out: ca.SX = self._functions[name](*(a * self._angle if name in _OF_ANGLES else a for a in arguments))
+        return out / self._angle if name in _TO_ANGLES else out
 
-    def visit_Name(self, node: ast.Name) -> None:
-        if node.id not in self._known:
-            raise self._bad(
-                node, f"a driven joint or a length of this joint; {close_matches(node.id, self._known)}"
-            )
+    def visit_Name(self, node: ast.Name) -> ca.SX:
+        if node.id not in self._at:
+            hint = close_matches(node.id, self._at)
+            raise self._bad(node, f"a driven joint or a length of this joint; {hint}")
+        return self._at[node.id]
 
-    def visit_Constant(self, node: ast.Constant) -> None:
-        value = node.value
-        if (
-            isinstance(value, (int, float))
-            and not isinstance(value, bool)
-            and abs(value) <= sys.float_info.max
-        ):
-            return
-        raise self._bad(node, "a number")
+    def visit_Constant(self, node: ast.Constant) -> ca.SX:
+        number = as_number(node.value)
+        if number is None or abs(number) > sys.float_info.max:
+            raise self._bad(node, "a number")
+        return ca.SX(number)
 
-    def generic_visit(self, node: ast.AST) -> None:
+    def generic_visit(self, node: ast.AST) -> ca.SX:
         raise self._bad(node, f"numbers, joints, + - * / **, brackets and {', '.join(FUNCTIONS)}")
 
     def _bad(self, node: ast.AST, expected: str) -> InputError:

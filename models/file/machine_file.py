@@ -25,55 +25,27 @@ from truepose.models.file.fields import In, Number, Section, Vector, bad_value, 
 from truepose.models.file.limits import LEAST_GRAVITY, NAMED, PARTS
 from truepose.models.file.names import EXPECTED, NAMED_SO, SCHEMA_LINE, check_document, nearest_name
 from truepose.models.file.sections import (
-    NO_WORSE,
     DefaultTolerances,
+    DriverEntry,
     DriverField,
-    DriverSpec,
     ExpectedPose,
-    ExpectedPoseSection,
     ForceSection,
-    Frames,
-    FrameSpec,
     FramesSection,
-    FrameTolerance,
     Interval,
     JudgementSection,
     MassSection,
-    MassSpec,
     Override,
     RecordingSection,
     SpringSection,
     TaskField,
     Tolerances,
     UnitsSection,
-    expected_pose,
-    read_frames,
+    check_frames,
     read_units,
-    refused_by,
 )
 from truepose.models.file.yaml_document import document_text, read_document
 from truepose.models.task import Task
 from truepose.models.units import UnitSystem
-
-__all__ = [
-    "NO_WORSE",
-    "SCHEMA",
-    "DefaultTolerances",
-    "EffectSpec",
-    "ExpectedPose",
-    "FrameSpec",
-    "FrameTolerance",
-    "Frames",
-    "MachineDocument",
-    "MachineFile",
-    "MassSpec",
-    "Tolerances",
-    "checked_machine",
-    "input_error",
-    "machine_text",
-    "read_machine",
-    "write_machine",
-]
 
 SCHEMA: Final = "truepose/machine/1"
 Triple = tuple[float, float, float]
@@ -88,11 +60,11 @@ class MachineFile:
     units: UnitSystem
     gravity: Triple | None  # m/s^2, base frame
     mechanism: Mapping[str, Any]
-    frames: Frames
+    frames: FramesSection
     sensors: tuple[Mapping[str, Any], ...]
     tolerances: Tolerances
-    masses: tuple[MassSpec, ...]
-    drivers: tuple[DriverSpec, ...]
+    masses: Mapping[str, MassSection]
+    drivers: tuple[DriverEntry, ...]
     effects: tuple[EffectSpec, ...]
     covariance: Mapping[str, Any] | None
     raw: Mapping[str, Any]
@@ -110,6 +82,13 @@ class MachineFile:
     def override_for(self, parameter: str, unit: str) -> float | None:
         """The tolerance that `tolerances:` states for a parameter, in its `unit`; None if none."""
         return self.tolerances.override_for(parameter, unit)
+
+
+_AS_DOCUMENTED: Final = (
+    "name", "gravity", "mechanism", "frames", "masses", "drivers", "covariance", "nominal", "sessions", "bounds",
+    "pose_error", "loads", "forces", "recordings", "task",
+)  # fmt: skip
+"""Fields that a machine file has as its document states them."""
 
 
 def _typed_mapping(value: object) -> object:
@@ -174,7 +153,7 @@ class MachineDocument(Section):
     """Session numbers that the fit has seen. Written by truepose."""
     bounds: dict[str, Interval] = Field(default_factory=dict)
     """Between which values parameters may be estimated, `leg1.length: [499, 501]`; kept by `--solver ipopt`."""
-    pose_error: ExpectedPoseSection | None = None
+    pose_error: ExpectedPose | None = None
     """What the fit was worth to the tool. Written by truepose."""
     judgement: JudgementSection | None = None
     """Whether the fit may be called a calibration, and why not. Written by truepose."""
@@ -201,33 +180,17 @@ def checked_machine(path: Path, raw: dict[str, Any]) -> MachineFile:
     except ValidationError as exc:
         raise input_error(exc, path) from None
     _check_gravity(document.gravity, path)
-    tolerances = _tolerances(raw.get("tolerances"), document.tolerances, units, path)
+    check_frames(document.frames, path)
+    same = {name: getattr(document, name) for name in _AS_DOCUMENTED}
     return MachineFile(
         path=path,
-        name=document.name,
         units=units,
-        gravity=document.gravity,
-        mechanism=document.mechanism,
-        frames=read_frames(document.frames, path),
         sensors=tuple(document.sensor),
-        tolerances=tolerances,
-        masses=tuple(
-            MassSpec(name, m.kg, m.com, m.in_, m.tolerance.kg, m.tolerance.com)
-            for name, m in document.masses.items()
-        ),
-        drivers=tuple(driver.spec() for driver in document.drivers),
+        tolerances=_tolerances(raw.get("tolerances"), document.tolerances, units, path),
         effects=read_effects(document.effects, path),
-        covariance=document.covariance,
         raw=raw,
-        nominal=document.nominal,
-        sessions=document.sessions,
-        bounds=document.bounds,
-        pose_error=expected_pose(document.pose_error),
-        loads=document.loads,
-        forces=document.forces,
-        recordings=document.recordings,
-        refused=refused_by(document.judgement),
-        task=document.task,
+        refused=document.judgement.refusal if document.judgement else (),
+        **same,
     )
 
 

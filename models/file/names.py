@@ -8,49 +8,18 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any, Final
 
 from truepose.errors import InputError
 
 LONGEST: Final = 63
 """Initial characters of an internal identifier that C99 guarantees to tell apart."""
-_KEYWORDS: Final = [
-    "auto",
-    "break",
-    "case",
-    "char",
-    "const",
-    "continue",
-    "default",
-    "do",
-    "double",
-    "else",
-    "enum",
-    "extern",
-    "float",
-    "for",
-    "goto",
-    "if",
-    "inline",
-    "int",
-    "long",
-    "register",
-    "restrict",
-    "return",
-    "short",
-    "signed",
-    "sizeof",
-    "static",
-    "struct",
-    "switch",
-    "typedef",
-    "union",
-    "unsigned",
-    "void",
-    "volatile",
-    "while",
-]
+_KEYWORDS: Final = (
+    "auto", "break", "case", "char", "const", "continue", "default", "do", "double", "else", "enum", "extern", "float",
+    "for", "goto", "if", "inline", "int", "long", "register", "restrict", "return", "short", "signed", "sizeof", "static",
+    "struct", "switch", "typedef", "union", "unsigned", "void", "volatile", "while",
+)  # fmt: skip
 NAMED_SO: Final = rf"^[A-Za-z][A-Za-z0-9_]{{0,{LONGEST - 1}}}$"
 """The same for a JSON Schema, keywords of C aside."""
 EXPECTED: Final = (
@@ -95,12 +64,6 @@ def check_text(text: str, where: str) -> str:
     return text
 
 
-def check_texts(texts: Iterable[str], where: str) -> None:
-    """The same of several."""
-    for text in texts:
-        check_text(text, where)
-
-
 def check_document(document: Mapping[str, Any], where: str) -> None:
     """The same of all keys and values of a document; messages name the field."""
     for key, value in document.items():
@@ -123,6 +86,5 @@ def _check_value(value: Any, where: str, *, wrapped: bool) -> None:
 
 
 MACHINE_SCHEMA: Final = "https://truepose.dev/schema/machine-1.json"
-RECORDING_SCHEMA: Final = "https://truepose.dev/schema/recording-1.json"
 SCHEMA_LINE: Final = f"# yaml-language-server: $schema={MACHINE_SCHEMA}"
 """First line of a machine file: editors complete and check what follows. For truepose it is a comment."""

@@ -51,16 +51,6 @@ from truepose.models.units import UnitSystem, compatible, convert, parse_unit
 from truepose.wording import close_matches
 
 
-@dataclass(frozen=True)
-class DriverSpec:
-    """A driver as the file declares it; unit, what it drives and whose it is are None where the file leaves them out."""
-
-    name: str
-    unit: str | None = None
-    drives: DriverKind | None = None
-    of: str | None = None
-
-
 class DriverEntry(Section):
     """A driver with its unit: ``{name: tilt.column, unit: deg}``."""
 
@@ -72,9 +62,6 @@ class DriverEntry(Section):
     """In which way it makes an error vary; left out: as its unit says (N, N*m, A, kg, bar: `load`; degC, W: `temperature`)."""
     of: str | None = None
     """Joint whose drive it tells of (N*m, A; N of a slide): the column then stands for `torque.JOINT` or `current.JOINT`."""
-
-    def spec(self) -> DriverSpec:
-        return DriverSpec(self.name, self.unit, self.drives, self.of)
 
 
 def _named_driver(value: object) -> object:
@@ -88,26 +75,10 @@ NO_WORSE: Final = 1.02
 """Most that an error may be of the one that it is compared with for a model to be applied: no more than chance makes."""
 
 
-@dataclass(frozen=True)
-class ExpectedPose:
-    """Rms error of the tool's position, mm, in what counts of it (``judged_axes``), after a rigid refit.
+class ExpectedPose(Section):
+    """Rms error of the tool's position, in what counts of it (``judged_axes``), after a rigid refit: ``before`` of the model
+    that ``than`` names, ``after`` of this file's."""
 
-    ``before`` is that of the model that ``than`` names (``drawing`` or ``plain calibration``), ``after`` that of this file's;
-    ``rows`` says on which rows.
-    """
-
-    than: str
-    before: float
-    after: float
-    rows: str
-
-    @property
-    def worse(self) -> bool:
-        """Whether the file's model leaves the tool worse than the other, by more than chance makes."""
-        return self.after > NO_WORSE * self.before
-
-
-class ExpectedPoseSection(Section):
     than: str
     """What it was compared with: `drawing` or `plain calibration`."""
     before: Annotated[Number, In("mm")] = Field(ge=0.0)
@@ -119,6 +90,11 @@ class ExpectedPoseSection(Section):
     rows: str
     """On which rows, in words."""
 
+    @property
+    def worse(self) -> bool:
+        """Whether the file's model leaves the tool worse than the other, by more than chance makes."""
+        return self.after > NO_WORSE * self.before
+
 
 class JudgementSection(Section):
     calibrated: bool
@@ -126,13 +102,10 @@ class JudgementSection(Section):
     why: tuple[str, ...] = ()
     """Why not, in words."""
 
-
-def refused_by(found: JudgementSection | None) -> tuple[str, ...]:
-    return () if found is None or found.calibrated else found.why or ("its judgement says so",)
-
-
-def expected_pose(found: ExpectedPoseSection | None) -> ExpectedPose | None:
-    return None if found is None else ExpectedPose(found.than, found.before, found.after, found.rows)
+    @property
+    def refusal(self) -> tuple[str, ...]:
+        """Why it may not be called one; empty where it may."""
+        return () if self.calibrated else self.why or ("its judgement says so",)
 
 
 FORCE, WRENCH = 3, 6
@@ -167,39 +140,6 @@ _ZERO = (0.0, 0.0, 0.0)
 Triple = tuple[float, float, float]
 
 
-@dataclass(frozen=True)
-class FrameTolerance:
-    """1-sigma of a frame's components: `xyz` mm, `rpy` rad; 0 exactly known, inf unknown."""
-
-    xyz: Triple = _ZERO
-    rpy: Triple = _ZERO
-
-
-@dataclass(frozen=True)
-class FrameSpec:
-    """Where a frame stands in the frame `in_`: `xyz` mm, then Rz(yaw) Ry(pitch) Rx(roll) of `rpy` rad.
-
-    `present` tells a frame the file gives from one it leaves out (the identity, exactly known); `per_session`: it is set up
-    anew for each session.
-    """
-
-    in_: str
-    xyz: Triple = _ZERO
-    rpy: Triple = _ZERO
-    tolerance: FrameTolerance = FrameTolerance()
-    present: bool = False
-    per_session: bool = False
-
-
-@dataclass(frozen=True)
-class Frames:
-    """The frames at both ends: sensor <- base, and flange <- tool; ``further`` ones of the file's own names."""
-
-    base: FrameSpec = FrameSpec("world")
-    tool: FrameSpec = FrameSpec("flange")
-    further: Mapping[str, FrameSpec] = field(default_factory=dict)
-
-
 class FrameToleranceSection(Section):
     xyz: LengthToleranceVector = _ZERO
     """1-sigma of the place; .inf where it is unknown."""
@@ -217,13 +157,6 @@ class FrameSection(Section):
     tolerance: FrameToleranceSection = FrameToleranceSection()
     """How well it is known before any measurement; left out: exactly."""
 
-    def spec(self, default_in: str, per: str | None = None) -> FrameSpec:
-        tolerance = FrameTolerance(self.tolerance.xyz, self.tolerance.rpy)
-        again = per == "session"
-        return FrameSpec(
-            self.in_ or default_in, self.xyz, self.rpy, tolerance, present=True, per_session=again
-        )
-
 
 class EndFrameSection(FrameSection):
     per: Literal["session"] | None = None
@@ -238,20 +171,29 @@ class FramesSection(Section):
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, FurtherFrameSection] = Field(init=False)
     """A frame of your own name: a further tip, or where a sensor rides. `in`: a body, `tool`, `base` or `world`."""
-    base: EndFrameSection | None = None
+    base: EndFrameSection = EndFrameSection()
     """Where the machine's base stands in the sensor's frame; left out: the identity, exactly known."""
-    tool: EndFrameSection | None = None
+    tool: EndFrameSection = EndFrameSection()
     """Where the tool frame stands on the flange; left out: the identity, exactly known (a 3ups-up-3r has its own)."""
 
+    @property
+    def further(self) -> Mapping[str, FurtherFrameSection]:
+        """Frames of the file's own names."""
+        return self.__pydantic_extra__
 
-def read_frames(frames: FramesSection, path: Path) -> Frames:
-    left_out, further = Frames(), frames.__pydantic_extra__ or {}
-    if frames.base and frames.base.in_ not in (None, left_out.base.in_):
+    def is_stated(self, frame: str) -> bool:
+        """Return True if the file gives the frame ``base`` or ``tool`` itself."""
+        return frame in self.model_fields_set
+
+
+def check_frames(frames: FramesSection, path: Path) -> None:
+    """Refuse a base that is carried, and further frames without a carrier or a name of their own."""
+    if frames.base.in_ not in (None, "world"):
         raise InputError(
-            f"{path}: frames.base.in: found {frames.base.in_!r}, expected {left_out.base.in_!r}, the frame of the sensor; "
+            f"{path}: frames.base.in: found {frames.base.in_!r}, expected 'world', the frame of the sensor; "
             "a frame in another one is a further frame with a name of your own"
         )
-    for name, frame in further.items():
+    for name, frame in frames.further.items():
         if not frame.in_:
             hint = close_matches(name, ("base", "tool"))
             raise InputError(
@@ -261,28 +203,6 @@ def read_frames(frames: FramesSection, path: Path) -> Frames:
             raise InputError(
                 f"{path}: frames: found a frame {name!r}, expected a name without a dot that is no body's"
             )
-    return Frames(
-        base=frames.base.spec(left_out.base.in_, frames.base.per) if frames.base else left_out.base,
-        tool=frames.tool.spec(left_out.tool.in_, frames.tool.per) if frames.tool else left_out.tool,
-        further={name: frame.spec("") for name, frame in further.items()},
-    )
-
-
-@dataclass(frozen=True)
-class MassSpec:
-    """A mass in kg with its centre `com` (mm) in the frame of the body `in_`, and 1-sigma of both: 0 exactly known."""
-
-    name: str
-    kg: float
-    com: Triple
-    in_: str
-    kg_tolerance: float = 0.0
-    com_tolerance: Triple = _ZERO
-
-    @property
-    def known(self) -> bool:
-        """Whether nothing of it is to be estimated."""
-        return not any((self.kg_tolerance, *self.com_tolerance))
 
 
 class MassToleranceSection(Section):
@@ -301,6 +221,11 @@ class MassSection(Section):
     """Body that carries it: linkK of a serial arm, `platform`, a body of the graph or URDF, `flange`, `tool` or `base`."""
     tolerance: MassToleranceSection = MassToleranceSection()
     """How well both are known; left out: exactly. Otherwise `NAME.kg`, `NAME.x` ... are estimated where effects read loads."""
+
+    @property
+    def is_known(self) -> bool:
+        """Whether nothing of it is to be estimated."""
+        return not any((self.tolerance.kg, *self.tolerance.com))
 
 
 class OwnTool(Section):
@@ -322,25 +247,14 @@ class OwnTool(Section):
         return self
 
 
-class OwnPayloadTolerance(Section):
-    """How well a payload is known."""
-
-    kg: MassTolerance = 0.0
-    """1-sigma of the mass; .inf where it is unknown."""
-    com: LengthToleranceVector = _ZERO
-    """1-sigma of its centre."""
-
-
-class OwnPayload(Section):
+class OwnPayload(MassSection):
     """What is carried in place of the mass called ``payload``."""
 
     kg: Mass = Field(ge=0.0)
     """Mass."""
-    com: LengthVector = _ZERO
-    """Centre of mass in the frame of `in`."""
     in_: str = Field(default="tool", alias="in")
     """Body that carries it, as for masses."""
-    tolerance: OwnPayloadTolerance = OwnPayloadTolerance()
+    tolerance: MassToleranceSection = MassToleranceSection()
     """How well both are known; left out: exactly. Otherwise `NAME.payload.kg`, `NAME.payload.x` ... are estimated."""
 
 

@@ -12,8 +12,8 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from truepose.models.file.fields import Section
-from truepose.models.file.machine_file import MachineFile, input_error
+from truepose.models.file.fields import Section, input_error
+from truepose.models.file.machine_file import MachineFile
 from truepose.models.machine.mechanism import Mechanism, Parameter
 from truepose.models.registry import Registry
 

@@ -14,9 +14,8 @@ import casadi as ca
 import numpy as np
 
 from truepose.arrays import Array, Index, Mask
-from truepose.models.machine.couplings import coupling_matrix
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.mechanism import COORDINATES, Mechanism
+from truepose.models.machine.mechanism import COORDINATES, Mechanism, coupling_matrix
 
 Equations = Callable[[Array, Index], tuple[Array, Array, Array]]
 """Unknowns (k, nx) of the rows named (k,) to equations (k, m, 1), their Jacobian (k, m, nx) and gaps (k, g, 1), mm."""

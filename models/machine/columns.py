@@ -15,7 +15,7 @@ from truepose.models.file.driver import (
     is_known_driver,
 )
 from truepose.models.file.machine_file import MachineFile
-from truepose.models.file.sections import DriverSpec
+from truepose.models.file.sections import DriverEntry
 from truepose.models.machine.mechanism import Mechanism
 from truepose.models.machine.sensor import Sensor
 from truepose.models.units import INTERNAL, compatible, parse_unit
@@ -52,7 +52,7 @@ def driver_names(file: MachineFile, declared: Sequence[DeclaredDriver]) -> tuple
     return tuple(called.get(spec.name, spec.name) for spec in file.drivers)
 
 
-def _declared(spec: DriverSpec, mechanism: Mechanism, where: str) -> DeclaredDriver:
+def _declared(spec: DriverEntry, mechanism: Mechanism, where: str) -> DeclaredDriver:
     driver = Driver.of(spec.name)
     own = driver.unit(mechanism.reading_units)
     written = spec.unit
@@ -61,7 +61,7 @@ def _declared(spec: DriverSpec, mechanism: Mechanism, where: str) -> DeclaredDri
     return declared_driver(spec.name, own, written or own, spec)
 
 
-def _of_joint(spec: DriverSpec, mechanism: Mechanism, where: str) -> DeclaredDriver:
+def _of_joint(spec: DriverEntry, mechanism: Mechanism, where: str) -> DeclaredDriver:
     """A column that stands for what the drive of a joint holds: its torque (a slide: force) or its motor's current."""
     limbs = {limb.name: limb.reading for limb in mechanism.limbs}
     joint = limbs.get(spec.of or "", spec.of or "")
@@ -79,18 +79,13 @@ def _of_joint(spec: DriverSpec, mechanism: Mechanism, where: str) -> DeclaredDri
 
 
 def declared_driver(
-    name: str, own: str, written: str, spec: DriverSpec, *, tried: bool = False
+    name: str, own: str, written: str, spec: DriverEntry, *, tried: bool = False
 ) -> DeclaredDriver:
     """A driver whose columns are ``written`` in a unit (empty: as they are); ``own``: that of its kind, where it has one."""
-    unit = own or internal_unit(written)
+    unit = own or next((known for known in INTERNAL.values() if compatible(written, known)), written)
     drives = spec.drives or Driver.of(name).drives or driven_by_unit(unit)
     everywhere = spec.drives is not None and Driver.of(name).kind in MEASURED_LOADS
     return DeclaredDriver(name, unit, written, drives, tried, everywhere=everywhere)
-
-
-def internal_unit(unit: str) -> str:
-    """The program's own unit of the same dimension; the unit itself where it has none."""
-    return next((own for own in INTERNAL.values() if compatible(unit, own)), unit)
 
 
 OF_ROWS: Final = ("time", "session", "pose", "from", "role")

@@ -16,8 +16,8 @@ import casadi as ca
 
 from truepose.errors import InputError
 from truepose.models.machine.assembly import displacement_of
-from truepose.models.machine.couplings import recorded_reading
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.mechanism import recorded_reading
 from truepose.models.machine.placed import Physics, Place, Settings
 from truepose.models.registry import Registry
 

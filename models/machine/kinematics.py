@@ -21,10 +21,9 @@ from truepose.models.file.driver import PAYLOAD, TIME, Driver
 from truepose.models.file.machine_file import MachineFile
 from truepose.models.machine.assembly import Statics, Still, symbols
 from truepose.models.machine.closure import closed_home, coordinate_scale, home_readings
-from truepose.models.machine.couplings import own_motions
 from truepose.models.machine.effect import Site
 from truepose.models.machine.machine import FRAMES, Machine
-from truepose.models.machine.mechanism import AXES, COORDINATES, Mechanism, Parameter
+from truepose.models.machine.mechanism import AXES, COORDINATES, Mechanism, Parameter, own_motions
 from truepose.models.machine.near_home import Stance, near_home
 from truepose.models.machine.placed import PlacedEffect
 from truepose.models.machine.sensor import TOOL_IN_WORLD, View

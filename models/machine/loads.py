@@ -13,10 +13,11 @@ import casadi as ca
 from truepose.errors import InputError
 from truepose.models import lie
 from truepose.models.file.driver import PAYLOAD, DeclaredDriver, Driver
-from truepose.models.file.machine_file import MachineFile, MassSpec
-from truepose.models.file.sections import FORCE, OwnPayload, SpringEnd, SpringSection
+from truepose.models.file.machine_file import MachineFile
+from truepose.models.file.sections import FORCE, MassSection
+from truepose.models.machine.builder import BuildContext
 from truepose.models.machine.machine import Equipment, Machine, Mass, MeasuredForce, Spring, body_of
-from truepose.models.machine.mechanism import Mechanism, Parameter
+from truepose.models.machine.mechanism import Mechanism
 from truepose.models.machine.sensor import TOOL_POSE, Sensor
 from truepose.models.units import compatible
 from truepose.wording import close_matches
@@ -32,7 +33,7 @@ def weights(
     What the file states wins: any mass but the payload, or an empty ``masses:``, stands in place of all inertials, and
     ``gravity:`` in place of the description's. Raises InputError for a mass on an unknown body.
     """
-    stated = tuple(mass_of(mechanism, mass, file, ("masses", mass.name)) for mass in file.masses)
+    stated = tuple(mass_of(mechanism, n, mass, file, ("masses", n)) for n, mass in file.masses.items())
     own = "masses" in file.raw and (not stated or any(mass.name != PAYLOAD for mass in stated))
     if own or not mechanism.inertials:
         return stated, file.gravity, ()
@@ -55,58 +56,40 @@ def _note(file: MachineFile, read: tuple[Mass, ...], gravity: Triple | None) -> 
     return f"{text}; gravity [{values}] is that of its root link standing upright: state `gravity:` if it does not"
 
 
-def mass_of(mechanism: Mechanism, mass: MassSpec, file: MachineFile, field: tuple[str | int, ...]) -> Mass:
+def mass_of(
+    mechanism: Mechanism, name: str, mass: MassSection, file: MachineFile, field: tuple[str | int, ...]
+) -> Mass:
     """A mass that the file states in ``field``. Raises InputError for an unknown body."""
-    body = mass.in_ if mass.in_ in file.frames.further else body_of(mechanism, mass.in_)
-    if body is None:
-        hint = close_matches(mass.in_, (*mechanism.bodies, "flange", "tool", *file.frames.further))
-        raise InputError(f"{file.path}: {_path(field)}.in: found {mass.in_!r}, expected a body; {hint}")
-    com = in_body(mechanism, body, mass.com)
-    return Mass(
-        mass.name,
-        mass.kg,
-        com,
-        body,
-        () if mass.known else _mass_parameters(mass, com, mechanism, file, field),
-    )
-
-
-def _path(field: tuple[str | int, ...]) -> str:
-    return ".".join(str(key) for key in field)
-
-
-def _mass_parameters(
-    mass: MassSpec, com: Triple, mechanism: Mechanism, file: MachineFile, place: tuple[str | int, ...]
-) -> tuple[Parameter, ...]:
-    """kg, then the centre in the body's frame, mm."""
-    if mass.in_ in mechanism.table_frames and any(mass.com_tolerance):
+    context = BuildContext(file, field)
+    body, com = _point(mass.in_, mass.com, context.where, file, mechanism)
+    if mass.is_known:
+        return Mass(name, mass.kg, com, body)
+    known = mass.tolerance
+    if mass.in_ in mechanism.table_frames and any(known.com):
         raise InputError(
-            f"{file.path}: {_path(place)}.tolerance.com: found one of a mass on a link of a standard table, expected "
+            f"{context.where}.tolerance.com: found one of a mass on a link of a standard table, expected "
             "the table in the modified convention, whose links have the frames of their joints"
         )
-
-    def parameter(
-        name: str, unit: str, value: float, tolerance: float, kind: str, field: tuple[str | int, ...]
-    ) -> Parameter:
-        stated = file.override_for(f"{mass.name}.{name}", unit)
-        known = tolerance if stated is None else stated
-        return Parameter(f"{mass.name}.{name}", unit, value, known, kind, (*place, *field))
-
+    weight = context.parameter(f"{name}.kg", "kg", mass.kg, ("kg",), "mass", known.kg)
     centre = (
-        parameter(axis, "mm", com[k], mass.com_tolerance[k], "centre", ("com", k))
+        context.parameter(f"{name}.{axis}", "mm", com[k], ("com", k), "centre", known.com[k])
         for k, axis in enumerate("xyz")
     )
-    return (parameter("kg", "kg", mass.kg, mass.kg_tolerance, "mass", ("kg",)), *centre)
+    return Mass(name, mass.kg, com, body, (weight, *centre))
 
 
-def in_body(mechanism: Mechanism, body: str, com: Triple) -> Triple:
-    """A centre in the frame that the file means by a body's name, in the body's own frame; mm."""
+def _point(name: str, at: Triple, where: str, file: MachineFile, mechanism: Mechanism) -> tuple[str, Triple]:
+    """The body or further frame that ``name`` means, and a point in its own frame, mm. Raises InputError for an unknown one."""
+    body = name if name in file.frames.further else body_of(mechanism, name)
+    if body is None:
+        hint = close_matches(name, (*mechanism.bodies, "flange", "tool", *file.frames.further))
+        raise InputError(f"{where}.in: found {name!r}, expected a body; {hint}")
     if body not in mechanism.table_frames:
-        return com
+        return body, at
     a, alpha = mechanism.table_frames[body]
-    x, y, z = com
+    x, y, z = at
     c, s = math.cos(alpha), math.sin(alpha)
-    return (a + x, c * y - s * z, s * y + c * z)
+    return body, (a + x, c * y - s * z, s * y + c * z)
 
 
 _UNITS = {"force": "N", "stiffness": "N/mm", "free_length": "mm"}
@@ -116,42 +99,22 @@ def springs(file: MachineFile, mechanism: Mechanism) -> tuple[Spring, ...]:
     """Checked against the mechanism. Raises InputError for an unknown body, and for two ends on one."""
     out = []
     for name, section in file.loads.items():
-        where = f"{file.path}: loads.{name}"
-        ends = (
-            _end(section.from_, f"{where}.from", file, mechanism),
-            _end(section.to, f"{where}.to", file, mechanism),
+        context = BuildContext(file, ("loads", name))
+        first, second = (
+            _point(end.in_, end.at, f"{context.where}.{key}", file, mechanism)
+            for key, end in (("from", section.from_), ("to", section.to))
         )
-        if ends[0][0] == ends[1][0]:
+        if first[0] == second[0]:
             raise InputError(
-                f"{where}: found both ends in {ends[0][0]!r}, expected two bodies that move against each other"
+                f"{context.where}: found both ends in {first[0]!r}, expected two bodies that move against each other"
             )
         constants = {key: float(getattr(section, key)) for key in _UNITS}
-        out.append(Spring(name, ends, constants, _spring_parameters(name, section, constants, file)))
-    return tuple(out)
-
-
-def _end(end: SpringEnd, where: str, file: MachineFile, mechanism: Mechanism) -> tuple[str, Triple]:
-    body = end.in_ if end.in_ in file.frames.further else body_of(mechanism, end.in_)
-    if body is None:
-        hint = close_matches(end.in_, (*mechanism.bodies, "flange", "tool", *file.frames.further))
-        raise InputError(f"{where}.in: found {end.in_!r}, expected a body; {hint}")
-    return body, in_body(mechanism, body, end.at)
-
-
-def _spring_parameters(
-    name: str, section: SpringSection, constants: dict[str, float], file: MachineFile
-) -> tuple[Parameter, ...]:
-    """What is not exactly known of a spring: all its constants, or none."""
-    stated = {key: float(getattr(section.tolerance, key)) for key in _UNITS}
-    if not any(stated.values()):
-        return ()
-    out = []
-    for key, unit in _UNITS.items():
-        own = file.override_for(f"{name}.{key}", unit)
-        tolerance = stated[key] if own is None else own
-        out.append(
-            Parameter(f"{name}.{key}", unit, constants[key], tolerance, "spring", ("loads", name, key))
-        )
+        stated = {key: float(getattr(section.tolerance, key)) for key in _UNITS}
+        parameters = [
+            context.parameter(f"{name}.{key}", unit, constants[key], (key,), "spring", stated[key])
+            for key, unit in (_UNITS.items() if any(stated.values()) else ())
+        ]
+        out.append(Spring(name, (first, second), constants, tuple(parameters)))
     return tuple(out)
 
 
@@ -227,8 +190,7 @@ def equipment(file: MachineFile, mechanism: Mechanism, sensors: tuple[Sensor, ..
             raise InputError(
                 f"{where}.tool: found one beside a sensor on the flange, expected none: no tool moves what it reads"
             )
-        own = section.tool
-        mass = None if section.payload is None else _payload(name, section.payload, mechanism, file)
+        own, payload, field = section.tool, section.payload, ("recordings", name, PAYLOAD)
         out.append(
             Equipment(
                 name=name,
@@ -236,17 +198,11 @@ def equipment(file: MachineFile, mechanism: Mechanism, sensors: tuple[Sensor, ..
                 sessions=section.sessions,
                 tool=None if own is None else (*own.xyz, *own.rpy),
                 on_tool=own is not None and own.in_ == "tool",
-                mass=mass,
+                mass=mass_of(mechanism, f"{name}.{PAYLOAD}", payload, file, field) if payload else None,
                 date=None if section.date is None else seconds_since_1970(section.date),
             )
         )
     return tuple(out)
-
-
-def _payload(name: str, stated: OwnPayload, mechanism: Mechanism, file: MachineFile) -> Mass:
-    known = stated.tolerance
-    spec = MassSpec(f"{name}.{PAYLOAD}", stated.kg, stated.com, stated.in_, known.kg, known.com)
-    return mass_of(mechanism, spec, file, ("recordings", name, PAYLOAD))
 
 
 def with_recordings(

@@ -8,8 +8,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias
 
+from truepose.errors import InputError
 from truepose.models.file.driver import RECORDING, DeclaredDriver, Driver, DriverKind
 from truepose.models.file.machine_file import MachineFile
 from truepose.models.machine.mechanism import AXES, AXIS_UNITS, BASE, Mechanism, Parameter
@@ -307,3 +308,26 @@ def body_of(mechanism: Mechanism, name: str) -> str | None:
     if name in (TOOL, BASE) or name in mechanism.bodies:
         return name
     return {"flange": mechanism.flange, "platform": mechanism.platform}.get(name)
+
+
+class HoldsMachine(Protocol):
+    """A result that holds a machine: an estimate, a calibration, a diagnosis."""
+
+    @property
+    def machine(self) -> Machine:
+        """The machine with the values that were found."""
+        ...
+
+
+MachineLike: TypeAlias = Machine | HoldsMachine
+
+
+def as_machine(given: MachineLike) -> Machine:
+    """Return the machine itself, or the one that a result holds. Raises InputError for anything else."""
+    found = given if isinstance(given, Machine) else getattr(given, "machine", None)
+    if not isinstance(found, Machine):
+        hint = "; load_machine reads a file" if isinstance(given, str) or hasattr(given, "__fspath__") else ""
+        raise InputError(
+            f"machine: found {type(given).__name__}, expected a machine or a result of calibrate, diagnose or estimate{hint}"
+        )
+    return found

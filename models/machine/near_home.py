@@ -30,7 +30,7 @@ from truepose.models import lie
 from truepose.models.machine.assembly import Assembly, assemble, rod_ends
 from truepose.models.machine.closure import coordinate_scale, home_readings
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.mechanism import ElasticChain, Rod
+from truepose.models.machine.mechanism import Rod
 
 
 @dataclass(frozen=True)
@@ -86,40 +86,6 @@ class Flexibility:
             self.turn * ca.sumsqr(across) - 2 * self.slope * ca.dot(across, lean) + self.tip * ca.sumsqr(lean)
         )
         return (drawn**2 / self.stretch + screwed**2 / self.twist + bent / determinant) / 2
-
-
-@dataclass(frozen=True)
-class Ends:
-    """Where a rod is clamped: frames (4, 4) of its two bodies, and its ball centres (3,), base frame."""
-
-    frame_a: ca.SX
-    frame_b: ca.SX
-    point_a: ca.SX
-    point_b: ca.SX
-
-
-def strain_energy(
-    chain: ElasticChain, home: Ends, now: Ends, length: ca.SX, growth: ca.SX, values: Mapping[str, ca.SX]
-) -> ca.SX:
-    """Energy (N mm) of a rod of unstrained ``length`` (mm, between ball centres) plus ``growth`` since home.
-
-    The flexures' middles are where ball joints would be: each reaches half its length beyond (eq. 22).
-    """
-    flexure = values[chain.flexure_length]
-    along = home.point_b - home.point_a
-    along = along / ca.norm_2(along)
-    half = flexure / 2 * along
-    shift_a, turn_a = _moved(home.frame_a, now.frame_a, now.point_a - home.point_a, -half)
-    shift_b, turn_b = _moved(home.frame_b, now.frame_b, now.point_b - home.point_b, half)
-    carried = shift_a + ca.cross(turn_a, (length + flexure) * along)
-    joint = Segment(flexure, *(values[name] for name in chain.flexure))
-    bar = Segment(length - flexure, *(values[name] for name in chain.bar))
-    chained = Flexibility.of([joint, bar, joint])
-    shift = shift_b - carried
-    if chain.follows:
-        apart = ca.norm_2(now.point_b - now.point_a) - ca.norm_2(home.point_b - home.point_a)
-        shift += (apart - ca.dot(along, shift)) * along
-    return chained.energy(along, shift - growth * along, turn_b - turn_a)
 
 
 def _moved(home: ca.SX, now: ca.SX, shift: ca.SX, beyond: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -200,18 +166,30 @@ def _out_of_balance(machine: Machine, home: tuple[Stance, Assembly], now: tuple[
 
 
 def _strain(rod: Rod, home: tuple[Stance, Assembly], now: tuple[Stance, Assembly]) -> ca.SX:
-    """Strain energy of a rod, N mm."""
-    if rod.elastic is None or rod.length is None:
+    """Energy (N mm) of an elastic rod since home, where it was unstrained.
+
+    The flexures' middles are where ball joints would be: each reaches half its length beyond (eq. 22).
+    """
+    chain = rod.elastic
+    if chain is None or rod.length is None:
         raise InputError(
             f"rod {rod.name!r}: found a rigid rod among elastic ones, expected all of them elastic"
         )
+    values, (was, bodies) = home[0].values, (home[1].bodies, now[1].bodies)
     length, grown = (stance.values[rod.length] for stance, _ in (home, now))
-    return strain_energy(
-        rod.elastic, _ends(rod, home), _ends(rod, now), length, grown - length, home[0].values
-    )
-
-
-def _ends(rod: Rod, placed: tuple[Stance, Assembly]) -> Ends:
-    stance, assembly = placed
-    points = rod_ends(rod, assembly.bodies, stance.values)
-    return Ends(assembly.bodies[rod.body_a], assembly.bodies[rod.body_b], *points)
+    flexure = values[chain.flexure_length]
+    (home_a, home_b), (now_a, now_b) = (rod_ends(rod, a.bodies, s.values) for s, a in (home, now))
+    along = home_b - home_a
+    along = along / ca.norm_2(along)
+    half = flexure / 2 * along
+    shift_a, turn_a = _moved(was[rod.body_a], bodies[rod.body_a], now_a - home_a, -half)
+    shift_b, turn_b = _moved(was[rod.body_b], bodies[rod.body_b], now_b - home_b, half)
+    carried = shift_a + ca.cross(turn_a, (length + flexure) * along)
+    joint = Segment(flexure, *(values[name] for name in chain.flexure))
+    bar = Segment(length - flexure, *(values[name] for name in chain.bar))
+    shift = shift_b - carried
+    if chain.follows:
+        apart = ca.norm_2(now_b - now_a) - ca.norm_2(home_b - home_a)
+        shift += (apart - ca.dot(along, shift)) * along
+    chained = Flexibility.of([joint, bar, joint])
+    return chained.energy(along, shift - (grown - length) * along, turn_b - turn_a)

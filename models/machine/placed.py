@@ -119,6 +119,10 @@ class Physics(ABC):
     title: ClassVar[str] = ""
     counted: ClassVar[bool] = False
     """Whether the title takes an article in a sentence: a compliant joint, but backlash."""
+    sentence: ClassVar[str] = ""
+    """What it does, in plain words, for the finding; ``{0}`` is the first name of its place, ``{all}`` are all of them."""
+    forms: ClassVar[tuple[Settings, ...]] = ({},)
+    """What ``settings`` offers whatever the machine and its recording."""
     formula: ClassVar[str] = ""
     size: ClassVar[str] = ""
     look_alikes: ClassVar[tuple[str, ...]] = ()
@@ -137,6 +141,11 @@ class Physics(ABC):
     """Settings of terms that bend the formula: what they carry is no other thing, but speaks for another form."""
     continuous: ClassVar[tuple[str, ...]] = ()
     """Settings that are points of a continuum (a lag): one that was found is refined between its neighbours on the grid."""
+    twins: ClassVar[Mapping[str, Mapping[str, float]]] = {}
+    """By a setting: effects whose signature is the same function with it, with how likely each is relative to this one."""
+    borrowing: ClassVar[tuple[str, ...]] = ()
+    """Settings that ``elsewhere`` offers; a name that ends with a dot stands for all that begin with it, any other for a switch
+    that is on."""
     unvaried: ClassVar[str] = ""
     """Why a recording cannot speak of the effect where ``settings`` offers nothing; empty for the usual reasons."""
 
@@ -153,17 +162,22 @@ class Physics(ABC):
         return ()
 
     def driver_kind(self, machine: Any, place: Place, settings: Settings) -> DriverKind:
-        """What makes it vary: as the class states; else the load or the driver that it reads; else the joint's position."""
-        if self.driven_by is not None:
-            return self.driven_by
+        """What makes it vary: its load, else as the class states, else the driver that it reads, else its position."""
         if self.reads_load(settings):
             return "load"
+        if self.driven_by is not None:
+            return self.driven_by
         read = [machine.drives(name) for name in self.drivers(machine, place, settings)]
         return next((kind for kind in read if kind is not None), "position")
 
-    def explain(self, machine: Any, place: Place) -> str:
-        """One sentence in plain words for the finding."""
-        return f"{self.title or self.slug} at {', '.join(place)}"
+    def explain(self, machine: Any, place: Place, settings: Settings) -> str:
+        """One sentence in plain words for the finding, of terms with these settings."""
+        names = ", ".join(place)
+        return (
+            self.sentence.format(*place, all=names)
+            if self.sentence
+            else f"{self.title or self.slug} at {names}"
+        )
 
     def reads_load(self, settings: Settings) -> bool:
         """Whether the formula reads gravity loads with these settings."""
@@ -171,7 +185,7 @@ class Physics(ABC):
 
     def settings(self, machine: Any, place: Place, recording: Observed) -> Sequence[Settings]:
         """Constants the formula is not linear in (order of a harmonic, lag): one candidate each."""
-        return ({},)
+        return self.forms
 
     def elsewhere(self, machine: Any, place: Place, seen: Mapping[str, Array]) -> Sequence[Settings]:
         """Settings that read columns of other places in this one's stead: ``seen`` are the smooth drivers (n,) by name.
@@ -192,10 +206,6 @@ class Physics(ABC):
         """Settings for a recording that saw joints over ranges ``seen`` (mm, rad): a form that says nothing beyond them."""
         return settings
 
-    def twins(self, settings: Settings) -> Mapping[str, float]:
-        """Effects whose signature is the same function here, with how likely each is relative to this one."""
-        return {}
-
     def adds(self, settings: Settings) -> bool:
         """Whether terms of one place with other settings may stand beside one with these."""
         return self.settings_add
@@ -203,23 +213,6 @@ class Physics(ABC):
     def told(self, settings: Settings) -> str:
         """What tells terms of one place apart, in their labels: the settings."""
         return "".join(f",{name}={value:g}" for name, value in sorted(settings.items()))
-
-    def overshoot(
-        self, machine: Any, place: Place, settings: Settings, at: Mapping[str, Array]
-    ) -> Array | None:
-        """(n,) how far rows lie outside of what the formula holds for; 1 where nothing of it need be left.
-
-        ``at``: (n,) readings, drivers and predicted columns by name. None for physics, which holds everywhere.
-        """
-        return None
-
-    def borrows(self, settings: Settings) -> bool:
-        """Whether these settings are of those that ``elsewhere`` offers."""
-        return False
-
-    def explain_term(self, machine: Any, place: Place, settings: Settings) -> str:
-        """``explain`` for certain settings, where they say what is read in its place."""
-        return self.explain(machine, place)
 
     def found(self, values: Mapping[str, float], std: Mapping[str, float]) -> str:
         """What the fitted coefficients say, in words; empty where the numbers speak for themselves."""
@@ -274,6 +267,18 @@ class PlacedEffect:
     def settings_map(self) -> Settings:
         """Settings by name."""
         return dict(self.settings)
+
+    @property
+    def borrows(self) -> bool:
+        """Whether the settings are of those that ``elsewhere`` offers."""
+        names = self.effect.borrowing
+        return any(n.startswith(names) and (bool(v) or n not in names) for n, v in self.settings)
+
+    @property
+    def twins(self) -> Mapping[str, float]:
+        """Effects whose signature is the same function here, with how likely each is relative to this one."""
+        found = (twins for name, twins in self.effect.twins.items() if name in self.settings_map)
+        return {slug: ratio for twins in found for slug, ratio in twins.items()}
 
     @property
     def bent(self) -> bool:

@@ -18,10 +18,9 @@ from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models.file.driver import PAYLOAD
 from truepose.models.machine.assembly import assemble, placed_frame, rod_ends, symbols, way_of
-from truepose.models.machine.couplings import own_motions
 from truepose.models.machine.loads import with_own_tools
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.mechanism import COORDINATES, Direction, Joint
+from truepose.models.machine.mechanism import COORDINATES, Direction, Joint, own_motions
 from truepose.models.machine.placed import PlacedEffect
 from truepose.models.machine.sensor import View
 
@@ -40,7 +39,11 @@ def state_names(machine: Machine) -> tuple[str, ...]:
     ``seen.C``: what column C of a sensor should read (mm, rad; the length itself where a reading is its change).
     """
     ends = [f"{AXIS}{end}.{k}" for end in joint_ends(machine) for k in _XYZ]
-    return (*ends, *(f"{TURN}{joint.name}" for joint in hinges(machine)), *seen_names(machine))
+    return (
+        *ends,
+        *(f"{TURN}{joint.name}" for joint in hinges(machine)),
+        *(f"{SEEN}{column}" for sensor in machine.sensors for column in sensor.columns),
+    )
 
 
 def joint_ends(machine: Machine) -> tuple[str, ...]:
@@ -64,11 +67,6 @@ def across(axis: ArrayLike) -> tuple[Array, Array]:
     u = u - (u @ along) * along
     u /= np.linalg.norm(u)
     return u, np.cross(along, u)
-
-
-def seen_names(machine: Machine) -> tuple[str, ...]:
-    """One state for each sensor column."""
-    return tuple(f"{SEEN}{column}" for sensor in machine.sensors for column in sensor.columns)
 
 
 def directions(

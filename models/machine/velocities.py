@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
+from truepose.arrays import Array
 from truepose.models import lie
 from truepose.models.machine.assembly import (
     MM_PER_M,
@@ -32,6 +33,7 @@ from truepose.models.machine.assembly import (
 )
 from truepose.models.machine.kinematics import SymbolicModel
 from truepose.models.machine.mechanism import AXES, BASE, COORDINATES, Direction, Joint, Rod
+from truepose.models.machine.states import across
 
 _UNIT = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _FRAME = ("x", "y", "z", "rz", "ry", "rx")
@@ -152,16 +154,12 @@ def _moved(motion: _Motion) -> ca.SX:
     return lie.transform(lie.axis_rotation(axis, motion.value), ca.SX.zeros(3, 1))
 
 
-def _from_z(axis: tuple[float, float, float]) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+def _from_z(axis: tuple[float, float, float]) -> Array:
     """(3, 3) a rotation that takes z to a unit axis; exact where the axis is x, y or z."""
     for k, unit in enumerate(_UNIT.values()):
         if axis == unit:
             return np.roll(np.eye(3), k + 1, axis=0)
-    along = np.array(axis)
-    across = np.eye(3)[int(np.argmin(np.abs(along)))]
-    x = across - (across @ along) * along
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(along, x), along])
+    return np.column_stack([*across(axis), axis])
 
 
 def _path(tree: Sequence[Joint], flange: str) -> list[Joint]:

@@ -16,6 +16,3 @@ FILES: Final = {MACHINE: "machine-1.json", RECORDING: "recording-1.json"}
 def stored(kind: str) -> str:
     """The text of the schema of ``kind`` (``machine``, ``recording``) as it was shipped."""
     return (resources.files(__name__) / FILES[kind]).read_text(encoding="utf-8")
-
-
-__all__ = ["FILES", "MACHINE", "RECORDING", "stored"]

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, WithJsonSchema, model_validator
+from pydantic import BeforeValidator, Field, WithJsonSchema
 
 from truepose.arrays import Array
 from truepose.errors import InputError
@@ -131,16 +131,10 @@ _SHARES = WithJsonSchema(
 class _IrradianceSection(CavitySection):
     type: Literal["irradiance"]
     """A cavity's photocurrent (`--irradiance FILE`: columns `pose t I`), turned into `dL` by counting fringes."""
-    wavelength: Length
+    wavelength: Length = Field(gt=0.0)
     """Wavelength of the light."""
     reflectivities: Annotated[Reflectivities, BeforeValidator(_reflectivities), _SHARES]
     """Reflectivities of the fibre's end and of the mirror, as shares of the intensity."""
-
-    @model_validator(mode="after")
-    def _check(self) -> _IrradianceSection:
-        if self.wavelength <= 0.0:
-            raise bad_value("wavelength > 0", self.wavelength)
-        return self
 
 
 @sensors.add("irradiance")

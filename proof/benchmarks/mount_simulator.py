@@ -103,7 +103,7 @@ def write(folder: Path) -> None:
         "pressure": [f"{v:.0f}" for v in pressure],
     }
     with (folder / "recording.csv").open("w", newline="", encoding="utf-8") as file:
-        file.write("# Simulated German equatorial mount (benchmarks/mount_simulator.py)\n")
+        file.write("# Simulated German equatorial mount\n")
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
         writer.writerows(zip(*columns.values(), strict=True))
@@ -123,7 +123,6 @@ def _truth() -> dict[str, object]:
     values |= {name: -TERMS[term] for name, term in turned.items()}
     return {
         "schema": "mount-simulator/truth/1",
-        "source": "benchmarks/mount_simulator.py",
         "seed": SEED,
         "noise": {"sigma": SIGMA * ARCSEC, "unit": "rad"},
         "effects": [

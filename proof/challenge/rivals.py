@@ -92,7 +92,7 @@ def equivalents(
         if same and not _wider(name, truth):
             out[name] = None
         if same or name == truth:
-            for twin in placed.effect.twins(placed.settings_map):
+            for twin in placed.twins:
                 out[twin, placed.place] = None
     return [name for name in out if name != truth and name not in others]
 

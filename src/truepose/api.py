@@ -18,8 +18,7 @@ from truepose.identification.learned_prior import LearnedPrior, read_prior
 from truepose.identification.prediction import predict as prediction
 from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
-from truepose.models.given import MachineLike, as_machine
-from truepose.models.machine.machine import Machine
+from truepose.models.machine.machine import Machine, MachineLike, as_machine
 
 P = ParamSpec("P")
 T = TypeVar("T")

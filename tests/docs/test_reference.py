@@ -15,7 +15,8 @@ from typer.testing import CliRunner
 
 import recording_columns as columns
 import reference_tables
-from recording_columns import row_schema
+from machine_schema import machine_schema
+from recording_columns import RECORDING_SCHEMA, row_schema
 from support import MACHINES, ROOT
 from truepose.cli import app
 from truepose.errors import InputError
@@ -24,7 +25,7 @@ from truepose.identification.recording.load import load_recording
 from truepose.models.file.driver import Driver
 from truepose.models.file.fields import Section
 from truepose.models.file.machine_file import write_machine
-from truepose.models.file.names import MACHINE_SCHEMA, RECORDING_SCHEMA, SCHEMA_LINE
+from truepose.models.file.names import MACHINE_SCHEMA, SCHEMA_LINE
 from truepose.models.file.yaml_document import read_document
 from truepose.models.load import load_machine
 from truepose.models.machine.builder import builders
@@ -32,7 +33,6 @@ from truepose.models.machine.columns import OF_ROWS
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.sensor import sensors
 from truepose.models.schemas import MACHINE, RECORDING, stored
-from truepose.models.schemas.machine import machine_schema
 
 OWN = sorted(MACHINES.glob("*.yaml"))
 BUNDLED = sorted((ROOT / "models/machines").glob("*/machine.yaml"))
@@ -265,20 +265,6 @@ def test_a_row_is_checked_by_the_names_of_its_columns() -> None:
         ("x [um]", "far"), ("temperature.base", None), ("role", "test"), ("approach.q1", 2), ("session", 1.5)
     ):  # fmt: skip
         assert not ROWS.is_valid({**row, key: value}), key
-
-
-def test_a_plug_in_s_types_are_in_the_schema_that_is_made_with_it(tmp_path: Path) -> None:
-    plugin = tmp_path / "own_arm.py"
-    plugin.write_text(
-        "from truepose.models.machine.builder import builders\n\n@builders.add('own-arm')\ndef own(section, context): ...\n",
-        encoding="utf-8",
-    )
-    made = CliRunner().invoke(
-        app, ["schema", "machine", "--plugin", str(plugin), "-o", str(tmp_path / "s.json")]
-    )
-    assert made.exit_code == 0, made.output
-    assert '"own-arm"' in (tmp_path / "s.json").read_text(encoding="utf-8")
-    assert '"own-arm"' not in stored(MACHINE)
 
 
 @pytest.mark.parametrize("arm", ["kr6", "gough", "telescope-mount"])

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import import_picture as house
+from support import ROOT
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +44,11 @@ def test_the_picture_shows_every_room_and_nothing_red() -> None:
 
 
 def test_the_product_does_not_name_its_proof(known: dict[str, Path]) -> None:
-    """The examination and the studies in ``proof/`` depend on the product; code, comments and docstrings know of neither."""
-    names = re.compile(r"\b(?:challenge|benchmarks)[./]\w|\bproof/|python -m (?:challenge|benchmarks)")
-    naming = {name: names.findall(path.read_text(encoding="utf-8")) for name, path in known.items()}
+    """What is in ``proof/`` depends on the product; code, comments and bundled files do not know of it."""
+    names = re.compile(
+        r"\b(?:challenge|benchmarks)[./]\w|\bproof/|python -m (?:challenge|benchmarks)|\"benchmarks"
+    )
+    bundled = (path for kind in ("csv", "json", "yaml") for path in (ROOT / "models").rglob(f"*.{kind}"))
+    files = {**known, **{str(path): path for path in bundled}}
+    naming = {name: names.findall(path.read_text(encoding="utf-8")) for name, path in files.items()}
     assert {name: words for name, words in naming.items() if words} == {}

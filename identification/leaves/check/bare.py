@@ -39,8 +39,8 @@ from truepose.identification.recording.joint_readings import beyond
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.untestable import GRAVITY, GRAVITY_LINE
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.effects.encoder_eccentricity import EncoderEccentricity
-from truepose.models.effects.joint_compliance import JointCompliance
+from truepose.models.effects.compliance import JointCompliance
+from truepose.models.effects.turning import EncoderEccentricity
 from truepose.models.file.driver import APPROACH, PAYLOAD, Driver
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import Parameter

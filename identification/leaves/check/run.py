@@ -46,9 +46,8 @@ from truepose.identification.recording.load import Sources, as_recording, tables
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.untestable import missing_inputs
 from truepose.models.file.machine_file import checked_machine
-from truepose.models.given import MachineLike, as_machine
 from truepose.models.load import build_machine, load_machine
-from truepose.models.machine.machine import Machine
+from truepose.models.machine.machine import Machine, MachineLike, as_machine
 from truepose.models.machine.sensor import TOOL_IN_WORLD
 from truepose.wording import joined
 

@@ -25,7 +25,7 @@ from truepose.identification.leaves.check.pair import RARE, SELDOM, Scene, Slip,
 from truepose.identification.leaves.check.rig import ABSURD, KEPT, Rig, motion
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.joint_readings import SLACK
-from truepose.models.file.machine_file import Frames as StatedFrames
+from truepose.models.file.sections import FramesSection
 from truepose.models.machine.machine import FRAMES
 from truepose.models.sensors.pose import Position
 
@@ -293,8 +293,8 @@ def ways(rig: Rig) -> dict[tuple[str, ...], float]:
     points = all(isinstance(sensor, Position) for sensor in rig.machine.sensors)
     seen = {f: rig.at[f][: 3 if points and f == "tool" else 6] for f in FRAMES}
     known = [f for f in FRAMES if np.isfinite(rig.tolerance[seen[f]]).any()]
-    frames = rig.machine.file.frames if rig.machine.file else StatedFrames()
-    odds = {f: RARE if getattr(frames, f).present else SELDOM for f in known}
+    frames = rig.machine.file.frames if rig.machine.file else FramesSection()
+    odds = {f: RARE if frames.is_stated(f) else SELDOM for f in known}
     sets = [w for k in range(len(known) + 1) for w in combinations(known, k)]
     return {way: float(np.prod([odds[f] for f in way])) for way in sets}
 

@@ -25,9 +25,9 @@ from truepose.identification.prediction.predictor import Predictor, require_sens
 from truepose.identification.recording.recording import Recording, frozen
 from truepose.models import lie
 from truepose.models.machine.closure import coordinate_scale
-from truepose.models.machine.couplings import coupling_matrix
 from truepose.models.machine.kinematics import SymbolicModel
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.mechanism import coupling_matrix
 from truepose.models.machine.sensor import Sensor, View
 from truepose.models.sensors.pose import Pose
 from truepose.models.units import convert

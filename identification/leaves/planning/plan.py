@@ -36,8 +36,7 @@ from truepose.arrays import Array, Index, Mask
 from truepose.errors import InputError
 from truepose.identification.fit.decomposition import Decomposition, Observability
 from truepose.identification.leaves.planning.information import PoseInformation, Poses, Supply, rounded
-from truepose.models.given import MachineLike, as_machine
-from truepose.models.machine.machine import Machine
+from truepose.models.machine.machine import Machine, MachineLike, as_machine
 from truepose.shown.result import Shown, frame
 
 if TYPE_CHECKING:

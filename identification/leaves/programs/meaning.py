@@ -27,9 +27,8 @@ from truepose.identification.compensation.inverse import PoseSolver, base_frame
 from truepose.identification.leaves.programs.program import Configuration, Left, Program, Target, Told
 from truepose.models.file.driver import APPROACH, Driver
 from truepose.models.leaves.export.links import MM_PER_M, Tree, TreeJoint, tree_of, turn, xyz_rpy
-from truepose.models.machine.couplings import turns_freely
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.mechanism import AXES
+from truepose.models.machine.mechanism import AXES, turns_freely
 from truepose.models.task import WHOLE
 from truepose.models.units import convert
 from truepose.wording import close_matches

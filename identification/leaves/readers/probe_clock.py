@@ -19,7 +19,7 @@ from truepose.identification.leaves.readers.importing import frame_of
 from truepose.identification.leaves.readers.probe import Pairing
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.load import load_recording
-from truepose.models.effects.latency import Latency
+from truepose.models.effects.timing import Latency
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.placed import PlacedEffect
 

@@ -20,10 +20,9 @@ import yaml
 from truepose.arrays import Array
 from truepose.errors import InputError, ReadBackError
 from truepose.files import atomic_write_text
-from truepose.models.given import MachineLike, as_machine
 from truepose.models.leaves.export.held import SAMPLES, Loss, held, loss, sample_readings
 from truepose.models.leaves.export.links import Tree, tree_of
-from truepose.models.machine.machine import Machine
+from truepose.models.machine.machine import Machine, MachineLike, as_machine
 from truepose.models.registry import Registry
 
 LISTED = 5

@@ -121,7 +121,9 @@ def presets(names: str, readings: Mapping[str, str]) -> tuple[Preset, ...]:
             raise InputError(
                 f"--sensor: found {part!r}{twice}, expected one of {', '.join(PRESETS)}, or several of them with commas between"
             )
-    return tuple(_apart(_preset(part, readings), readings) for part in parts)
+    made = {STAR: _star, "angle": _encoders}
+    found = (made[part](readings) if part in made else PRESETS[part] for part in parts)
+    return tuple(_apart(preset, readings) for preset in found)
 
 
 def _apart(preset: Preset, readings: Mapping[str, str]) -> Preset:
@@ -135,12 +137,6 @@ def _apart(preset: Preset, readings: Mapping[str, str]) -> Preset:
         return preset
     named = {"type": section["type"], "name": "sensor", **section}
     return replace(preset, section=named, columns={f"sensor.{name}": unit for name, unit in columns.items()})
-
-
-def _preset(name: str, readings: Mapping[str, str]) -> Preset:
-    if name == STAR:
-        return _star(readings)
-    return _encoders(readings) if name == "angle" else PRESETS[name]
 
 
 def _star(readings: Mapping[str, str]) -> Preset:

@@ -18,7 +18,7 @@ from truepose.identification.fit.estimate import estimate
 from truepose.identification.load import load_recording
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.effects.joint_compliance import JointCompliance
+from truepose.models.effects.compliance import JointCompliance
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 

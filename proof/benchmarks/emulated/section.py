@@ -43,7 +43,9 @@ def _rows(name: str) -> list[_Row]:
         ),
         (
             f"calls that did not return 0: `{name}_fk`, `{name}_ik` warm, cold",
-            lambda m: _failed(m.fk, m.warm, *([m.cold] if m.cold else [])),
+            lambda m: ", ".join(
+                str(sum(cost.codes[1:])) for cost in (m.fk, m.warm, *([m.cold] if m.cold else []))
+            ),
         ),
         (f"largest error of `{name}_fk`", lambda m: _errors(m.fk)),
         (f"largest error of `{name}_ik`, warm or cold", lambda m: _errors(m.warm, m.inverse)),
@@ -86,10 +88,6 @@ def _stack(cost: Cost) -> str:
 
 def _chain(chain: Chain) -> str:
     return f"{chain.size:,}: " + ", ".join(f"`{name}` {size:,}" for name, size in chain.frames)
-
-
-def _failed(*costs: Cost) -> str:
-    return ", ".join(str(sum(cost.codes[1:])) for cost in costs)
 
 
 def _errors(*costs: Cost) -> str:

@@ -73,7 +73,6 @@ def truth() -> dict[str, Any]:
     true, drawing = parameter_values(DAY_0.intrinsic, DAY_0.extrinsic), parameter_values({}, DRAWING)
     return {
         "schema": "nanopositioner-simulator/truth/1",
-        "source": "benchmarks/nanopositioner",
         "paper": "Tables II and III",
         "seed": {"noise": SEED},
         "effects": [],
@@ -89,13 +88,11 @@ def files() -> dict[str, str]:
     """Name and text of every bundled file but the machine file."""
     plan = paper_plan()
     out = {
-        "recording.csv": recording_text(
-            plan, MAIN_POINTS, comment="Simulated nanopositioner, 69 motions (benchmarks/nanopositioner)"
-        ),
+        "recording.csv": recording_text(plan, MAIN_POINTS, comment="Simulated nanopositioner, 69 motions"),
         "truth.json": _json(truth()),
     }
     for k, table in enumerate(SEQUENCE):
-        comment = f"Simulated nanopositioner, {table.day:g} days after the first calibration (benchmarks/nanopositioner)"
+        comment = f"Simulated nanopositioner, {table.day:g} days after the first calibration"
         out[f"drift_day{table.day:g}.csv"] = recording_text(
             plan, DRIFT_POINTS, table, seed=SEED + 1 + k, comment=comment
         )

@@ -109,7 +109,7 @@ def recording_text(rows: Plan, simulation: Simulation) -> str:
     targets_ = [f"{name}.{axis}" for name in ws.POINTS for axis in "xyz"]
     heat = [f"temperature.leg{k}" for k in LIMBS]
     head = ["pose", "time", "role", "payload", *heat, *(f"q{k}" for k in range(1, 7)), *targets_]
-    lines = ["# Simulated polishing robot, warming up (benchmarks/polisher)", ",".join(head)]
+    lines = ["# Simulated polishing robot, warming up", ",".join(head)]
     joints = np.column_stack([rows.q[:, :3], np.degrees(rows.q[:, 3:])])
     for k, role in enumerate(rows.role):
         row = [str(k + 1), f"{rows.time[k]:g}", role, f"{rows.payload[k]:g}"]
@@ -133,7 +133,6 @@ def truth(robot: Robot, rows: Plan, simulation: Simulation) -> dict[str, Any]:
     units = ["mm"] * 3 + ["rad"] * 3
     return {
         "schema": "polisher-simulator/truth/1",
-        "source": "benchmarks/polisher",
         "seed": SEED,
         "noise": {"sigma": ws.SIGMA, "unit": "mm"},
         "effects": [

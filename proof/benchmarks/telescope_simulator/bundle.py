@@ -118,7 +118,6 @@ def truth(machine: Machine, roles: Sequence[str], simulation: Simulation) -> dic
     nominal = nominal_machine().parameters
     return {
         "schema": "telescope-simulator/truth/1",
-        "source": "benchmarks/telescope_simulator",
         "seed": {"machine": SEED, "noise": SEED + 1},
         "effect": {"effect": "platform-deformation", "place": ["platform"]},
         "noise": {"sigma": TargetsSensor().sigma_xyz, "unit": "mm"},
@@ -187,7 +186,7 @@ def _json(value: Any, depth: int = 0) -> str:
 def files() -> dict[str, str]:
     """Name and content of the bundled files."""
     machine, roles, simulation = demo()
-    comment = "Simulated telescope at the poses of Tables 3 and 4 of RR-8096 (benchmarks/telescope_simulator)"
+    comment = "Simulated telescope at the poses of Tables 3 and 4 of RR-8096"
     return {
         "machine.yaml": machine_text(),
         "recording.csv": recording_text(simulation, roles, comment),

@@ -16,7 +16,7 @@ import numpy as np
 from challenge.level_figures import level_figures
 from challenge.schedule import OUTSIDE
 from challenge.score import Score, read_score
-from truepose.models.file.machine_file import NO_WORSE
+from truepose.models.file.sections import NO_WORSE
 
 PARTS: Mapping[str, Callable[[Score], bool]] = {
     "inside the library": lambda score: score.solution.stratum != OUTSIDE,

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from truepose.commands.common import PluginOption, check_file, tell
+from truepose.commands.common import check_file, tell
 
 
 class Kind(StrEnum):
@@ -30,30 +30,20 @@ OutputOption = Annotated[
 ]
 
 
-def schema(kind: KindArg = Kind.machine, output: OutputOption = None, plugin: PluginOption = None) -> None:
+def schema(kind: KindArg = Kind.machine, output: OutputOption = None) -> None:
     """The JSON Schema (draft 2020-12) of the machine file or of a recording's row.
 
-    Editors that know YAML complete and check a machine file by it. With --plugin it knows the plug-in's types, too.
+    Editors that know YAML complete and check a machine file by it.
 
     Example: truepose schema machine -o machine-1.json
     """
     from truepose.files import atomic_write_text
+    from truepose.models.schemas import stored
 
-    text = _text(kind, made=bool(plugin))
+    text = stored(kind.value)
     if output is None:
         tell(text, nl=False)
         return
     check_file(output)
     atomic_write_text(output, text)
     tell(f"wrote {output}")
-
-
-def _text(kind: Kind, *, made: bool) -> str:
-    """As shipped; made anew where plug-ins were loaded."""
-    from truepose.models.schemas import stored
-
-    if not made or kind is Kind.recording:
-        return stored(kind.value)
-    from truepose.models.schemas.machine import machine_schema, schema_text
-
-    return schema_text(machine_schema())

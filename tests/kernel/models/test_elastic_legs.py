@@ -6,6 +6,7 @@ from pathlib import Path
 
 import casadi as ca
 import numpy as np
+import pandas as pd
 import pytest
 from numpy.typing import NDArray
 
@@ -19,7 +20,10 @@ from support.telescope_models import (
     poses_of,
 )
 from truepose.errors import InputError
+from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.load import load_recording
 from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine
 from truepose.models.machine.near_home import Flexibility, Segment
 
 Array = NDArray[np.float64]
@@ -71,3 +75,25 @@ def test_an_effect_of_loads_is_refused_where_legs_are_elastic(tmp_path: Path) ->
     machine = machine_of(tmp_path, "stiffness", *LOADED, (line, soft))
     with pytest.raises(InputError, match=r"leg-compliance@leg1.*elastic.*expected model: spherical"):
         symbolic_model(machine, machine.effects)
+
+
+def heights(folder: Path, machine: Machine, loads: list[float]) -> Array:
+    """(n,) z of the tool at home under recorded payloads, mm."""
+    columns = [*machine.mechanism.readings, *(c for s in machine.sensors for c in s.columns)]
+    frame = pd.DataFrame(np.zeros((len(loads), len(columns))), columns=columns).assign(payload=loads)
+    frame.to_csv(folder / "loads.csv", index=False)
+    predictor = Predictor(machine, load_recording(machine, [folder / "loads.csv"]))
+    poses, good = predictor.poses(predictor.model.p_home)
+    assert good.all()
+    return np.asarray(poses[:, 2, 3])
+
+
+def test_elastic_legs_sag_by_the_recorded_payload(tmp_path: Path) -> None:
+    """In proportion to it (the legs are linear springs), and by as much as under a mass of that weight in the file."""
+    empty = [(old, new.replace("kg: 20", "kg: 0")) for old, new in LOADED]
+    z = heights(tmp_path, machine_of(tmp_path, "stiffness", *empty), [0.0, 10.0, 20.0])
+    sag = z[0] - z
+    assert sag[2] > 5e-4
+    assert sag[1] == pytest.approx(sag[2] / 2, rel=1e-3)
+    fixed = heights(tmp_path, machine_of(tmp_path, "stiffness", *LOADED), [20.0])
+    assert z[2] == pytest.approx(fixed[0], abs=1e-9)

@@ -42,20 +42,6 @@ def test_reflectance_is_a_share_between_resonance_and_antiresonance(
     assert low - 1e-14 <= value <= high + 1e-14  # some ten roundings
 
 
-@given(mirrors, mirrors, st.floats(0.01, 2.0))
-def test_a_detector_of_which_nothing_is_said_reads_the_share(
-    first: float, second: float, length: float
-) -> None:
-    share = float(reflectance(round_trip_phase(length, WAVELENGTH), (first, second)))
-    assert float(irradiance(length, WAVELENGTH, (first, second))) == share
-    assert float(irradiance(length, WAVELENGTH, (first, second), 3.0)) == pytest.approx(3.0 * share)
-
-
-@given(mirrors)
-def test_equal_mirrors_let_all_light_through_at_resonance(mirror: float) -> None:
-    assert float(reflectance(0.0, (mirror, mirror))) == pytest.approx(0.0, abs=1e-12)
-
-
 @given(mirrors, mirrors, st.floats(0.01, 2.0), st.integers(-5, 5))
 def test_period_in_length_is_half_a_wavelength(first: float, second: float, length: float, n: int) -> None:
     there = irradiance(length, WAVELENGTH, (first, second), 3.0, 0.5)

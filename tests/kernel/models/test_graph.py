@@ -31,14 +31,6 @@ Array = NDArray[np.float64]
 NAMES = ("planar", "delta", "hybrid")
 
 
-def test_a_body_called_platform_is_one() -> None:
-    for name in NAMES:
-        bodies = {body for joint in machine_of(name).mechanism.joints for body in (joint.parent, joint.child)}
-        assert machine_of(name).mechanism.platform == ("platform" if "platform" in bodies else None)
-    document = document_of("planar")
-    assert machine_of("planar").mechanism.flange in document["mechanism"]["bodies"]
-
-
 # -- forward kinematics --------------------------------------------------------------------------------
 
 
@@ -126,14 +118,6 @@ def _gap_at(model: SymbolicModel, x: Array) -> tuple[Array, Array]:
 
 
 # -- loops with more equations than unknowns -----------------------------------------------------------
-
-
-def test_counts_of_equations() -> None:
-    counts = {name: (len(model_of(name).home), model_of(name).gap.numel()) for name in NAMES}
-    assert counts == {"planar": (4, 10), "delta": (15, 15), "hybrid": (9, 9)}
-    for name in NAMES:
-        assert model_of(name).closure.numel() == counts[name][0]
-    assert model_of("planar").equations.numel() == 10
 
 
 def strained() -> Array:

@@ -106,7 +106,7 @@ def joint(**fields: Any) -> Document:
         ),
         ({"joints": [joint(kind="screw")]}, r"joints\[0\]\.kind: expected 'revolute'"),
         ({"joints": [joint(axis=[0, 0, 0])]}, r"joints\[0\].*axis: a direction"),
-        ({"joints": [joint(range=[3, -3])]}, r"joints\[0\].*range: \[low, high\] with low < high"),
+        ({"joints": [joint(range=[3, -3])]}, r"joints\[0\].*range: expected \[low, high\] with low < high"),
         ({"joints": [joint(actuated=False)]}, r"mechanism\.joints: found no joint with `actuated: true`"),
         ({"joints": [joint(lenght=3)]}, r"joints\[0\]\.lenght: unknown field"),
         ({"home": {"k": 1}}, r"mechanism\.home: found joint 'k'"),

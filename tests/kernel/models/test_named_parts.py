@@ -7,41 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from support.moving_machines import ARM, FRAMED, POSE, PUS, record, written
+from support.moving_machines import ARM, FRAMED, POSE, PUS, written
 from truepose.errors import InputError
-from truepose.identification.prediction.predictor import Predictor
 from truepose.models.load import load_machine
-from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.mechanism import AXES
 
 
 def effect_entry(slug: str, *places: str) -> str:
     return f"effects:\n  - {{effect: {slug}, place: [{', '.join(places)}], parameters: {{}}}}\n"
-
-
-@pytest.mark.parametrize(
-    ("slug", "named_place", "meant"),
-    [
-        ("actuator-scale", "leg2", "rho2"),
-        ("actuator-scale", "rho2", "rho2"),
-        ("leg-compliance", "rho3", "leg3"),
-        ("leg-compliance", "leg3", "leg3"),
-        ("leg-compliance", "leg1, rho3", "leg1+leg3"),
-        ("axis-coupling", "leg1, rho3", "rho1+rho3"),
-        ("wrong-constant", "leg4.a.x", "leg4.a.x"),
-    ],
-)
-def test_a_limb_and_its_actuator_are_one_place(
-    tmp_path: Path, slug: str, named_place: str, meant: str
-) -> None:
-    machine = written(tmp_path, FRAMED + PUS + POSE + effect_entry(slug, named_place))
-    (placed,) = machine.effects
-    assert "+".join(placed.place) == meant
-    assert (
-        Predictor(machine, record(machine, np.zeros((1, 6))), machine.effects)
-        .poses(symbolic_model(machine, machine.effects).p_home)[1]
-        .all()
-    )
 
 
 @pytest.mark.parametrize(
@@ -58,11 +31,6 @@ def test_a_limb_and_its_actuator_are_one_place(
 def test_places_nobody_knows_are_refused(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         written(tmp_path, FRAMED + PUS + POSE + text)
-
-
-def test_a_tolerance_of_nothing_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"tolerances\.leg1\.lenght: no such parameter.*'leg1\.length'"):
-        written(tmp_path, PUS.replace("gain: 0.001", "leg1.lenght: 0.5") + POSE)
 
 
 def test_a_tolerance_without_a_name_is_refused(tmp_path: Path) -> None:

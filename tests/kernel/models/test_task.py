@@ -13,12 +13,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from support.partial_machines import PARTIAL, partial_machine
+from support.partial_machines import partial_machine
 from truepose.errors import InputError
 from truepose.identification.compensation.inverse import PoseSolver
 from truepose.models.load import load_machine
-from truepose.models.machine.mechanism import AXES
-from truepose.models.task import AXIS, COMPONENTS, WHOLE, Task
+from truepose.models.task import COMPONENTS, WHOLE, Task
 
 Array = NDArray[np.float64]
 NAMES = [*chain.from_iterable(combinations(COMPONENTS, k) for k in range(1, 8))]
@@ -147,10 +146,3 @@ def test_what_the_joints_cannot_hold_is_refused(tmp_path: Path) -> None:
         InputError, match=r"task: found \['x', 'y', 'axis'\], expected components that q1, q2, q3, q4 move"
     ):
         PoseSolver(load_machine(path))
-
-
-def test_words_name_what_counts() -> None:
-    for task in TASKS:
-        assert all(AXES[k] in task.words for k in task.along) or task.is_whole
-        assert (task.axis is None) == ("direction" not in task.words)
-    assert {name for own in PARTIAL.values() for name in own.components} >= {*AXES[:3], *AXIS} - {"axis.y"}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -42,12 +41,6 @@ PAIRS = [
 def test_there_and_back_is_where_it_began(unit: str, other: str, value: float) -> None:
     back = convert(convert(value, unit, other), other, unit)
     assert back == pytest.approx(value, rel=1e-12, abs=1e-9)
-
-
-@given(st.lists(st.floats(-1e6, 1e6), min_size=1))
-def test_arrays_convert_like_their_values(values: list[float]) -> None:
-    together = convert(np.array(values), "deg", "rad")
-    assert together.tolist() == [convert(value, "deg", "rad") for value in values]
 
 
 def test_known_values() -> None:

@@ -7,17 +7,11 @@ from pathlib import Path
 
 import casadi as ca
 import numpy as np
-import pandas as pd
 import pytest
-import yaml
 from scipy.spatial.transform import Rotation
 
 from support.described_machines import urdf_machine
 from truepose.errors import InputError
-from truepose.identification.fit.estimate import estimate
-from truepose.identification.fit.write_machine import write_calibrated
-from truepose.identification.recording.load import load_recording
-from truepose.models.load import load_machine
 from truepose.models.machine.assembly import Statics
 from truepose.models.machine.effect import effects
 from truepose.models.machine.kinematics import symbolic_model
@@ -109,58 +103,19 @@ def test_a_urdf_without_inertials_says_nothing_of_gravity(tmp_path: Path) -> Non
     assert bare.notes == ()
 
 
-def test_commands_tell_where_masses_and_gravity_come_from(tmp_path: Path) -> None:
-    machine = machine_of(tmp_path)
-    (tmp_path / "rows.csv").write_text("q1,q2\n0,0\n10,10\n", encoding="utf-8")
-    notes = load_recording(machine, [tmp_path / "rows.csv"], need_observations=False).notes
-    assert any(
-        "4 masses, 57.5 kg together, were read from arm.urdf; gravity [0, 0, -9.80665]" in n for n in notes
-    )
-    assert any("counted where they hang with their joints at zero: finger" in n for n in notes)
-
-
 def test_joints_can_be_compliant_where_nobody_stated_a_mass(tmp_path: Path) -> None:
     places = effects.get("joint-compliance", "test")().places(machine_of(tmp_path))
     assert ("q2",) in {tuple(place) for place in places}
 
 
-def test_a_calibrated_file_keeps_masses_and_gravity(tmp_path: Path) -> None:
-    """It needs no URDF, so that both are written out, in the file's units."""
-    tolerances = "tolerances: {length: 0.3, angle: 0.1}\nunits: {length: m, angle: rad}\n"
-    machine = machine_of(tmp_path, tolerances)
-    rng = np.random.default_rng(3)
-    q = rng.uniform(-1.5, 1.5, (40, 2))
-    model = symbolic_model(machine)
-    pose = ca.Function("pose", [model.q, model.p], [model.pose])
-    at = np.array([np.array(pose(row, model.p_home))[:3, 3] for row in q]) / 1000.0
-    frame = pd.DataFrame(np.column_stack([q, at]), columns=["q1", "q2", *"xyz"])
-    frame.to_csv(tmp_path / "rows.csv", index=False)
-    recording = load_recording(machine, [tmp_path / "rows.csv"])
-    write_calibrated(tmp_path / "calibrated.yaml", estimate(machine, recording), recording)
-    (tmp_path / "arm.urdf").unlink()
-    read = load_machine(tmp_path / "calibrated.yaml")
-    assert yaml.safe_load((tmp_path / "calibrated.yaml").read_text())["mechanism"]["type"] == "graph"
-    assert read.gravity == machine.gravity
-    assert [(m.kg, m.body) for m in read.masses] == [(m.kg, m.body) for m in machine.masses]
-    np.testing.assert_allclose([m.com for m in read.masses], [m.com for m in machine.masses], rtol=1e-12)
-
-
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (
-            'mass value="4"',
-            'mass value="-4"',
-            "link 'upper': inertial.mass: found -4, expected a number >= 0",
-        ),
+        ('mass value="4"', 'mass value="-4"', "link 'upper': inertial.mass: found -4, expected a number >= 0"),
         ('mass value="4"', 'mass value="four"', "link 'upper': inertial.mass: found 'four'"),
-        (
-            'xyz="0 0.1 0.05"',
-            'xyz="0 0.1"',
-            "link 'upper': inertial.origin.xyz: found '0 0.1', expected 3 numbers",
-        ),
+        ('xyz="0 0.1 0.05"', 'xyz="0 0.1"', "link 'upper': inertial.origin.xyz: found '0 0.1', expected 3 numbers"),
     ],
-)
+)  # fmt: skip
 def test_inertials_that_are_none_are_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         machine_of(tmp_path, urdf=URDF.replace(old, new))

@@ -12,68 +12,24 @@ from typer.testing import CliRunner
 from truepose.cli import app
 from truepose.errors import InputError
 from truepose.models.effects.base import effects
-from truepose.models.load import load_machine
-from truepose.models.machine.sensor import sensors
 from truepose.models.registry import load_plugin
 
-DIAL = '''
-from __future__ import annotations
-
-from collections.abc import Mapping
-from dataclasses import KW_ONLY, dataclass
-from typing import Any, ClassVar
-
-import casadi as ca
-
-from truepose.models.machine.builder import BuildContext
-from truepose.models.machine.mechanism import Parameter
-from truepose.models.machine.sensor import Channel, Sensor, sensors
-from truepose.models.file.fields import Length, Section
+BELT = """
+from truepose.models.effects.base import Coefficient, Effect, effects
 
 
-class Dials(Section):
-    type: str
-    zero: Length = 0.0
+@effects.add("stretched-belt")
+class StretchedBelt(Effect):
+    slug = "stretched-belt"
 
+    def places(self, machine):
+        return []
 
-@sensors.add("{name}")
-@dataclass(frozen=True)
-class Dial(Sensor):
-    """The tool's height."""
+    def coefficients(self, machine, place, settings):
+        return (Coefficient("k", "rad", 0.01),)
 
-    zero: Parameter
-    _: KW_ONLY
-    sigma: float = 1e-3
-    type: ClassVar[str] = "{name}"
-    columns: ClassVar[Mapping[str, str]] = {{"height": "mm"}}
-
-    @property
-    def channels(self) -> tuple[Channel, ...]:
-        return (Channel("height", "mm", self.sigma, "distance", "tip"),)
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (self.zero,)
-
-    @classmethod
-    def build(cls, section: Mapping[str, Any], context: BuildContext) -> Dial:
-        zero = context.parse(Dials, section).zero
-        return cls(context.parameter("zero", "mm", zero, ("zero",), "sensor", 10.0))
-
-    def predict(self, world: ca.SX, s: Mapping[str, ca.SX]) -> ca.SX:
-        return world[2, 3] - s["zero"]
-'''
-ARM = """\
-schema: truepose/machine/1
-name: arm
-mechanism:
-  type: serial
-  joints:
-    - {name: q1, kind: prismatic, range: [-100, 100]}
-    - {name: q2, kind: revolute, alpha: 90, d: 300, r: 20, range: [-60, 60]}
-frames: {tool: {in: flange, xyz: [200, 0, 0], tolerance: {xyz: 1}}}
-sensor: {type: late-dial, zero: 0.5}
-tolerances: {length: 0.1, angle: 0.1}
+    def shifts(self, site):
+        return {}
 """
 
 
@@ -81,36 +37,18 @@ def _plugins() -> set[str]:
     return {name for name in sys.modules if name.startswith("truepose_plugin_")}
 
 
-def _dial(folder: Path, name: str = "late-dial") -> Path:
-    folder.mkdir(exist_ok=True)
-    path = folder / "dial.py"
-    path.write_text(DIAL.format(name=name), encoding="utf-8")
-    return path
-
-
-def test_a_sensor_whose_annotations_are_texts_is_fitted(tmp_path: Path) -> None:
-    plugin = _dial(tmp_path)
-    (tmp_path / "machine.yaml").write_text(ARM, encoding="utf-8")
-    rows = [f"{20 * k - 90},{(7 * k) % 100 - 50}" for k in range(10)]
-    (tmp_path / "poses.csv").write_text("\n".join(["q1,q2", *rows]) + "\n", encoding="utf-8")
-    machine, poses, read, out = (str(tmp_path / n) for n in ("machine.yaml", "poses.csv", "read.csv", "out"))
-    for arguments in (
-        ["simulate", machine, poses, "-o", read],
-        ["calibrate", machine, read, "-o", out, "--anyway"],
-    ):
-        done = CliRunner().invoke(app, [*arguments, "--plugin", str(plugin)])
-        assert done.exit_code == 0, done.output
-    assert [p.name for p in load_machine(Path(out) / "calibrated.yaml").parameters][-1] == "zero"
-
-
 def test_files_of_one_name_do_not_clash(tmp_path: Path) -> None:
-    first = load_plugin(_dial(tmp_path / "a"))
-    second = load_plugin(_dial(tmp_path / "b", "other-dial"))
-    assert first.__name__ != second.__name__
-    for module, name in ((first, "late-dial"), (second, "other-dial")):
+    loaded = {}
+    for name in ("one-belt", "other-belt"):
+        path = tmp_path / name / "belt.py"
+        path.parent.mkdir()
+        path.write_text(BELT.replace("stretched-belt", name), encoding="utf-8")
+        loaded[name] = load_plugin(path)
+    assert len({module.__name__ for module in loaded.values()}) == 2
+    for name, module in loaded.items():
         assert sys.modules[module.__name__] is module
-        kind = sensors.get(name, "")
-        assert kind.type == name and pickle.loads(pickle.dumps(kind)) is kind
+        kind = effects.get(name, "")
+        assert kind.slug == name and pickle.loads(pickle.dumps(kind)) is kind
 
 
 def test_a_plugin_takes_no_module_of_python_away(tmp_path: Path) -> None:
@@ -151,25 +89,6 @@ def test_what_python_finds_odd_in_a_plugin_is_not_said(tmp_path: Path) -> None:
     path = tmp_path / "odd.py"
     path.write_text("NAME = 'odd'\nassert NAME is not 'even'\n", encoding="utf-8")
     load_plugin(path)
-
-
-BELT = """
-from truepose.models.effects.base import Coefficient, Effect, effects
-
-
-@effects.add("stretched-belt")
-class StretchedBelt(Effect):
-    slug = "stretched-belt"
-
-    def places(self, machine):
-        return []
-
-    def coefficients(self, machine, place, settings):
-        return (Coefficient("k", "rad", 0.01),)
-
-    def shifts(self, site):
-        return {}
-"""
 
 
 @pytest.mark.parametrize(

@@ -81,12 +81,12 @@ def written(machine: Machine, path: Path, seed: int) -> Recording:
     return load_recording(machine, [path])
 
 
-def test_the_documented_plugin_is_a_dozen_lines(job: Job) -> None:
-    assert len([line for line in job.plugin.read_text().splitlines() if line.strip()]) <= 13
-
-
 def test_an_effect_with_memory_is_named_where_it_acts(job: Job) -> None:
-    (finding,) = json.loads((job.out / "diagnosis.json").read_text())["findings"]
+    found = json.loads((job.out / "diagnosis.json").read_text())
+    screened = {tuple(c["place"]) for c in found["candidates"] if c["effect"] == "cable-drag"}
+    assert screened == {("q1",), ("q2",)} and found["verdict"] == "missing-physics"
+    assert "cable-drag" in (job.out / "report.html").read_text()
+    (finding,) = found["findings"]
     assert (finding["effect"], finding["place"]) == ("cable-drag", ["q1"])
     k = finding["parameters"]["k"]
     assert k["value"] == pytest.approx(TRUE_K, abs=4 * k["std"])

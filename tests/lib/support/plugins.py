@@ -5,19 +5,25 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from truepose.models.machine.builder import builders
 from truepose.models.machine.effect import effects
 from truepose.models.machine.sensor import sensors
-from truepose.models.registry import PREFIX
+from truepose.models.registry import PREFIX, Registry
 
 
 @contextmanager
 def forgotten() -> Iterator[None]:
     """Names that are registered within, and files that are loaded, are not known afterwards."""
     known = set(sys.modules)
-    with effects.as_before(), sensors.as_before(), builders.as_before():
+    registries: tuple[Registry[Any], ...] = (effects, sensors, builders)
+    before = [{name: registry.get(name, "") for name in registry} for registry in registries]
+    try:
         yield
+    finally:
+        for registry, entries in zip(registries, before, strict=True):
+            registry._entries = entries
     for name in set(sys.modules) - known:
         if name.startswith(PREFIX):
             del sys.modules[name]

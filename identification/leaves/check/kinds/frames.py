@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from truepose.identification.fit.align import transform
 from truepose.identification.leaves.check.pair import SELDOM, USUAL, Pair, Scene, Slip
 from truepose.identification.leaves.check.rig import Rig
-from truepose.models.file.machine_file import Frames
+from truepose.models.file.sections import FramesSection
 from truepose.models.machine.machine import FRAMES
 from truepose.models.units import convert
 
@@ -57,8 +57,8 @@ def _mend_swap(pair: Pair) -> Pair:
 
 def frame_unknown(rig: Rig, frame: str, found: Array) -> Slip:
     """A frame that is somewhere else than the file says: where readings put it, constants (np,) ``found``."""
-    frames = rig.machine.file.frames if rig.machine.file else Frames()
-    present = (frames.base if frame == "base" else frames.tool).present
+    frames = rig.machine.file.frames if rig.machine.file else FramesSection()
+    present = frames.is_stated(frame)
     moved = found[rig.at[frame]] - rig.scene.p[rig.at[frame]]
     here, there = (rig.frames_of(p)[FRAMES.index(frame)][:3, :3] for p in (rig.scene.p, found))
     angle = float(np.arccos(np.clip((np.trace(here.T @ there) - 1) / 2, -1, 1)))

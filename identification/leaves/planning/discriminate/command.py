@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -132,7 +133,7 @@ def run(
     from truepose.identification.recording.load import load_recording
 
     if asked.diagnosis is not None:
-        wanted = class_of(asked.diagnosis, machine, asked.names)
+        wanted = class_of(findings_of(asked.diagnosis), machine, asked.names, str(asked.diagnosis))
     else:
         wanted = Class(tuple(explanation(text, machine) for text in asked.names))
     given = None if candidates is None else load_recording(machine, [candidates], need_observations=False).q
@@ -151,3 +152,16 @@ def run(
     )
     frame = experiment_table(found)
     return found, frame, sentences(found), experiment_json(found)
+
+
+def findings_of(path: Path) -> list[dict[str, Any]]:
+    """The findings of a ``diagnosis.json``. Raises InputError for a file that diagnose did not write."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        return list(content["findings"])
+    except OSError as exc:
+        raise InputError(f"{path}: cannot read the file: {exc.strerror or exc}") from None
+    except (ValueError, KeyError, TypeError):
+        raise InputError(
+            f"{path}: found no `findings`, expected a diagnosis.json that diagnose wrote"
+        ) from None

@@ -66,7 +66,8 @@ class Iso230(Format):
         lines.append(",".join(_HEADER))
         for axis in table.axes:
             unit, joint = "mm" if axis.unit == "mm" else "deg", _cell(axis.joint)
-            for position, errors in zip(_argument(axis).tolist(), axis.errors, strict=True):
+            positions = axis.positions if axis.unit == "mm" else np.degrees(axis.positions)
+            for position, errors in zip(positions.tolist(), axis.errors, strict=True):
                 told = ",".join(f"{clean(v):.6f}" for v in (errors * [1e3, 1e3, 1e3, 1e6, 1e6, 1e6]).tolist())
                 lines.append(f"{axis.letter},{joint},{position:.12g},{unit},{told}")
         return Exported(self.name, "\n".join(lines) + "\n", left, table.lost[0], frozen, few)
@@ -108,10 +109,6 @@ class Iso230(Format):
 def _cell(name: str) -> str:
     """Return a name as a cell of a CSV."""
     return '"' + name.replace('"', '""') + '"' if set(name) & {",", '"'} else name
-
-
-def _argument(axis: Axis) -> Array:
-    return axis.positions if axis.unit == "mm" else np.degrees(axis.positions)
 
 
 def _head(name: str, table: Table, notes: Sequence[str]) -> list[str]:

@@ -40,7 +40,8 @@ class UrKinematics(LinkFormat):
         section: dict[str, object] = {
             name: _entry(pose) for name, pose in zip(LINKS, chain.poses, strict=True)
         }
-        section["hash"] = _hash(section)
+        digest = hashlib.sha256(repr(section).encode()).digest()  # the files of others have 64 bits of one
+        section["hash"] = f"calib_{int.from_bytes(digest[:8], 'big')}"
         head = [
             f"{tree.name}: kinematics for ur_description; m and rad, axis of each joint z.",
             "The hash tells files apart; it is not the robot's own, and the driver says so when it starts.",
@@ -114,12 +115,6 @@ def _entry(pose: Array) -> dict[str, float]:
 
 def _inline(pose: Array) -> str:
     return ", ".join(f"{name} {value!r}" for name, value in _entry(pose).items())
-
-
-def _hash(section: dict[str, object]) -> str:
-    """``calib_`` and 64 bits of the numbers, as the files of others have it."""
-    digest = hashlib.sha256(repr(section).encode()).digest()
-    return f"calib_{int.from_bytes(digest[:8], 'big')}"
 
 
 _NUMBERS = ", ".join(rf"{field} (\S+)" for field in FIELDS)

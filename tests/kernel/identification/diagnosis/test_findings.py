@@ -122,7 +122,7 @@ def test_a_cause_has_one_probability_wherever_it_is_told() -> None:
 def test_twins_share_a_name_by_how_likely_they_are(arm: Machine) -> None:
     """A series of waves a turn may come from the gear or from the encoder: no reading tells."""
     wave = with_effect(arm, "transmission-error", ("q1",), {"orders": 3.0})
-    likely = wave.effect.twins(wave.settings_map)
+    likely = wave.twins
     assert likely
     cat = Catalogue((wave,), (-2.0,), ())
     one = Named(
@@ -208,7 +208,7 @@ def test_what_nobody_recorded_is_told_with_what_rests_on_it(arm: Machine) -> Non
         told = finding(arm, cat, fitted(cat), one, None, None, lambda _, said=inferred: said)  # type: ignore[misc]
         assert (side in told.explanation) is inferred
         assert (
-            told.explanation.startswith(play.effect.explain_term(arm, ("q2",), {}))
+            told.explanation.startswith(play.effect.explain(arm, ("q2",), {}))
             and "  " not in told.explanation
         )
     assert side not in finding(arm, cat, fitted(cat), one, None, None).explanation

@@ -21,7 +21,7 @@ from truepose.identification.diagnosis.holdout import (
 )
 from truepose.identification.diagnosis.result import BlockProof, PoseError
 from truepose.identification.recording.recording import Recording
-from truepose.models.file.machine_file import NO_WORSE
+from truepose.models.file.sections import NO_WORSE
 
 Array = NDArray[np.float64]
 NOTHING = np.zeros(0)

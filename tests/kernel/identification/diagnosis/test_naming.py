@@ -26,7 +26,7 @@ from truepose.identification.prior import TOGETHER
 from truepose.identification.recording.load import load_recording
 from truepose.identification.signatures.candidates import Catalogue, catalogue
 from truepose.models.effect_text import parse_effect
-from truepose.models.effects.axis_coupling import AxisCoupling
+from truepose.models.effects.constants import AxisCoupling
 from truepose.models.effects.empirical import Empirical
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine

@@ -18,7 +18,7 @@ from truepose.identification.report.applied_words import (
     expected_words,
     pose_json,
 )
-from truepose.models.file.machine_file import ExpectedPose
+from truepose.models.file.sections import ExpectedPose
 from truepose.models.machine.machine import Machine
 
 NAN = float("nan")
@@ -76,7 +76,7 @@ def test_what_the_file_holds_and_why(applied: Applied | None, said: list[str]) -
 )
 def test_the_rows_on_which_the_tool_was_judged(held_out: str, rows: str) -> None:
     own = replace(WHOLE, held_out=held_out)
-    assert expected_pose(own) == ExpectedPose("plain calibration", 0.5, 0.2, rows)
+    assert expected_pose(own) == ExpectedPose(than="plain calibration", before=0.5, after=0.2, rows=rows)
     assert expected_pose(None) is None and expected_pose(replace(own, pose=None)) is None
 
 
@@ -86,7 +86,7 @@ def machine_of(**file: Any) -> Machine:
 
 
 def test_a_file_says_what_to_expect_of_the_tool() -> None:
-    told = ExpectedPose("plain calibration", 0.5, 0.2, "the validation rows")
+    told = ExpectedPose(than="plain calibration", before=0.5, after=0.2, rows="the validation rows")
     judged = machine_of(pose_error=told)
     assert expected_words(judged) == (
         "expected error of the tool's position (the validation rows, after a rigid refit):"
@@ -107,6 +107,6 @@ def test_a_file_says_what_to_expect_of_the_tool() -> None:
     with pytest.raises(
         InputError, match=r"found 0\.6 mm with this file, expected no more than the 0\.5 mm with plain"
     ):
-        check_applicable(machine_of(pose_error=replace(told, after=0.6)))
+        check_applicable(machine_of(pose_error=told.model_copy(update={"after": 0.6})))
     with pytest.raises(InputError, match=r"a\.yaml: NOT CALIBRATED: far off; odd; find the mistake"):
         check_applicable(machine_of(refused=("far off", "odd")))

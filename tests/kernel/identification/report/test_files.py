@@ -19,7 +19,7 @@ from truepose.identification.report.files import (
     write_diagnosis,
 )
 from truepose.identification.report.results import calibration_json
-from truepose.models.file.machine_file import ExpectedPose
+from truepose.models.file.sections import ExpectedPose
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 from truepose.shown.result import Written
@@ -47,7 +47,7 @@ def test_a_calibration_is_three_files(machine: Machine, tmp_path: Path) -> None:
     found = calibrated(machine)
     rows = [{"file": "a&b.csv", "row": 17, "sigma": 31.0}]
     told = {**calibration_json(found, ()), "rows_that_do_not_fit": rows}
-    pose = ExpectedPose("plain calibration", 0.5, 0.25, "the validation rows")
+    pose = ExpectedPose(than="plain calibration", before=0.5, after=0.25, rows="the validation rows")
     names = write_calibration(found, told, tmp_path / "out", pose, ["SUSPECT: q2 counts backwards"])
     assert names == ["calibrated.yaml", "fit.json", "report.html"]
     assert document(tmp_path / "out" / "fit.json")["rows_that_do_not_fit"] == rows
@@ -78,7 +78,9 @@ def test_a_diagnosis_is_three_files_with_its_truth_and_doubts(machine: Machine, 
         assert cautious(tmp_path / name / "report.html") is (name == "both")
     file = load_machine(tmp_path / "bare" / "improved.yaml").file
     assert file is not None
-    assert file.pose_error == ExpectedPose("plain calibration", 0.5, 0.2, "the validation rows")
+    assert file.pose_error == ExpectedPose(
+        than="plain calibration", before=0.5, after=0.2, rows="the validation rows"
+    )
 
 
 @pytest.mark.parametrize("brief", [False, True])

@@ -200,7 +200,7 @@ def test_it_is_less_sure_the_further_it_is_asked_beyond_what_was_seen(
     names, values, slopes, _ = predictor.columns(predictor.model.p_home, x)
     effect = machine.effects[0]
     at = dict(zip(JOINTS, far.q.T, strict=True)) | dict(zip(names, values.T, strict=True))
-    over = effect.effect.overshoot(machine, effect.place, effect.settings_map, at)
+    over = Empirical().overshoot(machine, effect.place, effect.settings_map, at)
     assert over is not None
     assert (over == 0.0).any()
     assert (over > 0.0).any()
@@ -212,19 +212,6 @@ def test_it_is_less_sure_the_further_it_is_asked_beyond_what_was_seen(
     added = 2.0 * (1.0 - np.exp(-over))[:, None] * np.sum(own**2, axis=2)
     np.testing.assert_allclose(found.std**2, plain + added, rtol=1e-6, atol=1e-15)
     np.testing.assert_allclose(found.std[over == 0.0] ** 2, plain[over == 0.0], rtol=1e-6, atol=1e-15)
-
-
-def test_what_a_curve_may_be_beyond_its_end_is_its_own_size(arm: Machine) -> None:
-    """All polynomials are 1 or -1 at the end: the added variance of a joint is that of its root sum of squares."""
-    (effect,) = (parse_effect(text, arm) for text in TRUE[:1])
-    model = symbolic_model(arm, (effect,))
-    port = model.values[f"{effect.place[0]}.displacement"]
-    slope = ca.Function("slope", [model.q, model.p], [ca.jacobian(port, model.p)])
-    q = np.zeros(6)
-    q[2] = 1.5
-    own = slope(q, model.p_home).full()[0, -4:]
-    np.testing.assert_allclose(np.abs(own), 1.0)
-    assert np.sum((own * effect.amplitudes) ** 2) == pytest.approx(np.sum(np.square(effect.amplitudes)))
 
 
 @pytest.mark.parametrize("degree", [2, 3, 5])

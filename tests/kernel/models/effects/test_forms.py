@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from support.effects import with_effect
+from support.effects import Campaign, with_effect
 from support.examples import examples
 from support.telescope_legs import leg_rows
 from support.tool_pose import HEAD, pose
@@ -117,29 +117,7 @@ def test_a_pin_circles_across_itself_so_many_times_a_turn(
     np.testing.assert_allclose(quarter, np.cross(axis, start), atol=1e-9)
 
 
-def test_what_is_fixed_in_the_turning_body_is_no_order_of_a_pin(machine: Callable[[str], Machine]) -> None:
-    robot, runout = machine("robot"), effects.get("joint-runout", "test")()
-    found = hinges(robot)
-    assert found
-    for joint in found:
-        orders = [s["order"] for s in runout.settings(robot, (joint.name,), _Recorded())]
-        assert orders
-        assert not {0.0, 1.0} & set(orders)
-
-
-class _Recorded:
-    """A recording with every column."""
-
-    n_sessions = 1
-
-    def driver(self, name: str) -> Array:
-        return np.linspace(-1e-9, 1e-9, 5)
-
-    def inferred(self, name: str) -> bool:
-        return False
-
-
-# -- axis-wobble, link-bending ---------------------------------------------------------------------------------
+# -- axis-wobble ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("pair", "turns"), [("ab", -2), ("cd", 2)])
@@ -166,42 +144,6 @@ def test_an_axis_tilts_about_its_bearing_at_the_foot_of_the_column(machine: Call
     motion = moved @ np.linalg.inv(still)  # base frame, whose origin is the foot of q1
     np.testing.assert_allclose(motion[:3, 3], 0, atol=1e-4)
     assert abs(tilt(still, moved)) == pytest.approx(np.hypot(2e-4, 1e-4), rel=1e-3)
-
-
-def test_a_forearm_along_its_own_axis_bends(machine: Callable[[str], Machine]) -> None:
-    """Link 3 is 700 mm along q3: level, it is a cantilever under force and moment of what lies beyond."""
-    arm, c = machine("arm"), 1e-12
-    assert ("link3",) in effects.get("link-bending", "test")().places(arm)
-    q = [0.0, 0.0, 0.0, 0.0]
-    # q2 at 0: find the angle that lays the forearm level
-    q = min(([0.0, a, 0.0, 0.0] for a in np.linspace(-np.pi, np.pi, 9)), key=lambda v: abs(_rise(arm, v)))
-    still, bent = (pose(arm, q, *t) for t in ((), (with_effect(arm, "link-bending", ("link3",), c=c),)))
-    wrist, tool = _wrist(arm, q), still
-    along = wrist - _elbow(arm, q)
-    assert np.linalg.norm(along) == pytest.approx(700.0)
-    along /= 700.0
-    payload = tool[:3, 3] + tool[:3, :3] @ [0, 20, 10]
-    force = np.array([0, 0, -3 * 9.80665])
-    moment = np.cross(payload - wrist, force)
-    bending = moment - (moment @ along) * along
-    slope = c * (700.0**2 / 2 * np.cross(along, force) + 700.0 * bending)
-    turn = bent[:3, :3] @ still[:3, :3].T - np.eye(3)
-    found = np.array([turn[2, 1], turn[0, 2], turn[1, 0]])
-    np.testing.assert_allclose(found, slope, atol=1e-3 * float(np.linalg.norm(slope)))
-
-
-def _elbow(of: Machine, q: list[float]) -> Array:
-    """(3,) origin of q2 in the base: where the forearm's axis starts."""
-    return np.array([150 * np.cos(q[0]), 150 * np.sin(q[0]), 400.0])
-
-
-def _wrist(of: Machine, q: list[float]) -> Array:
-    tool = pose(of, q)
-    return np.asarray(tool[:3, 3] - tool[:3, :3] @ [300.0, 0.0, 40.0])
-
-
-def _rise(of: Machine, q: list[float]) -> float:
-    return float(_wrist(of, q)[2] - 400.0)
 
 
 # -- what remembers ------------------------------------------------------------------------------------------
@@ -261,7 +203,7 @@ def test_a_gain_calibrated_late_leaves_what_is_still_to_creep(machine: Callable[
 
 def test_elements_side_by_side_are_the_sum_of_single_ones(machine: Callable[[str], Machine]) -> None:
     slide, friction = machine("slide"), effects.get("friction-hysteresis", "test")()
-    found = [s for s in friction.settings(slide, ("s2",), _Recorded()) if "elements" in s]
+    found = [s for s in friction.settings(slide, ("s2",), Campaign()) if "elements" in s]
     assert len({s.get("overshoot") for s in found}) == len(found) > 1
     several = with_effect(
         slide, "friction-hysteresis", ("s2",), {"elements": 1.0}, h1=1e-3, h2=2e-3, h3=3e-3, h4=4e-3

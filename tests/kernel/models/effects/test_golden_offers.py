@@ -60,14 +60,14 @@ def term(effect: Effect, machine: Machine, place: Place, settings: Settings) -> 
     placed = PlacedEffect.at(effect, machine, place, settings)
     likely = effect.weight(settings) * effect.likely(machine, place)
     facts = [f"likely {likely:.4g}", f"as {placed.kind}", *(["load"] if placed.needs_load else [])]
-    facts += ["unlooked for"] * (not effect.screened(machine, place)) + ["borrows"] * effect.borrows(settings)
-    facts += [f"twin {name} {share:.3g}" for name, share in effect.twins(settings).items()]
+    facts += ["unlooked for"] * (not effect.screened(machine, place)) + ["borrows"] * placed.borrows
+    facts += [f"twin {name} {share:.3g}" for name, share in placed.twins.items()]
     facts += ["adds"] * effect.adds(settings) + ["bent"] * placed.bent
     yield f"  {placed.label}: {', '.join(facts)}; reads {', '.join(placed.drivers) or 'nothing'}"
     for c in ends(placed.coefficients, 3):
         bounds = "" if (c.lower, c.upper) == (-inf, inf) else f" in {c.lower:.4g} to {c.upper:.4g}"
         yield f"    {c.name} of {len(placed.coefficients)}: {c.scale:.4g} {c.unit}{bounds}"
-    yield f"    {effect.explain_term(machine, place, settings)}"
+    yield f"    {effect.explain(machine, place, settings)}"
     values = {c.name: c.scale * (0.7 + 0.2 * (k % 3)) for k, c in enumerate(placed.coefficients)}
     for share in (0.01, 0.6):
         said = effect.found(values, {name: share * abs(value) for name, value in values.items()})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -74,5 +75,7 @@ def test_lags_and_thermometers_follow_the_recording(machines: Mapping[str, Machi
     assert lagging.drivers == ("temperature.base~900",)
     own = effect.settings(machine, legs, Campaign())[0]
     assert effect.drivers(machine, legs, own) == tuple(f"temperature.{leg}" for leg in legs)
+    stated = replace(machine, drivers=("time", "temperature.leg3"))  # named by the machine file's drivers
+    assert with_effect(stated, "thermal-expansion", legs).drivers == ("temperature.leg3",)
     shared = effect.settings(machine, legs, Campaign(("temperature.leg2",)))[0]
     assert effect.drivers(machine, legs, shared) == ("temperature.leg2",)

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from support.effect_machines import READINGS, read_machines
-from support.effects import Campaign, position, shift_slopes, with_effect
+from support.effects import Campaign, Solved, position, shift_slopes, with_effect
 from truepose.errors import InputError
 from truepose.models.effects.base import effects
 from truepose.models.effects.transmission_error import FADE
+from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine
 
 
@@ -47,20 +48,6 @@ def test_periodic_errors_have_their_period(machines: Mapping[str, Machine]) -> N
     np.testing.assert_allclose(position(arm, [0.3, 0.2, 0.1], gear), expected, atol=1e-9)
     again = shift_slopes(machines["gough"], with_effect(machines["gough"], "screw-periodic", ("m1",)))
     np.testing.assert_allclose(again["m1.displacement"], [0, 1], atol=1e-12)  # two whole turns of the motor
-
-
-def test_orders_are_those_that_the_range_can_show(machines: Mapping[str, Machine]) -> None:
-    effect = effects.get("transmission-error", "test")()
-    *single, together = effect.settings(machines["arm"], ("q1",), Campaign())
-    assert [s["order"] for s in single] == [*map(float, range(1, 31)), 121.0, 242.0]
-    assert together == {"orders": 60.0}
-    *small, together = effect.settings(machines["stage"], ("s3",), Campaign())
-    assert [s["order"] for s in small] == [
-        *map(float, range(15, 31)),
-        100.0,
-        200.0,
-    ]  # a quarter period in 6 deg
-    assert together == {"orders": 60.0}
 
 
 def test_a_series_says_nothing_beyond_the_arc_that_was_seen(machines: Mapping[str, Machine]) -> None:
@@ -112,7 +99,7 @@ def test_a_series_is_the_sum_of_its_orders(machines: Mapping[str, Machine]) -> N
     assert (np.diff(scales) <= 0).all()
     assert scales[-1] < 0.02 * scales[0]
     assert scales[0] == 6e-4  # 2 arcmin, what the catalogue states
-    sentence = together.effect.explain(arm, ("q1",))
+    sentence = together.effect.explain(arm, ("q1",), {})
     assert "q1" in sentence
     assert "gear" in sentence
 
@@ -126,13 +113,6 @@ def test_coupling_moves_the_driven_joint_by_the_driving_one(machines: Mapping[st
     )
     with pytest.raises(InputError, match="expected two joints: driven, driving"):
         with_effect(stage, "axis-coupling", ("s1",))
-
-
-def test_a_drifting_mount_says_which(machines: Mapping[str, Machine]) -> None:
-    arm = machines["arm"]
-    effect = with_effect(arm, "mount-drift", ("base",)).effect
-    assert "base" in effect.explain(arm, ("base",)) and "tool" not in effect.explain(arm, ("base",))
-    assert "tool" in effect.explain(arm, ("tool",)) and "base" not in effect.explain(arm, ("tool",))
 
 
 def test_mounts_drift_shift_and_settle(machines: Mapping[str, Machine]) -> None:
@@ -155,3 +135,16 @@ def test_mounts_drift_shift_and_settle(machines: Mapping[str, Machine]) -> None:
     assert not bumped.effect.settings(arm, ("base",), Campaign(n_sessions=1))
     homed = with_effect(arm, "zero-shift", ("q2",), {"session": 1.0}, zero=0.01)
     np.testing.assert_allclose(position(arm, q, homed), position(arm, [0.3, 0.21, 0.1]), atol=1e-9)
+
+
+@pytest.mark.parametrize("slug", ["frame-shift", "zero-shift"])
+def test_a_machine_stands_as_its_latest_session_left_it(machines: Mapping[str, Machine], slug: str) -> None:
+    """Where no session is recorded every change between sessions lies in the past."""
+    arm, q = machines["arm"], READINGS["arm"]
+    place, value = (("base",), {"x": 2.0}) if slug == "frame-shift" else (("q2",), {"zero": 0.01})
+    for session in (1.0, 2.0):
+        moved = with_effect(arm, slug, place, {"session": session}, **value)
+        model = symbolic_model(arm, (moved,))
+        usual = Solved(model, q, **dict(zip(model.drivers, model.z_home.tolist(), strict=True))).position
+        np.testing.assert_allclose(usual, position(arm, q, moved, session=1.0), atol=1e-12)
+        assert np.linalg.norm(usual - position(arm, q, moved, session=0.0)) > 1.0

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-import casadi as ca
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -15,7 +14,6 @@ from support.effects import with_effect
 from support.structures import G, structure, turn_between
 from support.tool_pose import HEAD, pose
 from truepose.errors import InputError
-from truepose.models.effects.base import effects
 from truepose.models.load import load_machine
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine, Mass
@@ -114,28 +112,6 @@ def test_a_link_ends_where_the_next_joint_starts_not_at_its_offset(tmp_path: Pat
     np.testing.assert_allclose(bent[:3, 3] - still[:3, 3], expected, atol=slope**2 * 600.0)
 
 
-def test_links_of_an_arm_carry_all_that_lies_beyond(machines: Mapping[str, Machine]) -> None:
-    """Link 1 (150 mm level, then up the column's axis offset) and link 2 level: the end of link 2 in closed form."""
-    arm, c, q = machines["arm"], 1e-12, [0.0, 0.0, 0.0, 0.0]
-    assert [p[0] for p in effects.get("link-bending", "test")().places(arm)] == [
-        "link1",
-        "link2",
-        "link3",
-        "link4",
-    ]
-    still, bent = (pose(arm, q, *t) for t in ((), (with_effect(arm, "link-bending", ("link2",), c=c),)))
-    # link 2 runs 700 mm along x and 20 mm along its joint's axis, so that its direction leans by 1.6 deg
-    theta = turn_between(still, bent)
-    m = symbolic_model(arm)
-    tool = np.array(ca.Function("t", [m.q, m.z, m.p], [m.pose])(q, m.z_home, m.p_home))[:3, 3]
-    tip = np.array([50 + 150 + 700.0, -20.0, 400.0])
-    payload = tool + np.array(Rotation.from_matrix(still[:3, :3]).apply([0, 20, 10]))
-    force, length, a = 3 * G, 700.0, 300.0
-    lever = payload[0] - tip[0]
-    slope = c * (force * length**2 / 2 + force * lever * length + 20 * G * a**2 / 2)
-    assert theta[1] == pytest.approx(slope, rel=5e-3)
-
-
 def test_a_wrong_link_is_named(machines: Mapping[str, Machine]) -> None:
     with pytest.raises(InputError, match=r"link-bending: found link 'link9', expected one of link1"):
         symbolic_model(machines["arm"], [with_effect(machines["arm"], "link-bending", ("link9",))])
@@ -223,14 +199,3 @@ def test_a_ram_bends_with_the_third_power_of_its_overhang(tmp_path: Path, readin
     length = 200.0 + reading
     assert bent[2, 3] - still[2, 3] == pytest.approx(-c * force * length**3 / 3, rel=1e-6)
     assert abs(turn_between(still, bent)[1]) == pytest.approx(c * force * length**2 / 2, rel=1e-6)
-
-
-def test_every_joint_of_an_arm_has_a_place_and_only_slides_have_rams(tmp_path: Path) -> None:
-    bending = effects.get("link-bending", "test")()
-    wrist = _loaded(tmp_path, MEETING)
-    assert [place for (place,) in bending.places(wrist)] == ["link1", "link2", "link3"]
-    units = {place: bending.coefficients(wrist, (place,), {})[0].unit for place in ("link2", "link3")}
-    assert units == {"link2": "rad/(N*m)", "link3": "1/(N*mm^2)"}
-    assert all("overhang" not in s for s in bending.settings(wrist, ("link3",), None))  # type: ignore[arg-type]
-    slide = _loaded(tmp_path, RAM)
-    assert {"overhang": 1.0} in bending.settings(slide, ("link1",), None)  # type: ignore[arg-type]

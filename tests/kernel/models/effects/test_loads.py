@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from support.effect_machines import READINGS, STRAIGHT, read_machines
-from support.effects import Campaign, Solved, bare, position, shift_slopes, with_effect
+from support.effects import Campaign, Solved, position, shift_slopes, with_effect
 from truepose.errors import InputError
 from truepose.models.effects.base import effects
 from truepose.models.machine.kinematics import symbolic_model
@@ -32,12 +32,6 @@ def test_a_compliant_joint_of_a_horizontal_arm_gives_way_downwards(machines: Map
     assert moved[2] == pytest.approx(-c * torque * 1000, rel=1e-4)
 
 
-def test_the_vertical_axis_of_a_level_arm_carries_nothing(machines: Mapping[str, Machine]) -> None:
-    arm = machines["arm"]
-    moved = position(arm, [0.3, 0.2, 0.1], with_effect(arm, "joint-compliance", ("q1",), c=1e-4))
-    np.testing.assert_allclose(moved, position(arm, [0.3, 0.2, 0.1]), atol=1e-9)
-
-
 def test_a_sagging_base_turns_the_arm_downwards(machines: Mapping[str, Machine]) -> None:
     arm, level, c = machines["arm"], [0.0, 0.0, 0.0], 1e-6
     start = position(arm, level)
@@ -58,20 +52,6 @@ def test_a_gear_that_stiffens_gives_way_by_odd_powers_of_its_load(machines: Mapp
 
 
 # -- unknown masses ------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("body", ["link2", "link3", "tool"])
-def test_a_probe_is_one_kilogram_at_the_origin_of_a_body(machines: Mapping[str, Machine], body: str) -> None:
-    unweighed = machines["unweighed"]
-    weighed = replace(unweighed, masses=(Mass("probe", 1.0, (0.0, 0.0, 0.0), body),))
-    assert unweighed.load_cases == ("link2|", "link3|", "tool|")
-    assert weighed.load_cases == ("",)
-    probe = Solved(symbolic_model(unweighed, ports=True), READINGS["arm"])
-    mass = Solved(symbolic_model(weighed, ports=True), READINGS["arm"])
-    expected = {f"{body}|{name}": load for name, load in mass.load.items()}
-    assert any(abs(load) > 1.0 for load in expected.values())
-    for name, load in expected.items():
-        assert probe.load[name] == pytest.approx(load, rel=1e-12, abs=1e-9), name
 
 
 @pytest.mark.parametrize(("case", "body"), [(0, "link2"), (1, "link3")])
@@ -109,8 +89,8 @@ def test_candidates_of_unknown_masses_are_the_bodies_beyond_the_joint(
     assert [c.name for c in stated.coefficients] == ["c"]
     # stated masses: the whole load, and gears that give way otherwise than in proportion
     assert effect.settings(machines["arm"], ("q2",), Campaign()) == ({}, {"bend": 2.0}, {"bend": 3.0})
-    assert "masses are not stated" in effect.explain(unweighed, ("q2",))
-    assert "masses are not stated" not in effect.explain(machines["arm"], ("q2",))
+    assert "masses are not stated" in effect.explain(unweighed, ("q2",), {})
+    assert "masses are not stated" not in effect.explain(machines["arm"], ("q2",), {})
 
 
 @pytest.mark.parametrize("name", ["telescope", "gough"])
@@ -174,21 +154,6 @@ def test_legs_shorten_under_a_platform_they_carry_and_grow_where_it_hangs(
         before, after = (position(machine, STRAIGHT.get(name, [0.0] * 6), *e) for e in ((), (soft,)))
         assert sign * (after - before)[2] > 0
         assert sign * sum(float(slope[0]) for slope in shift_slopes(machine, soft).values()) > 0
-
-
-def test_leg_forces_balance_the_weight(machines: Mapping[str, Machine]) -> None:
-    machine = machines["telescope"]
-    reference = bare(machine)
-    values = dict(zip(reference.model.names, reference.model.p_home, strict=True))
-    pose = reference.pose  # of the tool, 30 mm above the platform
-    up = 0.0
-    for k, limb in enumerate(machine.mechanism.limbs):
-        end = np.array([values[n] for n in limb.platform_point]) - [0, 0, 30]
-        top = pose[:3, :3] @ end
-        foot = np.add([values[n] for n in limb.base_point], [0, 0, READINGS["telescope"][k]])
-        leg = pose[:3, 3] + top - foot
-        up -= reference.load[limb.length] * leg[2] / np.linalg.norm(leg)
-    assert up == pytest.approx(9.80665 * (8 + 4), rel=1e-9)
 
 
 def test_limbs_of_the_hybrid_share_a_centred_weight(machines: Mapping[str, Machine]) -> None:

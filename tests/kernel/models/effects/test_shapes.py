@@ -136,23 +136,3 @@ def test_the_symmetric_platform_repeats_its_first_row_round_the_ring(machines: M
     for leg, other in ((1, 6), (6, 1), (2, 3), (3, 2), (4, 5), (5, 4)):
         assert slopes[f"leg{leg}.b.z"][neighbour] == pytest.approx(rho[other - 1])
         assert slopes[f"leg{leg}.b.z"][names.index("K[1,1]")] == pytest.approx(rho[leg - 1])
-
-
-def test_the_measured_ring_of_the_telescope_has_its_symmetry(machines: Mapping[str, Machine]) -> None:
-    """Equation 4 of INRIA RR-8096, measured: six numbers in place of 36 leave little of it."""
-    measured = np.array(
-        [
-            [16, 0, -8, 12, -2, -20],
-            [0, 20, -17, -1, 13, -13],
-            [-2, -15, 14, 2, -9, 9],
-            [6, -12, 4, 14, -16, 2],
-            [-12, 7, 0, -15, 14, 4],
-            [-20, -1, 10, -10, 2, 19],
-        ]
-    )
-    machine = machines["telescope"]
-    placed = with_effect(machine, "platform-deformation", ("platform",), {"form": 3.0})
-    slopes, rho = shift_slopes(machine, placed), np.array(READINGS["telescope"])
-    leg_of = np.array([[np.argmin(abs(rho - v)) for v in slopes[f"leg{k}.b.z"]] for k in range(1, 7)])
-    entries = np.take_along_axis(measured, leg_of, axis=1)  # (leg, coefficient)
-    assert np.linalg.norm(entries - entries.mean(axis=0)) < 0.3 * np.linalg.norm(measured)

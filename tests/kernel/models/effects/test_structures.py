@@ -19,8 +19,6 @@ from truepose.identification.fit.estimate import estimate
 from truepose.identification.prediction.predict import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
-from truepose.identification.signatures.candidates import catalogue
-from truepose.models.effect_text import parse_effect
 from truepose.models.effects.base import PlacedEffect, Settings, effects
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
@@ -162,17 +160,6 @@ def test_a_pin_of_a_cross_runs_out_like_the_hinge_that_it_is(
     np.testing.assert_allclose(pose(delta, q, one), pose(drawn, q, other), atol=1e-8)
 
 
-def test_places_of_runout(machines: Mapping[str, Machine]) -> None:
-    runout = effects.get("joint-runout", "test")()
-    ends = [(f"leg{k}.{end}",) for k in range(1, 7) for end in "ab"]
-    assert list(runout.places(machines["hexapod"])) == ends
-    assert runout.screened(machines["hexapod"], ("leg1.a",))
-    assert not runout.screened(machines["flexed"], ("leg1.a",))  # flexures have no cross
-    assert ("u1a",) in runout.places(machines["delta"])
-    term = parse_effect("joint-runout@leg3.b:vv=10[um]", machines["hexapod"])
-    assert term.values["vv"] == pytest.approx(0.01)
-
-
 # -- truths recovered ----------------------------------------------------------------------------------------
 
 
@@ -236,44 +223,6 @@ def test_a_fit_recovers_the_truth(machines: Mapping[str, Machine], truth: Truth)
     off = np.array(found.amplitudes) - true.amplitudes
     assert np.all(np.abs(off) < 4 * std)
     assert np.linalg.norm(std) < np.linalg.norm(true.amplitudes) / 3
-
-
-def test_friction_is_looked_for_where_it_is_not_backlash(machines: Mapping[str, Machine]) -> None:
-    stage, n = machines["stage"], 60
-    recording = simulated(stage, n, seed=2)
-    single = [e for e in candidates(stage, recording, "friction-hysteresis") if "width" in e.settings_map]
-    widths = {e.settings_map["width"] for e in single}
-    assert 0.1 in widths
-    assert 0.003 not in widths  # random poses: no reversal ends within it
-    always = {f"approach.{name}": np.where(np.arange(n) % 2, 1.0, -1.0) for name in ("s1", "s2")}
-    turned = simulated(stage, n, seed=4, **always)
-    q = turned.q.copy()
-    assert len(q) == n
-    at_once, *slowly = candidates(stage, turned, "friction-hysteresis")
-    assert at_once.settings_map["width"] == 0.0 and at_once.drivers == ("approach.s1",)
-    for term in (e for e in slowly if e.settings_map.get("width") != 0.0):
-        leads = [turned.driver(name) for name in term.drivers]
-        widths_mm = [float(name.split("~")[1]) for name in term.drivers]
-        between = [
-            np.abs(lead) < 0.999 * r for lead, r in zip(leads, widths_mm, strict=True) if lead is not None
-        ]
-        assert max(np.mean(rows) for rows in between) >= 0.05
-
-
-def candidates(machine: Machine, recording: Recording, slug: str) -> list[PlacedEffect]:
-    return [e for e in catalogue(machine, recording).candidates if e.effect.slug == slug]
-
-
-def test_piezo_effects_are_looked_for_at_small_joints_without_screw_or_gear(
-    machines: Mapping[str, Machine],
-) -> None:
-    for slug in ("piezo-hysteresis", "piezo-creep"):
-        effect = effects.get(slug, "test")()
-        assert [p for p in effect.places(machines["stage"]) if effect.screened(machines["stage"], p)] == [
-            ("s1",),
-            ("s2",),
-        ]
-        assert not any(effect.screened(machines["arm"], p) for p in effect.places(machines["arm"]))
 
 
 def test_memory_stands_at_nothing_where_it_is_not_known(machines: Mapping[str, Machine]) -> None:

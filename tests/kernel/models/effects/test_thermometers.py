@@ -10,7 +10,7 @@ import pytest
 from support.effect_machines import read_machines
 from support.effects import position, shift_slopes, with_effect
 from truepose.models.effect_text import parse_effect
-from truepose.models.effects.base import effects
+from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.effects.sights import others
 from truepose.models.machine.machine import Machine
 
@@ -57,7 +57,7 @@ def test_heat_from_elsewhere_counts_from_its_setting(machines: Mapping[str, Mach
     own = with_effect(arm, "thermal-expansion", ("link2",), alpha=3e-5)
     there = position(arm, q, heated, temperature=31.0)
     np.testing.assert_allclose(there, position(arm, q, own, temperature=27.0), atol=1e-10)
-    said = heated.effect.explain_term(arm, heated.place, heated.settings_map)
+    said = heated.effect.explain(arm, heated.place, heated.settings_map)
     assert "temperature.base, a thermometer elsewhere, 900 s behind it" in said
     named = parse_effect("thermal-expansion@link2:alpha=3e-5,from.temperature.base=24,lag=900", arm)
     assert (named.label, named.drivers) == (heated.label, heated.drivers)
@@ -74,7 +74,10 @@ def test_air_is_known_by_any_temperature_or_by_its_path_alone(machines: Mapping[
         (),
     ]
     assert not effect.elsewhere(machine, sensor, {**seen, "temperature.air": COOL})
-    assert all(effect.borrows(s) for s in settings) and effect.weight(settings[-1]) < 1.0
+    assert (
+        all(PlacedEffect.at(effect, machine, sensor, s).borrows for s in settings)
+        and effect.weight(settings[-1]) < 1.0
+    )
     # weather that stands still is a scale of the sensor
     still = shift_slopes(machine, with_effect(machine, "air-refraction", sensor, settings[-1]))
     scale = shift_slopes(machine, with_effect(machine, "sensor-scale", sensor))

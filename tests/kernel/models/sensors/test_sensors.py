@@ -19,7 +19,6 @@ from support.socket_arm import (
     arm,
     as_built,
     ball_at,
-    campaign,
     machine_of,
     nominal,
     read,
@@ -30,9 +29,8 @@ from truepose.errors import InputError
 from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import write_calibrated
-from truepose.identification.prediction.predict import predict, simulate
+from truepose.identification.prediction.predict import predict
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 
 Array = NDArray[np.float64]
@@ -134,39 +132,7 @@ def test_nothing_is_found_where_nothing_is_missing(tmp_path: Path, sensors: Sequ
     assert not any(alarm.raised for alarm in found.alarms.values())
 
 
-@pytest.mark.nightly
-def test_a_scale_is_found_in_sockets(tmp_path: Path) -> None:
-    rng = np.random.default_rng(37)
-    rows, ball = as_built(rng), np.array([5.0, -10.0, 80.0])
-    machine = machine_of(tmp_path, SOCKET)
-    frame = table(rng, rows, ball, 8)
-    frame["q2"] /= 1 + 5e-3  # the joint turns more than its reading says
-    found = diagnose(machine, read(tmp_path, machine, frame))
-    assert found.verdict == "missing-physics"
-    first = found.findings[0]
-    members = {(first.effect, first.place), *((e.effect, e.place) for e in first.equivalents)}
-    assert ("actuator-scale", ("q2",)) in members
-
-
 # -- commands and files --------------------------------------------------------------------------------
-
-
-def test_commands_without_readings(tmp_path: Path) -> None:
-    machine, recording, _, _ = campaign(tmp_path, 41)
-    assert all(str(name).startswith("pose.") for name in predict(machine, recording))
-    joints = pd.read_csv(tmp_path / "rows.csv").drop(columns=["placement", "socket"])
-    joints.to_csv(tmp_path / "joints.csv", index=False)
-    plain = load_recording(machine, [tmp_path / "joints.csv"], need_observations=False)
-    assert len(predict(machine, plain)) == len(joints)
-    assert simulate(machine, recording).empty
-    with pytest.raises(
-        InputError, match=r"joints\.csv: missing column 'placement', which the sensor socket needs"
-    ):
-        simulate(machine, plain)
-    with pytest.raises(InputError, match="missing column 'placement'"):
-        estimate(machine, plain)
-    with pytest.raises(InputError, match=r"joints\.csv: missing column 'placement'"):
-        load_recording(machine, [tmp_path / "joints.csv"])
 
 
 def test_labels_are_checked(tmp_path: Path) -> None:

@@ -1,21 +1,23 @@
-"""Readings taken before the machine stood: its joints are still on the way that they came, by their shares of the motion."""
+"""Readings that are not of the instant of the joints': of a machine on its way, of a sensor that lags."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
 import casadi as ca
+import numpy as np
 
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import (
     actuator_at,
     centre_and_half,
-    moves_while_read,
     nominal_gain,
+    sensor_names,
     singly_and_together,
 )
-from truepose.models.file.driver import STEP, Driver
+from truepose.models.file.driver import STEP, VELOCITY, Driver
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.mechanism import own_motions
 from truepose.models.machine.placed import NOT_NEGATIVE, SWITCH, ranges
 
 LARGEST = {"mm": 0.3, "rad": 3e-3, "1": 3e-3}
@@ -88,7 +90,7 @@ class EarlyReading(Effect):
         arm = _unit(machine) == "rad" and len(joints) > MAIN
         return ({}, WHOLE, {"wrist": WRIST}) if arm else ({}, WHOLE)
 
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         who = "The machine" if len(place) > 1 else f"Joint {place[0]}"
         return f"{who} did not stand yet when it was read: it is off its readings along the last motion."
 
@@ -124,3 +126,75 @@ def _longest(site: Site, steps: Mapping[str, ca.SX]) -> ca.SX:
         compared *= site.settings.get("wrist", 1.0) if k >= MAIN else 1.0
         longest = ca.fmax(longest, gain / compared * ca.fabs(steps[actuator.reading]))
     return longest
+
+
+LONGEST = 0.5
+
+
+@effects.add("latency")
+class Latency(Effect):
+    """What is seen at a row is where the joints stood tau earlier, for all sensors of the machine alike.
+
+    Encoders on the load side are read with the joints, by their controller, and do not lag.
+    tau < 0 where the controller logs its joints late. Setting ``still.J``: joint J never moves, or its velocity
+    is not logged; it is left out.
+    """
+
+    slug = "latency"
+    setting_ranges = ranges({"still.": SWITCH})
+    driven_by = "sensor"
+    title = "Latency between joints and sensor"
+    sentence = "The sensor reads where the machine stood a time tau before its joints were logged."
+    formula = "q - tau velocity"
+    size = "milliseconds; the error is tau times the velocity: 10 um for 1 ms at 10 mm/s"
+    look_alikes = ("backlash", "friction-hysteresis", "mount-drift")
+    experiment = "pass the same poses at two speeds, and at rest"
+    source = (
+        "time offsets in the range of milliseconds between a laser tracker and other sensors: "
+        "doi:10.1515/jag-2023-0084"
+    )
+
+    def places(self, machine: Machine) -> Sequence[Place]:
+        names = sensor_names(machine)
+        apart = any(not sensor.joints for sensor in machine.sensors)
+        return [names] if apart and machine.mechanism.readings else []
+
+    def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
+        return (Coefficient("tau", "s", 0.01, -LONGEST, LONGEST),)
+
+    def shifts(self, site: Site) -> Shifts:
+        out = {}
+        with_joints = [each for sensor in site.machine.sensors for each in sensor.joints.items()]
+        drivers = self.drivers(site.machine, site.place, site.settings)
+        rates = dict.fromkeys(site.machine.mechanism.readings, ca.SX(0))
+        rates |= {Driver.of(driver).place: site.driver(driver) for driver in drivers}
+        for actuator in site.machine.mechanism.actuators:
+            rate = own_motions(site.machine.mechanism, rates)[actuator.reading]
+            if rate.is_zero():
+                continue
+            gain = site.values[actuator.gain] if actuator.gain else 1
+            own = site.c["tau"] * gain * rate
+            out[actuator.displacement] = -own
+            out |= {f"{column}.reading": own for column, joint in with_joints if joint == actuator.reading}
+        return out
+
+    def drivers(self, machine: Machine, place: Place, settings: Settings) -> tuple[str, ...]:
+        joints = machine.mechanism.readings
+        return tuple(Driver(VELOCITY, joint).name for joint in joints if not settings.get(f"still.{joint}"))
+
+    def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
+        """All joints that move while they are read; all of them where no velocity is recorded."""
+        still = [joint for joint in machine.mechanism.readings if not moves_while_read(recording, joint)]
+        some = len(still) < len(machine.mechanism.readings)
+        return ({f"still.{joint}": 1.0 for joint in still} if some else {},)
+
+    def found(self, values: Mapping[str, float], std: Mapping[str, float]) -> str:
+        tau, sigma = 1e3 * values["tau"], 1e3 * std["tau"]
+        who = "The sensor lags the joints" if tau >= 0 else "The joints are logged late,"
+        return f"{who} by {abs(tau):.3g} +- {sigma:.1g} ms."
+
+
+def moves_while_read(recording: Observed, joint: str) -> bool:
+    """Whether a joint's velocity is recorded, and not always zero."""
+    velocity = recording.driver(Driver(VELOCITY, joint).name)
+    return velocity is not None and bool(np.any(np.asarray(velocity, dtype=float)))

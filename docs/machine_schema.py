@@ -1,6 +1,6 @@
 """The JSON Schema of the machine file: what its sections say of themselves, mechanisms and sensors told apart by ``type``.
 
-It knows the types and effects that are registered when it is made, those of plug-ins that were loaded included.
+It knows the types and effects of the program; ``models/schemas`` ships it.
 """
 
 from __future__ import annotations
@@ -11,8 +11,9 @@ from typing import Any, Final
 
 from truepose.models.file.effect_entry import EffectEntry
 from truepose.models.file.fields import Section
-from truepose.models.file.machine_file import DefaultTolerances, MachineDocument
+from truepose.models.file.machine_file import MachineDocument
 from truepose.models.file.names import MACHINE_SCHEMA
+from truepose.models.file.sections import DefaultTolerances
 from truepose.models.machine.builder import builders
 from truepose.models.machine.effect import effects
 from truepose.models.machine.sensor import sensors

@@ -1,4 +1,4 @@
-"""Joints that give way under the weight they carry."""
+"""Joints and legs that give way under the load they carry."""
 
 from __future__ import annotations
 
@@ -12,18 +12,17 @@ from truepose.models.effects.common import (
     actuator_at,
     carried,
     drives_joint,
-    is_measured,
     joint_unit,
-    measured_coefficient,
-    measured_driver,
-    measured_kind,
-    measured_settings,
-    measured_words,
+    limb_at,
     singly,
+    singly_and_together,
 )
+from truepose.models.file.driver import CURRENT, MEASURED_LOADS, Driver
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.placed import NOT_NEGATIVE, ORDER, ranges
+from truepose.models.machine.placed import NO_SETTINGS, NOT_NEGATIVE, ORDER, ranges
 
+PER_AMPERE = 10.0
+"""N m (N) that an ampere of a geared motor holds, to a power of ten. Chosen."""
 BENT_AT = 100.0
 """N m (N): the load at which a bent characteristic is told."""
 
@@ -61,9 +60,10 @@ class JointCompliance(Effect):
     bends = ("bend",)
 
     def places(self, machine: Machine) -> Sequence[Place]:
-        computed = bool(machine.load_cases)
+        drivers = {Driver.of(name) for name in machine.drivers}
+        measured = {driver.place for driver in drivers if driver.kind in MEASURED_LOADS}
         joints = [a.reading for a in machine.mechanism.actuators if drives_joint(machine, a)]
-        return singly(name for name in joints if computed or is_measured(machine, name))
+        return singly(name for name in joints if machine.load_cases or name in measured)
 
     def screened(self, machine: Machine, place: Place) -> bool:
         # a slide that is a limb's length gives way as the limb does: leg-compliance looks there
@@ -71,28 +71,36 @@ class JointCompliance(Effect):
         return actuator_at(machine, place[0]).displacement not in ports
 
     def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
-        """With unknown masses, one candidate for each body beyond the joint that may carry them."""
-        measured = measured_settings(machine, actuator_at(machine, place[0]).reading, recording)
+        """With unknown masses, one candidate for each body beyond the joint that may carry them; either sign of each column."""
+        measured: list[Settings] = []
+        for kind in MEASURED_LOADS:
+            name = _column(machine, place, kind)
+            if name in machine.drivers and recording.driver(name) is not None:
+                measured += [{kind: 1.0}, {kind: -1.0}]
         if machine.loaded:
             return ({}, {"bend": 2.0}, {"bend": 3.0}, *measured)
         return [*({"carries": float(k)} for k in _pulling(machine, place)), *measured]
 
     def adds(self, settings: Settings) -> bool:
         """A measured load is the whole load: no other stands beside it."""
-        return measured_kind(settings) is None
+        return self.reads_load(settings)
 
     def reads_load(self, settings: Settings) -> bool:
-        return measured_kind(settings) is None
+        return _measured(settings) is None
 
     def drivers(self, machine: Machine, place: Place, settings: Settings) -> tuple[str, ...]:
-        driver = measured_driver(settings, actuator_at(machine, place[0]).reading)
-        return () if driver is None else (driver,)
+        kind = _measured(settings)
+        return () if kind is None else (_column(machine, place, kind),)
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
-        unit, scale = ("rad/(N*m)", 1e-4) if joint_unit(machine, place) == "rad" else ("mm/N", 1e-2)
-        if measured_kind(settings) is not None:
-            reading = actuator_at(machine, place[0]).reading
-            return (measured_coefficient(machine, settings, reading, joint_unit(machine, place), scale),)
+        turns, kind = joint_unit(machine, place) == "rad", _measured(settings)
+        unit, scale = ("rad/(N*m)", 1e-4) if turns else ("mm/N", 1e-2)
+        if kind is not None:
+            per, size = machine.driver_unit(_column(machine, place, kind)), scale
+            size *= PER_AMPERE if kind == CURRENT else 1.0
+            own = joint_unit(machine, place)
+            unit = f"{own}/({per})" if "*" in per else f"{own}/{per}"
+            return (Coefficient("c", unit, scale=size, lower=0.0),)
         if "bend" in settings:
             return (Coefficient("d", unit, scale=scale),)
         if _case(machine, place, settings):
@@ -102,29 +110,39 @@ class JointCompliance(Effect):
     def shifts(self, site: Site) -> Shifts:
         port = actuator_at(site.machine, site.place[0]).displacement
         (c,) = site.c.values()
-        kind = measured_kind(site.settings)
+        kind = _measured(site.settings)
         if kind is not None:
-            (driver,) = self.drivers(site.machine, site.place, site.settings)
-            return {port: site.settings[kind] * c * site.driver(driver)}
+            return {port: site.settings[kind] * c * site.driver(_column(site.machine, site.place, kind))}
         load = site.load(port, _case(site.machine, site.place, site.settings))
         share = load / BENT_AT
         bent = {2.0: ca.fabs(share), 3.0: share**2}.get(site.settings.get("bend", 0.0), 1)
         return {port: c * load * bent}
 
     def weight(self, settings: Settings) -> float:
-        if measured_kind(settings) is not None:
+        if _measured(settings) is not None:
             return 0.5  # of two signs
         return 0.2 if "bend" in settings else 1.0
 
-    def explain_term(self, machine: Machine, place: Place, settings: Settings) -> str:
-        if measured_kind(settings) is None:
-            return self.explain(machine, place)
-        column = measured_words(settings, actuator_at(machine, place[0]).reading)
-        return f"Joint {place[0]} gives way in proportion to {column}."
-
-    def explain(self, machine: Machine, place: Place) -> str:
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
+        kind = _measured(settings)
+        if kind is not None:
+            holds = (
+                "the load that pulls at it" if settings[kind] > 0 else "what the drive holds against the load"
+            )
+            column = f"{_column(machine, place, kind)}, which by its sign is {holds}"
+            return f"Joint {place[0]} gives way in proportion to {column}."
         unknown = "" if machine.loaded else " (masses are not stated: compliance times carried mass is found)"
         return f"Joint {place[0]} gives way under {carried(machine)}, in proportion to the load{unknown}."
+
+
+def _measured(settings: Settings) -> str | None:
+    """``torque`` or ``current`` where settings read one of them in the computed load's place."""
+    return next((kind for kind in MEASURED_LOADS if kind in settings), None)
+
+
+def _column(machine: Machine, place: Place, kind: str) -> str:
+    """The column of a joint's torque or current."""
+    return Driver(kind, actuator_at(machine, place[0]).reading).name
 
 
 def _pulling(machine: Machine, place: Place) -> list[int]:
@@ -148,3 +166,34 @@ def _case(machine: Machine, place: Place, settings: Settings) -> str:
     if chosen not in range(last + 1):
         raise InputError(f"{JointCompliance.slug}: found carries = {chosen:g}, expected 0 to {last}")
     return machine.load_cases[round(chosen)]
+
+
+@effects.add("leg-compliance")
+class LegCompliance(Effect):
+    """dl = c F, F the leg's force from the closed loops' statics, tension positive; one leg or all alike."""
+
+    slug = "leg-compliance"
+    setting_ranges = NO_SETTINGS
+    title = "Compliant leg"
+    counted = True
+    formula = "dl = c F, F > 0 in tension"
+    size = "0.01 to 1 um/N"
+    look_alikes = ("platform-deformation", "actuator-scale", "gravity-sag", "wrong-constant")
+    experiment = "repeat poses with and without a payload; targets beside the leg ends exclude the platform"
+    source = "a bar of stiffness EA/l in series with its joints"
+    needs_load = True
+
+    def places(self, machine: Machine) -> Sequence[Place]:
+        return singly_and_together(limb.name for limb in machine.mechanism.limbs) if machine.loaded else []
+
+    def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
+        return (Coefficient("c", "mm/N", scale=1e-2, lower=0.0),)
+
+    def shifts(self, site: Site) -> Shifts:
+        ports = [limb_at(site.machine, name).length for name in site.place]
+        return {port: site.c["c"] * site.load(port) for port in ports}
+
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
+        if len(place) > 1:
+            return f"The legs {', '.join(place)} are equally compliant: they grow in tension."
+        return f"The leg {place[0]} is compliant: it grows in tension, shortens in compression."

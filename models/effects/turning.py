@@ -1,4 +1,4 @@
-"""A rotary axis that tilts as it turns, once per turn or oftener."""
+"""Errors that come back with every turn of a joint: encoder discs off their axis, axes that tilt."""
 
 from __future__ import annotations
 
@@ -8,12 +8,70 @@ from math import hypot, pi
 import casadi as ca
 
 from truepose.arrays import Array
-from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
-from truepose.models.effects.common import ARCSEC, actuator_at, drives_joint, nominal_axis, own_offset, singly
+from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, effects
+from truepose.models.effects.common import (
+    ARCSEC,
+    actuator_at,
+    drives_joint,
+    nominal_axis,
+    own_offset,
+    sine_coefficients,
+    sine_pair,
+    singly,
+)
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import AXES
-from truepose.models.machine.placed import COUNT, ranges
+from truepose.models.machine.placed import COUNT, ORDER, ranges
 from truepose.models.machine.states import across
+
+
+@effects.add("encoder-eccentricity")
+class EncoderEccentricity(Effect):
+    """Once per turn with one read head, twice per turn with an oval disc or two opposite heads.
+
+    The disc is that of the joint's reading, or that of an encoder on its load side: the place is then its column,
+    ``angle.q1``, and the error is that of the column.
+    """
+
+    slug = "encoder-eccentricity"
+    setting_ranges = ranges({"order": ORDER})
+    driven_by = "position-periodic"
+    title = "Eccentric encoder disc"
+    counted = True
+    forms = ({"order": 1.0}, {"order": 2.0})
+    formula = "dq = a sin(k q) + b cos(k q), k = 1 (disc off its axis) or 2 (oval disc, two read heads)"
+    size = "amplitude e / R: 10 um at R = 50 mm gives 2e-4 rad (41 arcsec)"
+    look_alikes = ("transmission-error", "axis-wobble", "actuator-scale")
+    experiment = "read a second head opposite the first, or turn the disc by half a turn and repeat"
+    source = "geometry of a disc of radius R mounted off its axis by e"
+    settings_add = True
+
+    def places(self, machine: Machine) -> Sequence[Place]:
+        turning = [a.reading for a in machine.mechanism.actuators if a.unit == "rad"]
+        return singly([*turning, *(c for c, joint in _on_load_side(machine).items() if joint in turning)])
+
+    def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
+        return sine_coefficients("rad", 3e-3)
+
+    def shifts(self, site: Site) -> Shifts:
+        (place,) = site.place
+        joint = _on_load_side(site.machine).get(place)
+        actuator = actuator_at(site.machine, joint or place)
+        angle = site.moved(joint) if joint else site.read(actuator.reading)
+        phase = site.settings.get("order", 1.0) * angle
+        return {f"{place}.reading" if joint else actuator.displacement: sine_pair(site, phase)}
+
+    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
+        whose = (
+            f"on the load side, {place[0]}," if place[0] in _on_load_side(machine) else f"of joint {place[0]}"
+        )
+        return f"The encoder disc {whose} is off its axis: it errs by a sine of the angle."
+
+
+def _on_load_side(machine: Machine) -> dict[str, str]:
+    """The joint of each column that an encoder on a load side has."""
+    return {column: joint for sensor in machine.sensors for column, joint in sensor.joints.items()}
+
 
 LARGEST = 1e-3
 DECAY = 1.5
@@ -37,6 +95,8 @@ class AxisWobble(Effect):
     driven_by = "position-periodic"
     title = "Wobbling rotary axis"
     counted = True
+    sentence = "The axis of joint {0} wobbles: it tilts to and fro as it turns."
+    forms = ({}, *({"orders": float(n)} for n in ORDERS))
     formula = (
         "tilt of the axis = (a + i b) exp(-i q) across it, in the frame that stands still (i: 90 deg about it); "
         "with (a2 + i b2) exp(-2 i q) + (c2 + i d2) exp(2 i q) and so on"
@@ -64,9 +124,6 @@ class AxisWobble(Effect):
             for name in ("ab" if order == 1 else "abcd")
         )
 
-    def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
-        return [{}, *({"orders": float(n)} for n in ORDERS)]
-
     def weight(self, settings: Settings) -> float:
         return 1.0 / _orders(settings)
 
@@ -92,9 +149,6 @@ class AxisWobble(Effect):
             for axis, shift in zip(AXES, motion, strict=True)
             if not shift.is_zero()
         }
-
-    def explain(self, machine: Machine, place: Place) -> str:
-        return f"The axis of joint {place[0]} wobbles: it tilts to and fro as it turns."
 
     def found(self, values: Mapping[str, float], std: Mapping[str, float]) -> str:
         more = " once a turn" if len(values) > 2 else ""
