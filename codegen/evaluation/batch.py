@@ -6,18 +6,18 @@ rows are wanted, ``truepose.codegen.evaluation.gram`` does without the arrays.
 
 What evaluates a batch: compiled C where the work repays the compiler, else CasADi's virtual machine.
 
-``engine_for`` decides by the work alone, so that results depend neither on chunks nor on what is in a cache.
+``Engine`` decides by the work alone, so that results depend neither on chunks nor on what is in a cache.
 """
 
 from __future__ import annotations
 
 import ctypes
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from threading import Lock
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -31,36 +31,6 @@ FEWEST_ROWS = 50_000
 """Compiling costs some 0.2 ms an operation, the virtual machine 4 ns an operation and row."""
 LEAST_WORK = 2e7
 """Rows times operations that repay the start of a compiler, a tenth of a second."""
-
-
-@dataclass(frozen=True)
-class Engine:
-    """``compiled`` or ``virtual machine``, and why the latter; ``missed``: compiling would have been worth it."""
-
-    name: str
-    why: str = ""
-    missed: bool = False
-
-    def __str__(self) -> str:
-        return f"{self.name} ({self.why})" if self.why else self.name
-
-    @property
-    def compiled(self) -> bool:
-        """Whether C is asked for."""
-        return self.name == "compiled"
-
-
-def engine_for(rows: int, instructions: int) -> Engine:
-    """The engine for so many scalar operations a row, at ``rows`` rows in all calls together."""
-    if rows >= FEWEST_ROWS and rows * instructions >= LEAST_WORK:
-        return Engine("compiled")
-    return Engine("virtual machine", "too little work for a compiler")
-
-
-def without_compiler(why: str) -> Engine:
-    """The virtual machine in place of C that cannot be had; it is logged once for each reason."""
-    log_once(why)
-    return Engine("virtual machine", why, missed=True)
 
 
 @cache
@@ -120,6 +90,33 @@ class RowInputs:
         return np.concatenate([*parts, np.zeros(1)])
 
 
+Library = TypeVar("Library")
+
+
+class Engine(Generic[Library]):
+    """What evaluates: C, made at the first call where the work repays it, else CasADi's virtual machine.
+
+    ``compiled``: whether C is asked for; ``missed``: why it cannot be had, where it would have been worth it.
+    """
+
+    def __init__(self, rows: int, instructions: int, make: Callable[[RowInputs], Library]) -> None:
+        self.compiled = rows >= FEWEST_ROWS and rows * instructions >= LEAST_WORK
+        self.missed = ""
+        self._make, self._made = make, dict[RowInputs, Library]()
+        self._making = Lock()
+
+    def library(self, given: RowInputs) -> Library | None:
+        """C for inputs that come so; None where there is none. Threads may ask at once."""
+        with self._making:
+            if self.compiled and given not in self._made:
+                try:
+                    self._made[given] = self._make(given)
+                except (NotCompiledError, NotImplementedError, ValueError) as exc:
+                    self.compiled, self.missed = False, str(exc)
+                    log_once(self.missed)
+            return self._made[given] if self.compiled else None
+
+
 def rows_of(inputs: Sequence[Array]) -> int:
     """Number of rows of the first input (n, size); 1 where all inputs are shared (size,)."""
     return next((len(a) for a in inputs if np.ndim(a) == 2), 1)
@@ -157,42 +154,26 @@ class BatchFunction:
         self._shapes = [output.shape for output in self._outputs]
         self._sizes = [int(item.numel()) for item in inputs]
         self._machine = _VirtualMachine(self._function)
-        self._compiled: dict[RowInputs, _Compiled] = {}
-        self._compiling = Lock()
-        self._engine = engine_for(rows, self.instructions)
+        self.engine = Engine(
+            rows, self.instructions, lambda given: _Compiled(given, self._inputs, self._outputs)
+        )
 
     @property
     def instructions(self) -> int:
         """Scalar operations of one row."""
         return int(self._function.n_instructions())
 
-    @property
-    def engine(self) -> Engine:
-        """What evaluates; whether C can be compiled shows at the first call."""
-        return self._engine
-
     def __call__(self, *inputs: Array) -> tuple[Array, ...]:
         """Outputs (n, rows, columns) of inputs (n, size), or (size,) where all rows share one."""
         rows = rows_of(inputs)
         results = tuple(np.empty((rows, columns, height)) for height, columns in self._shapes)
-        compiled = self._library(RowInputs.of(self._sizes, inputs)) if self._engine.compiled else None
+        compiled = self.engine.library(RowInputs.of(self._sizes, inputs))
         if compiled is not None:
             compiled(inputs, results, rows)
         else:
             every = RowInputs(tuple(self._sizes), (False,) * len(self._sizes))
             self._machine(every.own(inputs, rows), results)
         return tuple(result.transpose(0, 2, 1) for result in results)
-
-    def _library(self, given: RowInputs) -> _Compiled | None:
-        """C for inputs that come so, compiled at the first call; None where there is none."""
-        with self._compiling:
-            if given not in self._compiled:
-                try:
-                    self._compiled[given] = _Compiled(given, self._inputs, self._outputs)
-                except (NotCompiledError, NotImplementedError, ValueError) as exc:
-                    self._engine = without_compiler(str(exc))
-                    return None
-            return self._compiled[given]
 
 
 class _VirtualMachine:

@@ -17,14 +17,12 @@ from truepose.codegen.evaluation.batch import (
     BatchFunction,
     Engine,
     RowInputs,
-    engine_for,
     loads,
     pointers,
     rows_of,
     scratch,
-    without_compiler,
 )
-from truepose.codegen.evaluation.compiled import NotCompiledError, load
+from truepose.codegen.evaluation.compiled import load
 from truepose.codegen.evaluation.rowwise import RowWise, rowwise
 
 CHUNK = 16384
@@ -40,13 +38,9 @@ class GramFunction:
         self._inputs, self._columns = list(inputs), ca.horzcat(jacobian, residual)
         self._sizes = [int(item.numel()) for item in inputs]
         self._rows = BatchFunction(name, inputs, [self._columns])
-        self._engine = engine_for(rows, self._rows.instructions)
-        self._compiled: dict[RowInputs, _Compiled] = {}
-
-    @property
-    def engine(self) -> Engine:
-        """What evaluates; whether C can be compiled shows at the first call."""
-        return self._engine
+        self.engine = Engine(
+            rows, self._rows.instructions, lambda given: _Compiled(given, self._inputs, self._columns)
+        )
 
     def __call__(self, *inputs: Array, weight: Array | None = None) -> Array:
         """(n + 1, n + 1) sums over rows of inputs (rows, size), or (size,) where all share one; ``weight`` (rows,).
@@ -55,7 +49,7 @@ class GramFunction:
         """
         rows, size = rows_of(inputs), self._columns.shape[1]
         given = RowInputs.of(self._sizes, inputs)
-        compiled = self._library(given) if self._engine.compiled else None
+        compiled = self.engine.library(given)
         evaluate = compiled or self._by_rows
         total = np.zeros((size, size))
         for start in range(0, rows, CHUNK):
@@ -63,15 +57,6 @@ class GramFunction:
             some = [a if s or len(a) != rows else a[part] for a, s in zip(inputs, given.shared, strict=True)]
             total += evaluate(some, None if weight is None else weight[part], min(CHUNK, rows - start))
         return total
-
-    def _library(self, given: RowInputs) -> _Compiled | None:
-        if given not in self._compiled:
-            try:
-                self._compiled[given] = _Compiled(given, self._inputs, self._columns)
-            except (NotCompiledError, NotImplementedError, ValueError) as exc:
-                self._engine = without_compiler(str(exc))
-                return None
-        return self._compiled[given]
 
     def _by_rows(self, inputs: Sequence[Array], weight: Array | None, rows: int) -> Array:
         """By the virtual machine, some hundred rows at a time."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Final, Protocol
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -30,30 +30,11 @@ IntArray = npt.NDArray[np.int64]
 _NUMBERS: Final = {"stop": (1, 2), "loop": (3, 4), "creep": (1, 2)}
 
 
-class Logged(Protocol):
-    """What remembering needs of a recording of n rows: moved (n, nq), all else (n,); see `Recording`."""
-
-    @property
-    def joints(self) -> tuple[str, ...]: ...
-    @property
-    def moved(self) -> Array: ...
-    @property
-    def drivers(self) -> Mapping[str, Array]: ...
-    @property
-    def time(self) -> Array | None: ...
-    @property
-    def session(self) -> IntArray: ...
-    @property
-    def source_file(self) -> IntArray: ...
-    @property
-    def order(self) -> IntArray: ...
-    @property
-    def shuffled(self) -> bool: ...
-    def driver(self, name: str) -> Array | None: ...
-    def __len__(self) -> int: ...
+if TYPE_CHECKING:
+    from truepose.identification.recording.recording import Recording
 
 
-def remembered(whole: Logged, driver: Driver) -> Array | None:
+def remembered(whole: Recording, driver: Driver) -> Array | None:
     """(n,) values of a driver that remembers; None when the recording lacks a column for it, or its name is unknown.
 
     ``whole`` is a whole recording, not a subset. Numbers are in the internal unit of the reading (mm, rad, turn).
@@ -74,7 +55,7 @@ def remembered(whole: Logged, driver: Driver) -> Array | None:
     return None
 
 
-def from_order(whole: Logged, driver: Driver) -> Array | None:
+def from_order(whole: Recording, driver: Driver) -> Array | None:
     """(n,) what the order of acquisition tells of a joint's last motion; None where it is declared to tell nothing.
 
     ``approach.J``: the side that joint J came from, kept while it rests, 0 until it moves; ``step.J``: how far it went
@@ -93,7 +74,7 @@ def from_order(whole: Logged, driver: Driver) -> Array | None:
     return out
 
 
-def _pieces(whole: Logged) -> IntArray:
+def _pieces(whole: Recording) -> IntArray:
     """Label of the uninterrupted way that each row belongs to, (n,)."""
     _, session = np.unique(whole.session, return_inverse=True)
     if whole.time is not None:
@@ -103,13 +84,13 @@ def _pieces(whole: Logged) -> IntArray:
     )
 
 
-def _pieces_of_clock(whole: Logged, order: IntArray) -> IntArray:
+def _pieces_of_clock(whole: Recording, order: IntArray) -> IntArray:
     """(n,) zeros where one clock runs through all sessions, else ``_pieces``: sessions that overlap have their own."""
     changes = int(np.count_nonzero(np.diff(whole.session[order])))
     return np.zeros_like(order) if changes < len(np.unique(whole.session)) else _pieces(whole)
 
 
-def _stop(whole: Logged, joint: str, numbers: list[float]) -> Array:
+def _stop(whole: Recording, joint: str, numbers: list[float]) -> Array:
     order = whole.order
     recorded = whole.drivers.get(Driver(APPROACH, joint).name)
     approach = np.zeros(len(whole)) if recorded is None else np.sign(recorded)
@@ -119,13 +100,13 @@ def _stop(whole: Logged, joint: str, numbers: list[float]) -> Array:
     return out
 
 
-def _loop(whole: Logged, joint: str, numbers: list[float]) -> Array:
+def _loop(whole: Recording, joint: str, numbers: list[float]) -> Array:
     half_width, low, high, *overshoot = numbers
     readings = whole.moved[:, whole.joints.index(joint)]
     return _stop(whole, joint, [half_width, *overshoot]) - line_of_full_loop(readings, half_width, low, high)
 
 
-def _creep(whole: Logged, joint: str, numbers: list[float]) -> Array | None:
+def _creep(whole: Recording, joint: str, numbers: list[float]) -> Array | None:
     if whole.time is None:
         return None
     order = whole.order
@@ -137,7 +118,7 @@ def _creep(whole: Logged, joint: str, numbers: list[float]) -> Array | None:
     return out
 
 
-def _lagged(whole: Logged, name: str, seconds: float) -> Array | None:
+def _lagged(whole: Recording, name: str, seconds: float) -> Array | None:
     values = whole.driver(name)
     if values is None or whole.time is None:
         return None
@@ -147,10 +128,8 @@ def _lagged(whole: Logged, name: str, seconds: float) -> Array | None:
     return lagged
 
 
-_KINDS: Final[Mapping[str, Callable[[Logged, str, list[float]], Array | None]]] = {
+_KINDS: Final[Mapping[str, Callable[[Recording, str, list[float]], Array | None]]] = {
     "stop": _stop,
     "loop": _loop,
     "creep": _creep,
 }
-
-__all__ = ["TREMBLING", "Logged", "from_order", "remembered"]

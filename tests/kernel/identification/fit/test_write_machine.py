@@ -167,7 +167,7 @@ FAULTS: dict[str, Callable[[dict[str, Any]], None]] = {
     "effects": lambda document: document["effects"].pop(),
     "+-": _changed("tolerances", "length"),
     "covariance": lambda document: document["covariance"]["names"].reverse(),
-    "predictions": _changed("masses", "link2", "kg", by=1.0),
+    "poses": _changed("masses", "link2", "kg", by=1.0),
     "cannot be read": lambda document: document["mechanism"]["joints"].pop(),
 }
 
