@@ -17,13 +17,14 @@ from truepose.codegen.evaluation.batch import (
     BatchFunction,
     Engine,
     RowInputs,
+    RowWise,
     loads,
     pointers,
     rows_of,
+    rowwise,
     scratch,
 )
 from truepose.codegen.evaluation.compiled import load
-from truepose.codegen.evaluation.rowwise import RowWise, rowwise
 
 CHUNK = 16384
 """Rows that are summed before they are added to the rest: rounding grows with the root of the chunks."""

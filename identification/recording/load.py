@@ -23,10 +23,15 @@ from truepose.arrays import Mask
 from truepose.errors import InputError
 from truepose.identification.recording.file import LABEL
 from truepose.identification.recording.joint_readings import TURN, JointColumn, unfold_readings
-from truepose.identification.recording.names import in_known_case
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording, frozen
-from truepose.identification.recording.table import Table, is_table, read_table, table_in_memory
+from truepose.identification.recording.table import (
+    Table,
+    in_known_case,
+    is_table,
+    read_table,
+    table_in_memory,
+)
 from truepose.models.file.driver import MEASURED_LOADS, DeclaredDriver, Driver
 from truepose.models.file.sections import DriverEntry
 from truepose.models.machine.columns import declared_driver

@@ -25,8 +25,7 @@ from truepose.identification.leaves.readers.spreadsheet import MAGIC
 from truepose.identification.leaves.readers.tpoint import is_tpoint, machine_text, read_tpoint
 from truepose.identification.leaves.readers.tracker_text import ANY, DIALECTS, dialect_of, read_points
 from truepose.identification.recording.languages import refuse_languages
-from truepose.identification.recording.names import in_known_case
-from truepose.identification.recording.table import Column, Table, read_table
+from truepose.identification.recording.table import Column, Table, in_known_case, read_table
 from truepose.identification.recording.text import SI, decoded
 from truepose.models.units import parse_unit
 from truepose.wording import joined, shortened

@@ -18,7 +18,7 @@ from support.built_machines import TEXTS, manufactured, read_machines, simulated
 from support.engines import compile_all, compile_none
 from support.examples import by_day, examples
 from support.generated_c import needs_compiler
-from truepose.codegen.evaluation import batch, compiled, rowwise
+from truepose.codegen.evaluation import batch, compiled
 from truepose.codegen.evaluation.batch import BatchFunction
 from truepose.identification.fit.calibrate import calibrate
 
@@ -106,7 +106,7 @@ def test_a_long_function_in_many_parts(cache: Path, monkeypatch: pytest.MonkeyPa
     given = rng.normal(0, 1, (20, 4)), rng.normal(0, 1, 3)
     expected = BatchFunction("long", [x, p], [ca.vertcat(*ends)])(*given)[0]
     for length in (1, 2, 5, 17, 1000):
-        monkeypatch.setattr(rowwise, "LENGTH", length)
+        monkeypatch.setattr(batch, "LENGTH", length)
         function = BatchFunction("long", [x, p], [ca.vertcat(*ends)], rows=1)
         np.testing.assert_allclose(function(*given)[0], expected, rtol=1e-12, atol=1e-13)
         assert function.engine.compiled
