@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from support.examples import examples
 from support.generated_c import COMPILER, WARNINGS, needs_compiler
 from truepose.codegen.c import generate, render
-from truepose.codegen.texts import c_string, code_span, comment, identifiers, markdown, python_string
+from truepose.codegen.texts import c_string, code_span, comment, markdown, python_string
 from truepose.errors import InputError
 from truepose.models.file.machine_file import checked_machine
 from truepose.models.load import build_machine
@@ -240,13 +240,6 @@ def test_markdown_has_no_markup_of_others(text: str) -> None:
         outside = re.sub(r"(?<!\\)`[^`|\n]*`", "", line)
         assert "<" not in outside and "\n" not in line
         assert not re.search(r"(?<!\\)(?:\\\\)*[`|*\[\]]", outside)
-
-
-@given(st.lists(st.text(min_size=1), min_size=1, max_size=8, unique=True))
-def test_places_have_identifiers_of_their_own(names: list[str]) -> None:
-    made = identifiers(names)
-    assert len(set(made)) == len(names)
-    assert all(re.fullmatch(r"[A-Za-z0-9_]+", one) for one in made)
 
 
 def compiled(folder: Path, command: list[str]) -> None:

@@ -141,18 +141,6 @@ def test_every_operation_is_that_of_casadi(
     np.testing.assert_allclose(evaluate(q, p)[:, smooth], expected[:, smooth], rtol=rtol, atol=atol)
 
 
-def test_no_row_sees_another(every: tuple[Real, Evaluate]) -> None:
-    """The same bits wherever a row stands, and beside whatever it stands."""
-    _, evaluate = every
-    rng = np.random.default_rng(2)
-    q, p = rng.normal(0, 3, (37, 3)), rng.normal(0, 3, 2)
-    q[5], q[11], q[20, 0] = np.nan, np.inf, 3e6
-    order = rng.permutation(len(q))
-    together = evaluate(q, p)
-    np.testing.assert_array_equal(evaluate(q[order], p), together[order])
-    np.testing.assert_array_equal(np.concatenate([evaluate(row[None], p) for row in q]), together)
-
-
 def test_what_is_no_number_stays_so(every: tuple[Real, Evaluate]) -> None:
     _, evaluate = every
     q = np.array([[np.nan, 1.0, 0.0], [np.inf, 1.0, 0.0], [1.0, np.nan, 0.0]])

@@ -246,34 +246,6 @@ def test_bad_input_is_refused_and_changes_nothing(root_directory: Path, real: Re
     assert state.update(q, 0.5) is not None
 
 
-@needs_compiler
-def test_a_new_session_forgets_the_way_and_not_the_heat(root_directory: Path) -> None:
-    built = library(root_directory, EFFECTS, "double")
-    names = list(built.wrapper.DRIVERS)
-    state = built.wrapper.State(built.kinematics)
-    for k in range(5):
-        z = dict(
-            zip(
-                names,
-                state.update([0.3 * k, 0.1 * k, -100.0 + 9 * k, 0], 60.0, {"temperature.link1": 20.0 + k}),
-                strict=True,
-            )
-        )
-    assert z["approach.q1"] == z["approach.q3"] == 1.0
-    state.session()
-    after = dict(
-        zip(names, state.update([1.2, 0.4, -64.0, 0], 60.0, {"temperature.link1": 24.0}), strict=True)
-    )
-    assert (
-        after["approach.q1"]
-        == after["approach.q3"]
-        == after[next(n for n in names if n.startswith("stop"))]
-        == 0.0
-    )
-    assert z["temperature.link1~300"] < after["temperature.link1~300"] < 24.0
-    assert after["creep.q3~0.1"] > z["creep.q3~0.1"] > 0.0
-
-
 @pytest.mark.nightly
 @needs_compiler
 @both

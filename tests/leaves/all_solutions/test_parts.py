@@ -6,19 +6,15 @@ from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import casadi as ca
 import numpy as np
 import pytest
 
-from support.graph_machines import machine_of, model_of
 from support.six_joint_arms import ARMS, BUILT, DRAWN, GENERAL
 from truepose.codegen.chain import ChainExpressions
 from truepose.codegen.leaves.all_solutions.solutions import branches_of
-from truepose.codegen.reference import Reference
 from truepose.models.machine.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine.velocities import chain_of
 
-LOOPED = ("planar", "delta", "hybrid", "pus", "ups")
 TURNING = (True,) * 6
 
 
@@ -73,36 +69,3 @@ def test_an_arm_with_a_joint_that_does_not_repeat_after_a_turn_has_no_closed_for
 
 
 # -- samples -------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", LOOPED)
-def test_readings_at_home_close_the_loops_there(name: str) -> None:
-    model = model_of(name)
-    close = Reference(model)
-    q = close.home_readings(model.q_home + 1e-3)
-    gap = ca.Function("gap", [model.q, model.z, model.p, model.x], [model.closure])
-    here = np.array(gap(q, model.z_home, model.p_home, model.home))[:, 0]
-    assert np.abs(here).max() < 1e-7
-    assert np.abs(np.array(gap(model.q_home + 1e-3, model.z_home, model.p_home, model.home))).max() > 1e-4
-    passive = close.passive(q)
-    assert passive is not None
-    np.testing.assert_allclose(passive, model.home, atol=1e-6)
-
-
-@pytest.mark.parametrize("name", ["planar", "pus"])
-def test_samples_lie_within_their_box_and_their_loops_can_be_followed(name: str) -> None:
-    model = model_of(name)
-    near, half = (
-        model.q_home,
-        np.array([0.2 if a.unit == "rad" else 1.0 for a in machine_of(name).mechanism.actuators]),
-    )
-    close = Reference(model)
-    found = list(close.samples(near - half, near + half, near, 12))
-    assert len(found) == 12
-    for q, pose in found:
-        assert (np.abs(q - near) <= half + 1e-12).all()
-        direct = close.forward(q)
-        assert direct is not None
-        np.testing.assert_allclose(pose, direct, atol=1e-9)
-        np.testing.assert_allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-12)
-    assert close.forward(near + 1e4) is None

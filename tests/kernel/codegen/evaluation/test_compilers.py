@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -139,15 +138,6 @@ def test_a_folder_that_others_could_put_another_in_place_of_is_not_used(
     assert kept(parts[-1] / "new") is None
     parts[level].chmod(mode | 0o1000)  # as /tmp is: nobody may move what is another's
     assert kept(parts[-1]) == (parts[-1] if level < 2 else None)
-
-
-@pytest.mark.skipif(os.name != "posix" or os.getuid() != 0, reason="only root can give a folder away")
-@pytest.mark.parametrize("level", [0, 1])
-def test_a_folder_of_another_user_is_not_used(tmp_path: Path, level: int) -> None:
-    parts = [tmp_path / "a", tmp_path / "a" / "b"]
-    parts[-1].mkdir(parents=True, mode=0o700)
-    os.chown(parts[level], 12345, 12345)
-    assert kept(parts[-1]) is None
 
 
 def test_links_are_followed_before_the_folder_is_judged(tmp_path: Path) -> None:

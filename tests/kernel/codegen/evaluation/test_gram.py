@@ -90,12 +90,3 @@ def test_pieces_add_up(engine: str, monkeypatch: pytest.MonkeyPatch) -> None:
     np.testing.assert_allclose(pieces, whole, rtol=1e-12, atol=1e-12)
     monkeypatch.setattr(gram, "CHUNK", 13)
     np.testing.assert_allclose(function(*given), whole, rtol=1e-12, atol=1e-12)
-
-
-def test_without_a_compiler_it_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    compile_all(monkeypatch, tmp_path)
-    monkeypatch.setenv("TRUEPOSE_CC", "")
-    function, given = GramFunction("f", *problem(2, 3, 2), rows=1), inputs(2, 3, 20)
-    expected = written_out(given, 2, 3, 2)
-    np.testing.assert_allclose(function(*given), expected, rtol=1e-12, atol=1e-12)
-    assert function.engine.missed == "TRUEPOSE_CC is empty"

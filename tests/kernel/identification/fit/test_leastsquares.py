@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from support import TESTS
-from truepose.identification.fit.leastsquares import Linear, Solution, minimise, triangular
+from truepose.identification.fit.leastsquares import Solution, minimise, triangular
 
 Array = NDArray[np.float64]
 FOLDER = TESTS / "data" / "nist-strd"
@@ -131,27 +131,6 @@ def test_triangular_factor_has_the_gram_matrix_of_its_rows(sizes: tuple[int, ...
     assert factor.shape == (columns, columns)
     np.testing.assert_array_equal(factor, np.triu(factor))
     np.testing.assert_allclose(factor.T @ factor, rows.T @ rows, atol=1e-10)
-
-
-def test_a_linear_problem_takes_one_undamped_step() -> None:
-    rng = np.random.default_rng(2)
-    j, y = rng.standard_normal((30, 4)), rng.standard_normal(30)
-    solution = minimise(lambda t: [np.column_stack([j, j @ t - y])], np.zeros(4), damping=0.0)
-    assert solution.status.ok
-    assert solution.iterations == 2
-    np.testing.assert_allclose(solution.t, np.linalg.lstsq(j, y, rcond=None)[0], atol=1e-12)
-
-
-@pytest.mark.parametrize("n", [5, 270])
-def test_what_a_step_gains_is_told_before_it_is_taken(n: int) -> None:
-    """Half the sum of squares here less that at the minimum, for few unknowns and for many; the step leads there."""
-    rng = np.random.default_rng(4)
-    j, y = rng.standard_normal((n + 40, n)) * 10.0 ** rng.uniform(-2, 2, n), rng.standard_normal(n + 40)
-    linear = Linear(triangular([np.column_stack([j, y])], n + 1), n)
-    lowest = np.linalg.lstsq(j, -y, rcond=None)[0]
-    np.testing.assert_allclose(linear.step(), lowest, rtol=1e-6, atol=1e-9 * np.abs(lowest).max())
-    left = y + j @ lowest
-    assert linear.decrement == pytest.approx(0.5 * (y @ y - left @ left), rel=1e-9)
 
 
 def test_directions_without_influence_stay_where_they_started() -> None:

@@ -12,7 +12,6 @@ import pytest
 from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.estimated import Estimate
-from truepose.identification.fit.leastsquares import triangular, triangular_parts
 from truepose.identification.fit.noise import Scatter, unexplained
 from truepose.identification.fit.write_machine import calibrated_document, covariance_of
 from truepose.identification.prediction.predict import predict
@@ -72,20 +71,6 @@ def fitted(machine: Machine, folder: Path, noise: dict[str, float]) -> tuple[Est
 # -- algebra -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("columns", [6, 260])
-def test_parts_of_a_factor_make_the_whole(columns: int) -> None:
-    """By small and by wide problems: groups of channels that are folded one by one hold all rows."""
-    rng = np.random.default_rng(1)
-    blocks = [rng.standard_normal((4 * rows, columns)) for rows in (200, 1, 90)]
-    groups = [[0, 2], [1], [3]]
-    parts = triangular_parts(iter(blocks), columns, groups)
-    for at, part in zip(groups, parts, strict=True):
-        own = np.concatenate([b.reshape(-1, 4, columns)[:, at].reshape(-1, columns) for b in blocks])
-        np.testing.assert_allclose(part.T @ part, own.T @ own, rtol=1e-9, atol=1e-8)
-    whole, again = triangular(iter(blocks), columns), triangular(parts, columns)
-    np.testing.assert_allclose(again.T @ again, whole.T @ whole, rtol=1e-9, atol=1e-8)
-
-
 @pytest.mark.parametrize("weights", [(1.0, 0.5, 0.0, 2.0, 0.0), (1.0, 1.0, 1.0, 1.0, 1.0), (0.0,) * 5])
 def test_a_sandwich_is_the_textbooks(weights: Sequence[float]) -> None:
     """A^-1 M A^-1 with A = slope J'J + P and M = sum of noise J_g'J_g + P; the plain posterior where M is A."""
@@ -104,21 +89,6 @@ def test_a_sandwich_is_the_textbooks(weights: Sequence[float]) -> None:
 
 
 # -- noise ---------------------------------------------------------------------------------------------
-
-
-def test_scatter_is_chi2_per_degree_of_freedom_without_weights() -> None:
-    """But for the few readings that the stated sigma counts for; by groups, and 1 where nothing was read."""
-    residual = np.random.default_rng(4).standard_normal((500, 6)) * [2.0, 2.0, 2.0, 0.5, 0.5, 0.5]
-    found = Scatter.of(residual, np.ones(500), [[0, 1, 2], [3, 4, 5]], [20.0, 10.0])
-    expected = [
-        np.sum(residual[:, at] ** 2) / (1500.0 - used) for at, used in (([0, 1, 2], 20), ([3, 4, 5], 10))
-    ]
-    assert found.slope == 1.0
-    assert found.variance == pytest.approx(expected, rel=0.02)
-    nothing = Scatter.of(np.zeros((0, 6)), np.ones(0), [[0]], [0.0])
-    assert nothing.as_stated
-    few = Scatter.of(residual[:1, :1] * 10, np.ones(1), [[0]], [0.5])
-    assert few.variance[0] < np.sum(residual[:1, :1] ** 2 * 100)
 
 
 def test_hubers_variance_is_that_of_the_estimate() -> None:

@@ -134,15 +134,6 @@ def test_a_free_companion_is_allowed_for_before_a_direction_counts_as_seen() -> 
 # -- independent sets ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", ["serial", "ups", "pus", "distance"])
-def test_the_set_of_a_machine_has_its_rank(kind: str) -> None:
-    found = identifiability(load_machine(MACHINES / f"{kind}.yaml"))
-    assert len(found.subset.kept) == found.rank_at_drawing
-    assert not set(found.subset.kept) & set(found.subset.relations)
-    assert set(found.subset.kept) | set(found.subset.relations) == set(found.known.names)
-    assert identifiability(load_machine(MACHINES / f"{kind}.yaml")).subset == found.subset
-
-
 # -- nothing hangs on rounding ---------------------------------------------------------------------------
 
 

@@ -100,19 +100,6 @@ def test_frames_set_up_anew_are_found_wherever_they_are(tmp_path: Path) -> None:
             assert abs(away) < SURE * std, name
 
 
-def test_each_session_alone_leaves_the_same_frames(tmp_path: Path) -> None:
-    """Together they know the arm better; where a frame stood agrees within what each knows."""
-    one = campaign(tmp_path)
-    whole = calibrate(one.machine, one.rows()).fit
-    first = calibrate(one.machine, one.rows(0)).fit
-    base = [k for k, name in enumerate(first.prior.names) if name.startswith("base.")]
-    assert np.all(np.abs(whole.p[base] - first.p[base]) < SURE * first.std[base])
-    spread = [
-        np.diag(fit.posterior)[[fit.prior.free.tolist().index(k) for k in base]] for fit in (whole, first)
-    ]
-    assert np.all(spread[0] <= spread[1] * (1 + 1e-9))  # at the noise stated: more rows never know less
-
-
 @pytest.mark.nightly
 def test_what_is_stated_is_no_finding_and_no_movement(tmp_path: Path) -> None:
     one = campaign(tmp_path)
