@@ -1,22 +1,17 @@
-"""C texts to functions of this process: compiled by the system's C compiler for this processor, and kept.
+"""C texts to functions of this process: compiled by the system's C compiler for this processor, once.
 
-``load`` gives the library of a C text, or of several files, from the cache, or compiles it. ``NotCompiledError`` says why
-there is none.
+``load`` gives the library of a C text, or of several files. ``NotCompiledError`` says why there is none.
 """
 
 from __future__ import annotations
 
 import ctypes
-import hashlib
 import os
-import platform
 import shlex
 import shutil
-import stat
 import subprocess
 import tempfile
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
@@ -25,9 +20,6 @@ SECONDS = 600.0
 """Most time that a compiler is given."""
 FLAGS = ("-std=c99", "-O2", "-march=native", "-fno-math-errno", "-shared", "-fPIC")
 FUSED = {False: "-ffp-contract=off", True: "-ffp-contract=fast"}
-MOST = 500
-"""Libraries kept; the ones not used for longest go first."""
-_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 _LONGEST = 200
 
 
@@ -44,62 +36,22 @@ def load(
     ``fused`` lets products be added without rounding, faster, but not digit for digit as CasADi does. Raises NotCompiledError.
     """
     sources = {"source.c": source} if isinstance(source, str) else source
-    compiler, version = compiler_of(os.environ.get("TRUEPOSE_CC"), os.environ.get("PATH", ""))
-    command = [*compiler, *FLAGS, FUSED[fused]]
-    making = "\0".join(
-        [*(part for item in sources.items() for part in item), *command, version, _processor()]
-    )
-    key, folder = hashlib.sha256(making.encode()).hexdigest()[:40], cache_folder()
-    kept = None if folder is None else folder / f"{key}.so"
-    if kept is not None and kept.is_file():
-        with suppress(OSError):
-            library = _opened(kept, functions)
-            os.utime(kept)
-            return library
+    compiler = compiler_of(os.environ.get("TRUEPOSE_CC"), os.environ.get("PATH", ""))
+    return _library((*compiler, *FLAGS, FUSED[fused]), tuple(sources.items()), tuple(functions))
+
+
+@cache
+def _library(
+    command: tuple[str, ...], sources: tuple[tuple[str, str], ...], functions: tuple[str, ...]
+) -> ctypes.CDLL:
+    """The library that a command makes of texts by file name, compiled once in a process."""
     try:
-        with tempfile.TemporaryDirectory(dir=folder, prefix=".truepose-") as work:
-            fresh = Path(work) / "new.so"
-            _build(command, sources, fresh)
-            library = _opened(fresh, functions)  # it stays loaded when its file moves
-            if kept is not None:
-                fresh.replace(kept)
-                _prune(kept.parent)
-        return library
+        with tempfile.TemporaryDirectory(prefix="truepose-", ignore_cleanup_errors=True) as work:
+            made = Path(work) / "made.so"
+            _build(command, dict(sources), made)
+            return _opened(made, functions)  # it stays loaded when its file goes
     except OSError as exc:
-        raise NotCompiledError(f"what {compiler[0]} made cannot be loaded: {exc}") from None
-
-
-def cache_folder(environment: Mapping[str, str] = os.environ) -> Path | None:
-    """The folder of libraries in TRUEPOSE_CACHE, else in truepose of XDG_CACHE_HOME or ~/.cache; None where it is not safe.
-
-    A folder that another user may write to, or put another one in place of, could hold anybody's code.
-    """
-    own, general = environment.get("TRUEPOSE_CACHE"), environment.get("XDG_CACHE_HOME")
-    try:
-        folder = Path(own).expanduser() if own else Path(general or Path.home() / ".cache") / "truepose"
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        folder = folder.resolve(strict=True)
-        return folder if os.access(folder, os.W_OK | os.X_OK) and _is_private(folder) else None
-    except (OSError, RuntimeError):  # no home
-        return None
-
-
-def _is_private(folder: Path) -> bool:
-    """Whether this user alone may write to a folder, and nobody but root may move it away."""
-    if os.name != "posix":
-        return True
-    here, above = folder.stat(), [parent.stat() for parent in folder.parents]
-    held = all(
-        found.st_uid in (0, os.getuid()) and (not found.st_mode & _OTHERS or found.st_mode & stat.S_ISVTX)
-        for found in above
-    )
-    return held and here.st_uid == os.getuid() and not here.st_mode & _OTHERS
-
-
-def _prune(folder: Path) -> None:
-    with suppress(OSError):  # another process may prune too
-        for path in sorted(folder.glob("*.so"), key=lambda path: path.stat().st_mtime)[:-MOST]:
-            path.unlink(missing_ok=True)
+        raise NotCompiledError(f"what {command[0]} made cannot be loaded: {exc}") from None
 
 
 def _opened(path: Path, functions: Sequence[str]) -> ctypes.CDLL:
@@ -120,15 +72,15 @@ def _build(command: Sequence[str], sources: Mapping[str, str], library: Path) ->
     for path, text in files.items():
         path.write_text(text, encoding="utf-8", newline="\n")
     units = [str(path) for path in files if path.suffix == ".c"]
-    code, _, said = _run([*command, *units, "-lm", "-o", str(library)])
+    code, said = _run([*command, *units, "-lm", "-o", str(library)])
     if code != 0:
         lines = said.splitlines()
         first = next((line for line in lines if "error" in line), next(iter(lines), ""))
         raise NotCompiledError(f"{command[0]} failed: {_one_line(first) or f'exit code {code}'}")
 
 
-def compiler_of(asked: str | None, path: str) -> tuple[tuple[str, ...], str]:
-    """The compiler that is ``asked`` for, a program with or without arguments, or the first known one; and its version.
+def compiler_of(asked: str | None, path: str) -> tuple[str, ...]:
+    """The compiler that is ``asked`` for, a program with or without arguments, or the first known one.
 
     Raises NotCompiledError where there is none.
     """
@@ -148,20 +100,11 @@ def compiler_of(asked: str | None, path: str) -> tuple[tuple[str, ...], str]:
     found = next((whole for name in names if (whole := shutil.which(name, path=path))), None)
     if found is None:
         raise NotCompiledError(f"found no C compiler ({_one_line(', '.join(names))})")
-    command = (found, *arguments)
-    return command, _version(command)
+    return found, *arguments
 
 
-@cache
-def _version(command: tuple[str, ...]) -> str:
-    code, told, _ = _run([*command, "--version"])
-    if code != 0:
-        raise NotCompiledError(f"{command[0]} --version failed: exit code {code}")
-    return told
-
-
-def _run(command: Sequence[str]) -> tuple[int, str, str]:
-    """Exit code, output and errors of a program. Raises NotCompiledError for one that cannot be run, or does not end."""
+def _run(command: Sequence[str]) -> tuple[int, str]:
+    """Exit code and errors of a program. Raises NotCompiledError for one that cannot be run, or does not end."""
     try:
         done = subprocess.run(
             command, stdin=subprocess.DEVNULL, capture_output=True, timeout=SECONDS, check=False
@@ -170,20 +113,9 @@ def _run(command: Sequence[str]) -> tuple[int, str, str]:
         raise NotCompiledError(f"{command[0]} failed: {exc}") from None
     except subprocess.TimeoutExpired:
         raise NotCompiledError(f"{command[0]} failed: found no end after {SECONDS:.0f} s") from None
-    return done.returncode, done.stdout.decode("utf-8", "replace"), done.stderr.decode("utf-8", "replace")
+    return done.returncode, done.stderr.decode("utf-8", "replace")
 
 
 def _one_line(text: str) -> str:
     """A text of others as it may stand in a message."""
     return "".join(letter if letter.isprintable() else "?" for letter in text.strip())[:_LONGEST]
-
-
-@cache
-def _processor() -> str:
-    """What ``-march=native`` depends on: a cache may be shared by unlike machines."""
-    told = [platform.machine(), platform.processor()]
-    info = Path("/proc/cpuinfo")
-    if info.exists():
-        lines = info.read_text(encoding="utf-8", errors="replace").splitlines()
-        told += sorted({x for x in lines if x.startswith(("flags", "Features", "model name", "CPU part"))})
-    return "\n".join(told)

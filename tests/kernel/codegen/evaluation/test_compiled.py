@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import logging
 import sys
-from collections.abc import Iterator
-from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -23,10 +21,9 @@ from truepose.codegen.evaluation.batch import BatchFunction
 Array = NDArray[np.float64]
 
 
-@pytest.fixture
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    compile_all(monkeypatch, tmp_path / "cache")
-    yield tmp_path / "cache"
+@pytest.fixture(autouse=True)
+def _all_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    compile_all(monkeypatch)
 
 
 def example(name: str = "example") -> BatchFunction:
@@ -42,16 +39,10 @@ def inputs(n: int, seed: int = 1) -> tuple[Array, Array, Array, Array]:
     return rng.normal(0, 2, (n, 3)), rng.normal(0, 2, (n, 1)), rng.normal(0, 1, 2), np.zeros((n, 0))
 
 
-def libraries(cache: Path) -> list[Path]:
-    return sorted(cache.glob("*.so"))
-
-
 @needs_compiler
 @pytest.mark.parametrize("n", [1, 2, 7, 8, 9, 100])
 @pytest.mark.parametrize("shared", [True, False])
-def test_the_virtual_machine_says_the_same(
-    cache: Path, monkeypatch: pytest.MonkeyPatch, n: int, shared: bool
-) -> None:
+def test_the_virtual_machine_says_the_same(monkeypatch: pytest.MonkeyPatch, n: int, shared: bool) -> None:
     q, z, p, none = inputs(n)
     given = (q, z, p if shared else np.tile(p, (n, 1)), none)
     fast = example()
@@ -67,7 +58,7 @@ def test_the_virtual_machine_says_the_same(
 
 
 @needs_compiler
-def test_rows_may_be_shared_and_one_may_stand_for_all(cache: Path) -> None:
+def test_rows_may_be_shared_and_one_may_stand_for_all() -> None:
     q, z, p, none = inputs(5)
     function = example()
     for one, other in zip(function(q, z[:1], p, none), function(q, z[0], p, none), strict=True):
@@ -78,7 +69,7 @@ def test_rows_may_be_shared_and_one_may_stand_for_all(cache: Path) -> None:
 @needs_compiler
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=examples(25))
 @given(data=st.data())
-def test_neither_order_nor_chunks_matter(cache: Path, data: st.DataObject) -> None:
+def test_neither_order_nor_chunks_matter(data: st.DataObject) -> None:
     """Not to a single bit: a row does not know its place."""
     function, (q, z, p, none) = example(), inputs(41)
     whole = function(q, z, p, none)
@@ -90,7 +81,7 @@ def test_neither_order_nor_chunks_matter(cache: Path, data: st.DataObject) -> No
 
 
 @needs_compiler
-def test_a_long_function_in_many_parts(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_long_function_in_many_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Values that one part leaves to another, of rows and of what they share, among them sines with their cosines."""
     x, p = ca.SX.sym("x", 4), ca.SX.sym("p", 3)
     value, shared, ends = ca.vertcat(x), ca.vertcat(p), []
@@ -108,18 +99,16 @@ def test_a_long_function_in_many_parts(cache: Path, monkeypatch: pytest.MonkeyPa
         function = BatchFunction("long", [x, p], [ca.vertcat(*ends)], rows=1)
         np.testing.assert_allclose(function(*given)[0], expected, rtol=1e-12, atol=1e-13)
         assert function.engine.compiled
-    assert len(libraries(cache)) == 5
 
 
-def test_few_rows_are_not_worth_a_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("TRUEPOSE_CACHE", str(tmp_path))
+def test_few_rows_are_not_worth_a_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.undo()
     x = ca.SX.sym("x")
     small = BatchFunction("small", [x], [ca.sin(x)], rows=batch.FEWEST_ROWS)
     unknown = BatchFunction("unknown", [x], [ca.sin(x)])
     for function in (small, unknown):
         function(np.zeros((3, 1)))
         assert not function.engine.compiled
-    assert not libraries(tmp_path)
 
 
 # -- the cache ----------------------------------------------------------------------------------------------------
@@ -130,35 +119,12 @@ def refuse(*args: object) -> None:
 
 
 @needs_compiler
-def test_what_was_compiled_once_is_not_compiled_again(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_was_compiled_once_is_not_compiled_again(monkeypatch: pytest.MonkeyPatch) -> None:
     first = example("one")(*inputs(9))
-    (library,) = libraries(cache)
     monkeypatch.setattr(compiled, "_build", refuse)
     function = example("another_name")
     for one, other in zip(first, function(*inputs(9)), strict=True):
         np.testing.assert_array_equal(one, other)
-    assert function.engine.compiled and libraries(cache) == [library]
-    assert not [path for path in cache.iterdir() if path.name.startswith(".")]
-
-
-@needs_compiler
-def test_a_spoilt_library_is_made_again(cache: Path) -> None:
-    expected = example()(*inputs(9))
-    (library,) = libraries(cache)
-    size = library.stat().st_size
-    library.unlink()  # it is open: what is written into it would be seen
-    library.write_bytes(b"no library")
-    for one, other in zip(example()(*inputs(9)), expected, strict=True):
-        np.testing.assert_array_equal(one, other)
-    assert library.stat().st_size == size
-
-
-@needs_compiler
-def test_without_a_folder_nothing_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    compile_all(monkeypatch, tmp_path / "file" / "cache")
-    (tmp_path / "file").write_text("in the way")
-    function = example()
-    function(*inputs(3))
     assert function.engine.compiled
 
 
@@ -167,7 +133,7 @@ def test_without_a_folder_nothing_is_kept(tmp_path: Path, monkeypatch: pytest.Mo
 
 @pytest.mark.parametrize("setting", ["", "no-such-compiler", sys.executable])
 def test_without_a_compiler_the_virtual_machine_says_so(
-    cache: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, setting: str
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, setting: str
 ) -> None:
     """An empty setting, a program that is not there, one that is no compiler: the numbers come all the same."""
     batch.log_once.cache_clear()
@@ -187,7 +153,7 @@ def test_without_a_compiler_the_virtual_machine_says_so(
 
 
 @pytest.mark.parametrize("expression", ["operation", "constant"])
-def test_what_c_cannot_say_is_left_to_the_virtual_machine(cache: Path, expression: str) -> None:
+def test_what_c_cannot_say_is_left_to_the_virtual_machine(expression: str) -> None:
     x = ca.SX.sym("x")
     value = ca.erfinv(x) if expression == "operation" else ca.if_else(x > 1, ca.SX.inf(), x)
     function = BatchFunction("odd", [x], [value], rows=1)

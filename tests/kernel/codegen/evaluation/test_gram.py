@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import casadi as ca
 import numpy as np
 import pytest
@@ -20,11 +18,11 @@ ENGINES = [pytest.param("compiled", marks=needs_compiler), "virtual machine"]
 
 
 @pytest.fixture(params=ENGINES)
-def engine(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+def engine(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     """Each engine in turn."""
     name: str = request.param
     if name == "compiled":
-        compile_all(monkeypatch, tmp_path / "cache")
+        compile_all(monkeypatch)
     else:
         compile_none(monkeypatch)
     return name

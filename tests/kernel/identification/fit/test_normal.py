@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,14 +26,9 @@ def machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Machine]:
     return read_machines(tmp_path_factory.mktemp("machines"))
 
 
-@pytest.fixture(scope="module")
-def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("cache")
-
-
 @pytest.fixture
-def arm(machines: Mapping[str, Machine], cache: Path, monkeypatch: pytest.MonkeyPatch) -> Machine:
-    compile_hastily(monkeypatch, cache)
+def arm(machines: Mapping[str, Machine], monkeypatch: pytest.MonkeyPatch) -> Machine:
+    compile_hastily(monkeypatch)
     return machines["arm"]
 
 
