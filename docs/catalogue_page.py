@@ -146,7 +146,7 @@ def page() -> str:
 
 def _entry(slug: str) -> str:
     kind = effects.get(slug, "catalogue")
-    idea = (sys.modules[kind.__module__].__doc__ or kind.title).split("\n\n")[0].replace("\n", " ")
+    idea = " ".join((kind.__doc__ or kind.title).split("\n\n")[0].split())
     read = needs(slug)
     rows = {
         "Formula": f"`{_first(kind.formula)}`",

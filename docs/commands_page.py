@@ -22,7 +22,7 @@ from truepose.cli import app
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 PAGE: Final = ROOT / "docs/reference/commands.md"
-COMMON: Final = ("as_json", "plugin", "quiet")
+COMMON: Final = ("as_json", "plugin")
 """Options that stand once, above all commands."""
 SHARED: Final = 3
 """Arguments and options that so many commands have, with the same words, stand once, too."""

@@ -289,8 +289,6 @@ class Diagnosis(Written, Fitted):
     constants are in ``after.to_frame()``.
     """
 
-    internal = frozenset({"examined", "terms"})
-
     nominal: Machine
     recording: Recording
     verdict: str

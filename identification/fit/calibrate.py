@@ -59,8 +59,6 @@ class Calibration(Written, Fitted):
     report, ``save(directory)`` ``calibrated.yaml``, ``fit.json`` and ``report.html``.
     """
 
-    internal = frozenset({"began", "kept"})
-
     fit: Estimate
     free: Estimate | None
     recording: Recording

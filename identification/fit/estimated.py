@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 machine_of: Declared[Machine] = Declared("an estimate, a calibration or a diagnosis")
 predicted_frame: Declared[pd.DataFrame] = Declared("an estimate, a calibration or a diagnosis")
 residual_frame: Declared[pd.DataFrame] = Declared("an estimate, a calibration or a diagnosis")
-residual_figure: Declared[Any] = Declared("an estimate, a calibration or a diagnosis")
 
 
 class Fitted(Shown):
@@ -56,10 +55,6 @@ class Fitted(Shown):
         """
         return residual_frame(self)
 
-    def plot(self) -> Any:
-        """Draw the residuals of each row; a ``matplotlib.figure.Figure``. Raises InputError without matplotlib."""
-        return residual_figure(self)
-
 
 UNKNOWN = 1e15
 """1-sigma, in steps, of a direction that nothing determines."""
@@ -75,12 +70,6 @@ class Estimate(Fitted):
     readings, columns scaled by ``prior.scale`` and restricted to ``prior.free``, or by the fewer steps of long series that
     were solved for (``turn``).
     """
-
-    internal = frozenset({
-        "by_steps", "covariance_among", "decomposition", "factor", "known", "levels", "lost", "lost_among",
-        "parts", "posterior", "posterior_among", "prior_weight", "root", "scatter", "shrunk", "slopes", "solution", "turn",
-        "weights", "x",
-    })  # fmt: skip
 
     nominal: Machine
     recording: Recording

@@ -122,8 +122,6 @@ def calibrated_pose(fit: Estimate, recording: Recording, than: str = "the drawin
 
 
 READINGS, TOLERANCES, EXPLANATIONS, UNEXPLAINED = "readings", "tolerances", "explanations", "unexplained"
-SAMPLES = 250
-"""Poses at which the workspace is sampled."""
 
 
 @dataclass(frozen=True)
@@ -203,36 +201,3 @@ def _own(fit: Estimate) -> float:
     left = unexplained(fit.nominal, fit.residual[fit.used], fit.effective_parameters)
     sizes = [size for kind, (size, unit) in left.items() if kind.endswith(".position") and unit == "mm"]
     return sum(3.0 * size**2 for size in sizes)
-
-
-def workspace(fit: Estimate, recording: Recording) -> tuple[ToolSpread, Mask]:
-    """Over what the joints covered in the recording, and over the ranges that the machine file states; which poses (n,) lie
-    within what was covered."""
-    low, high = recording.q.min(axis=0), recording.q.max(axis=0)
-    ranges = [a.range for a in fit.nominal.mechanism.actuators]
-    first = np.array([low[k] if r is None else min(r[0], low[k]) for k, r in enumerate(ranges)])
-    last = np.array([high[k] if r is None else max(r[1], high[k]) for k, r in enumerate(ranges)])
-    share = _spread_evenly(SAMPLES, len(low))
-    q = np.vstack([low + share * (high - low), first + share * (last - first)])
-    rows = np.linspace(0, len(recording) - 1, len(q)).astype(np.intp)
-    inside = np.all((q >= low - 1e-9) & (q <= high + 1e-9), axis=1)
-    parts = [
-        (tool_spread(fit, recording, rows[chosen], q[chosen]), within)
-        for chosen, within in ((inside, True), (~inside, False))
-        if chosen.any()
-    ]
-    sources = dict.fromkeys(source for part, _ in parts for source in part.variance)
-    variance = {
-        s: np.concatenate([p.variance.get(s, np.zeros(len(p.position))) for p, _ in parts]) for s in sources
-    }
-    position = np.concatenate([part.position for part, _ in parts])
-    return ToolSpread(position, variance), np.concatenate([np.full(len(p.position), w) for p, w in parts])
-
-
-def _spread_evenly(n: int, dimensions: int) -> Array:
-    """(n, d) points of the additive recurrence of the generalised golden ratio (Roberts 2018): even, and no two alike."""
-    root = 2.0
-    for _ in range(60):
-        root = (1.0 + root) ** (1.0 / (dimensions + 1))
-    step = (1.0 / root) ** np.arange(1, dimensions + 1)
-    return np.asarray(np.mod(0.5 + np.outer(np.arange(1, n + 1), step), 1.0))

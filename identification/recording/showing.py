@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,6 @@ import pandas as pd
 from truepose.arrays import Array
 from truepose.identification.recording.recording import Recording
 from truepose.models.units import convert
-from truepose.shown.chart import Chart, strips
 from truepose.shown.document import Document, Items, Table
 from truepose.shown.result import document, frame
 from truepose.wording import shortened
@@ -46,7 +44,6 @@ def _document(recording: Recording) -> Document:
         summary=[Items(facts), Table(["column", "least", "greatest", "unit"], rows)],
         notes=recording.notes,
         more="to_frame() has every row",
-        charts=partial(_ranges, recording, columns),
     )
 
 
@@ -96,10 +93,3 @@ def _range_row(name: str, values: Array, unit: str) -> tuple[str, ...]:
     finite = values[np.isfinite(values)]
     ends = (f"{finite.min():.6g}", f"{finite.max():.6g}") if finite.size else ("", "")
     return name, *ends, "" if unit == "1" else unit
-
-
-def _ranges(recording: Recording, columns: Mapping[str, tuple[Array, str]]) -> list[Chart]:
-    """Where the rows lie in the ranges of the joints."""
-    drawn = {name: columns[name] for name in recording.joints[:MOST]}
-    ends = {n: (float(v.min()), float(v.max()), unit) for n, (v, unit) in drawn.items() if len(v)}
-    return strips({n: v.tolist() for n, (v, _) in drawn.items()}, ends, "joints, row by row") if ends else []

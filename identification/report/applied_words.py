@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from truepose.errors import InputError
 from truepose.identification.diagnosis.result import WHOLE, Applied
-from truepose.identification.report.numbers import known, measure, significant
+from truepose.identification.report.numbers import known, measure
 from truepose.models.file.sections import ExpectedPose
 from truepose.models.machine.machine import Machine
 
@@ -34,12 +34,8 @@ def applied_words(applied: Applied | None) -> list[str]:
         return out
     if whole is not None and whole.model > whole.plain:
         worse = f"the tool would be worse: {measure(whole.model, 'mm')}, {measure(whole.plain, 'mm')} with plain calibration"
-    elif applied.whole_ratio > 1.0:
-        worse = f"held-out readings get worse (rms {significant(applied.whole_ratio)} of plain calibration's)"
-    elif applied.model != "plain" and whole is not None and pose is not None and whole.model > pose.model:
-        worse = f"the tool's position is {measure(whole.model, 'mm')} off on held-out rows"
     else:
-        worse = "geometry leaves its tolerances, or predicts held-out rows less well"
+        worse = "held-out readings or the tool get worse, or geometry leaves its tolerances"
     return [*out, f"improved.yaml holds {_HOLDS[applied.model]}. With all that was found {worse}."]
 
 

@@ -1,26 +1,23 @@
-"""The ends of a page: what the data cannot tell, where the report comes from, and the truth of a bundled demonstration."""
+"""The ends of a page: what the data cannot tell, and where the report comes from."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.identifiability.observability import Knowledge, unseen
 from truepose.identification.recording.recording import Recording
-from truepose.identification.report.naming import effect_title, place_words, several
+from truepose.identification.report.naming import several
 from truepose.identification.report.numbers import measure
 from truepose.identification.report.steps import machine_name, recording_names
 from truepose.identification.report.unseen_words import grouped, meaning
-from truepose.identification.signatures.untestable import Untestable
 from truepose.models.machine.machine import Machine
-from truepose.shown.document import Block, Items, Section, Table, Text
+from truepose.shown.document import Block, Items, Section, Table
 from truepose.version import VERSION
-from truepose.wording import joined, shortened
+from truepose.wording import shortened
 
 UNTOUCHED = 0.9
 """Share of a tolerance above which a 1-sigma says that the readings told next to nothing."""
@@ -28,13 +25,9 @@ MOST = 14
 NOT_A_FILE = "not a file"
 
 
-def limits_section(fit: Estimate, untestable: Sequence[Untestable], notes: Sequence[str]) -> Section:
-    """What the data cannot tell: blind directions, weakly known constants, effects that were not tested; and notes."""
+def limits_section(fit: Estimate, notes: Sequence[str]) -> Section:
+    """Return what the data cannot tell of the geometry: blind directions, weakly known constants; and notes."""
     blocks: list[Block] = [Items(geometry_words(fit), title="Geometry")]
-    if untestable:
-        rows = [[effect_title(u.effect), u.why] for u in untestable]
-        caption = "Effects that this recording cannot speak of. None of them is excluded by the verdict."
-        blocks.append(Table(["not testable", "why"], rows, caption, text_columns=2))
     if notes:
         blocks.append(Items(notes, title="Notes"))
     return Section("limits", "What the data cannot tell", blocks)
@@ -93,25 +86,3 @@ def _instruments(machine: Machine) -> list[str]:
         sigmas = dict.fromkeys(f"{c.kind} {measure(c.sigma, c.unit)}" for c in sensor.channels)
         out.append(f"{sensor.type} ({len(sensor.columns)} columns), stated 1 sigma: {', '.join(sigmas)} each")
     return out
-
-
-def truth_section(diagnosis: Diagnosis, truth: Mapping[str, Any]) -> Section:
-    """What the simulated machine of a demonstration really had, beside what was found."""
-    stated = truth.get("effects") or ([truth["effect"]] if truth.get("effect") else [])
-    real = [
-        (str(e.get("effect", "")), tuple(map(str, e.get("place", ()))))
-        for e in stated
-        if isinstance(e, Mapping)
-    ]
-    found = {(f.effect, f.place) for f in diagnosis.findings}
-    extra = [f"{slug} {place_words(place)}" for slug, place in sorted(found) if (slug, place) not in real]
-    missed = [slug for slug, place in real if (slug, place) not in found]
-    said = joined([f"{effect_title(slug)} {place_words(place)}".strip() for slug, place in real])
-    outcome = "all of it was found" if not missed else f"not found under that name: {joined(missed)}"
-    text = (
-        "This recording was simulated, so the truth is known (the diagnosis never saw it). Left out of the machine file:"
-        f" {said or 'nothing'}; {outcome if real else 'nothing was to be found'}; beyond it: {joined(extra) or 'nothing'}."
-    )
-    return Section(
-        "truth", "Truth against what was found", [Text(text, "warn" if missed or extra else "good")]
-    )

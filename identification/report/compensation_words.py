@@ -1,17 +1,17 @@
-"""What corrected commands change and reach: a document, and JSON."""
+"""What corrected commands change and reach, and what inverse kinematics reached: documents, and JSON."""
 
 from __future__ import annotations
 
-from functools import partial
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
 
 from truepose.arrays import Array
 from truepose.identification.compensation.compensate import Compensation
-from truepose.shown.chart import Axis, Chart, Marks, Tone
+from truepose.identification.compensation.inverse import Inverse, Reach
 from truepose.shown.document import Document, Table, Text
-from truepose.shown.result import document
+from truepose.shown.result import document, frame
 
 
 def compensation_json(found: Compensation) -> dict[str, object]:
@@ -47,16 +47,7 @@ def _(found: Compensation) -> Document:
             Table(["joint", "largest correction (mm, rad)"], rows),
         ],
         more="to_frame() has every row",
-        charts=partial(_path_errors, found),
     )
-
-
-def _path_errors(found: Compensation) -> list[Chart]:
-    """Position errors along the path, before and after."""
-    rows = np.arange(1.0, len(found.command) + 1.0)
-    errors: tuple[tuple[Tone, Array], ...] = (("before", found.before), ("after", found.after))
-    layers = [Marks(rows, np.linalg.norm(twist[:, :3], axis=1), tone, tone) for tone, twist in errors]
-    return [Chart("position error along the path", Axis("row [1]"), Axis("[mm]", 0.0), layers)]
 
 
 def compensation_lines(found: Compensation, output: Path) -> list[str]:
@@ -86,4 +77,20 @@ def error_sentence(found: Compensation) -> str:
         f"{said}; of {rows}, where a joint would swing, the position is met and turns nearly"
         if eased
         else said
+    )
+
+
+@document.register
+def _(found: Inverse) -> Document:
+    ends = Counter(Reach(int(status)).name.lower().replace("_", " ") for status in found.status)
+    told = ", ".join(f"{count} {name}" for name, count in ends.items()) or "none"
+    left = [f"{np.max(v, initial=0.0):.4g}" for v in (found.position, found.rotation)]
+    return Document(
+        "Inverse kinematics",
+        f"Inverse kinematics of {len(found.q)} poses: {told}",
+        summary=[
+            Text(f"left to the pose at most: {left[0]} mm, {left[1]} rad; joints in mm and rad"),
+            Table.of(frame(found)),
+        ],
+        more="to_frame() has all poses",
     )

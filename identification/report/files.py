@@ -8,10 +8,8 @@ from functools import singledispatch
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
-from truepose.errors import InputError
 from truepose.files import FILES_SHA256, atomic_directory, atomic_write_text, sha256_of
 from truepose.identification.diagnosis.null_fits import far_rows
 from truepose.identification.diagnosis.result import Diagnosis
@@ -21,7 +19,6 @@ from truepose.identification.fit.estimated import (
     Fitted,
     machine_of,
     predicted_frame,
-    residual_figure,
     residual_frame,
 )
 from truepose.identification.fit.tool_pose import calibrated_pose
@@ -30,7 +27,8 @@ from truepose.identification.load import Caution
 from truepose.identification.prediction.predict import predict
 from truepose.identification.recording.load import as_recording
 from truepose.identification.report.applied_words import expected_pose
-from truepose.identification.report.documents import calibration_document, diagnosis_document
+from truepose.identification.report.diagnosis import diagnosis_document
+from truepose.identification.report.estimate import calibration_document
 from truepose.identification.report.json_text import json_text
 from truepose.identification.report.results import calibration_json, diagnosis_json, diagnosis_judgement
 from truepose.models.file.sections import ExpectedPose
@@ -72,23 +70,11 @@ def write_calibration(
         return sorted(file.name for file in partial.iterdir())
 
 
-def write_diagnosis(
-    result: Diagnosis, output: Path, truth: Mapping[str, Any] | None = None, caution: Caution | None = None
-) -> list[str]:
-    """``diagnosis.json``, ``improved.yaml`` and ``report.html``, whose last page holds the ``truth`` of a simulation.
-
-    A ``caution`` stands above all.
-    """
+def write_diagnosis(result: Diagnosis, output: Path, caution: Caution | None = None) -> list[str]:
+    """Write ``diagnosis.json``, ``improved.yaml`` and ``report.html``, below a ``caution``; return their names."""
     with atomic_directory(output, last=DIAGNOSIS) as partial:
-        page = diagnosis_page(result, truth, caution)
-        _diagnosis_files(result, partial, caution, page)
+        _diagnosis_files(result, partial, caution)
         return sorted(file.name for file in partial.iterdir())
-
-
-def diagnosis_page(result: Diagnosis, truth: Mapping[str, Any] | None, caution: Caution | None) -> str:
-    """The report as HTML, below what a check of the files found."""
-    told = diagnosis_document(result, truth=truth, checked=caution is not None)
-    return page(replace(told, cautions=caution.sentences if caution else ()))
 
 
 def put_both(
@@ -101,7 +87,7 @@ def put_both(
     fit = {**calibration_json(calibration, far_rows(calibration)), **caution.document}
     pose = calibrated_pose(calibration.fit, calibration.recording, calibration.began)
     _calibration_files(calibration, fit, partial, pose)
-    _diagnosis_files(diagnosis, partial, caution, None if brief else diagnosis_page(diagnosis, None, caution))
+    _diagnosis_files(diagnosis, partial, caution, brief=brief)
 
 
 def _calibration_files(
@@ -111,12 +97,15 @@ def _calibration_files(
     atomic_write_text(partial / "fit.json", json_text(fit))
 
 
-def _diagnosis_files(result: Diagnosis, partial: Path, caution: Caution | None, page: str | None) -> None:
+def _diagnosis_files(
+    result: Diagnosis, partial: Path, caution: Caution | None, *, brief: bool = False
+) -> None:
     """Write the files of a diagnosis; ``diagnosis.json`` holds the digest of each that is there before it."""
-    found = caution.document if caution else {}
+    found, sentences = (caution.document, caution.sentences) if caution else ({}, ())
     write_calibrated(partial / "improved.yaml", **file_of(result))
-    if page is not None:
-        atomic_write_text(partial / REPORT, page)
+    if not brief:
+        told = diagnosis_document(result, checked=caution is not None)
+        atomic_write_text(partial / REPORT, page(replace(told, cautions=sentences)))
     digests = {FILES_SHA256: sha256_of(partial)}
     atomic_write_text(partial / DIAGNOSIS, json_text({**diagnosis_json(result), **found, **digests}))
 
@@ -169,34 +158,3 @@ def _(result: Fitted) -> pd.DataFrame:
         for k, channel in enumerate(fit.nominal.channels)
     }
     return pd.DataFrame({**columns, "fitted": fit.used}, index=index)
-
-
-@residual_figure.register
-def _(result: Fitted) -> Any:
-    """Return a figure with a panel for each kind of reading: the size of each row's residual, before and after."""
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise InputError(
-            "plot: found no matplotlib, expected it installed: pip install 'truepose[plot]'"
-        ) from None
-    fits = _drawn(result)
-    machine = next(iter(fits.values())).nominal
-    kinds = list(machine.residual_units.items())
-    figure = Figure(figsize=(8.0, 2.5 * len(kinds)), layout="constrained")
-    for axes, (kind, unit) in zip(figure.subplots(len(kinds), squeeze=False)[:, 0], kinds, strict=True):
-        at = [k for k, channel in enumerate(machine.channels) if channel.kind == kind]
-        sigma = np.array([machine.channels[k].sigma for k in at])
-        written = machine.units.written(unit)
-        for name, fit in fits.items():
-            size = np.linalg.norm(fit.residual[:, at] * sigma, axis=1)
-            axes.plot(np.arange(1, len(size) + 1), convert(size, unit, written), ".", label=name)
-        axes.set(xlabel="row", ylabel=f"{kind} residual [{written}]")
-        axes.legend()
-    return figure
-
-
-def _drawn(result: Fitted) -> Mapping[str, Estimate]:
-    if isinstance(result, Diagnosis):
-        return {"before": result.before, "after": result.after}
-    return {"fit": file_of(result)["estimate"]}

@@ -248,15 +248,6 @@ def lead_words(lead: Lead) -> str:
     return f"{lead.effect} {place_words(lead.place)}".strip() + f" ({percent(lead.probability)}; {what})"
 
 
-def set_words(effects: Sequence[tuple[str, tuple[str, ...]]]) -> str:
-    """Effects of a set with their places; that no effect is there for the empty one, whose noise explains the rest."""
-    said = [
-        f"{slug} {place_words(place)}" if place else "a smooth remainder without a place"
-        for slug, place in effects
-    ]
-    return "; ".join(said) or "no effect"
-
-
 def follows(left: Remainder) -> str:
     """Which driver the remainder follows, hypothetically: to be said after ``seems to``."""
     if left.driver == "order":

@@ -29,20 +29,16 @@ def diagnosis_gains(diagnosis: Diagnosis) -> list[Gain]:
     fits = {name: diagnosis.fits[name] for name in ("free", "before", "after")}
     held = all(fit.validation_rms is not None for fit in fits.values())
     rms = {name: (fit.validation_rms if held else fit.rms) or {} for name, fit in fits.items()}
-    changed, proof = bool(diagnosis.terms), diagnosis.proof
-    turn = ""
-    if changed and not held and proof is not None and known(proof.ratio) and proof.ratio < 1.0:
-        turn = f"; held out in turn, rms falls to {significant(proof.ratio)} of plain calibration's"
     floors, units = stated_noise(diagnosis.nominal), diagnosis.nominal.residual_units
     return [
         *_applied_gain(diagnosis),
         *(
             _gain(
                 f"{kind} error, rms",
-                {name: rms[name][kind] for name in ("free", "before")} if changed else {},
+                {name: rms[name][kind] for name in ("free", "before")} if diagnosis.terms else {},
                 after,
                 units[kind],
-                f"{HELD_OUT if held else FITTED}{turn}",
+                HELD_OUT if held else FITTED,
                 floors[kind],
             )
             for kind, after in rms["after"].items()

@@ -2,30 +2,27 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from truepose.identification.identifiability.analysis import Identifiability, ParameterSight
 from truepose.identification.identifiability.observability import Direction
-from truepose.identification.report.constants import bar_chart
-from truepose.identification.report.json_text import Json, finite
+from truepose.identification.report.json_text import Json, attributes, finite
 from truepose.identification.report.notes import worded
 from truepose.identification.report.unseen_words import grouped, terms, unseen_sentences
-from truepose.shown.chart import Chart
 from truepose.shown.document import Document, Items, Table
 from truepose.shown.result import document
 from truepose.wording import shortened
 
 SCHEMA = "truepose/identifiability/1"
-SHOWN, BARS = 8, 12
+SHOWN = 8
 HEAD = ("least known", "tolerance", "1-sigma to expect", "status")
 
 
 @document.register
-def identifiability_document(found: Identifiability, every: bool = False) -> Document:
-    """What was looked at, rank, unseen directions, nearly unseen ones, parameters; ``every`` names all of an alike group."""
+def identifiability_document(found: Identifiability) -> Document:
+    """Return what was looked at, rank, unseen directions, nearly unseen ones, and parameters."""
     i, left = found.indices, found.subset.relations
     seen = f"the readings see {found.rank} of {found.free} directions of the free parameters"
     exactly = (
@@ -45,7 +42,7 @@ def identifiability_document(found: Identifiability, every: bool = False) -> Doc
     ]
     alike = (
         f"{len(found.subset.kept)} parameters can be told apart from each other; left out as alike:"
-        f" {shortened(list(left), len(left) if every else SHOWN)}"
+        f" {shortened(list(left), SHOWN)}"
     )
     size = f"(at best {found.as_built_size:.3g} sigmas a tolerance)"
     lists = [
@@ -63,21 +60,10 @@ def identifiability_document(found: Identifiability, every: bool = False) -> Doc
     return Document(
         f"Identifiability of {found.machine}",
         poses_line(found),
-        summary=[
-            *(one for one in lists if one.items),
-            Table(HEAD, rows),
-        ],
+        summary=[*(one for one in lists if one.items), Table(HEAD, rows)],
         notes=worded(found.notes),
         more="to_frame(), or --json, has all",
-        charts=partial(_sights, found),
     )
-
-
-def _sights(found: Identifiability) -> list[Chart]:
-    """Which constants the readings say least about."""
-    left = {p.name: p.std / p.tolerance for p in found.parameters if 0.0 < p.tolerance < np.inf}
-    most = dict(sorted(left.items(), key=lambda item: -round(item[1], 6))[:BARS])
-    return bar_chart(most, "1-sigma to expect [tolerances]; 1: the readings tell nothing")
 
 
 def _left(std: float, tolerance: float) -> float:
@@ -120,17 +106,17 @@ def identifiability_json(found: Identifiability) -> Json:
     i = found.indices
     out = {
         "schema": SCHEMA,
-        "machine": found.machine,
-        "files": list(found.files),
-        "seed": found.seed,
-        "poses": found.poses,
+        **attributes(found, "machine", "files", "seed", "poses"),
         "readings": found.n_observations,
         "free_parameters": found.free,
-        "rank": found.rank,
-        "rank_at_drawing": found.rank_at_drawing,
+        **attributes(found, "rank", "rank_at_drawing"),
         "condition": i.condition,
         "observability": {"O1": i.o1, "O2": i.o2, "O3": i.o3, "O4": i.o4, "O5": i.o5},
-        "parameters": {p.name: _parameter(p) for p in found.parameters},
+        "parameters": {
+            p.name: attributes(p, "unit", "tolerance", "std", "std_at_drawing", "status")
+            | {"trades_with": list(p.partners)}
+            for p in found.parameters
+        },
         "unseen": [_direction(found, d) for d in found.unseen.directions],
         "unseen_at_drawing": [_direction(found, d) for d in found.unseen_at_drawing],
         "nearly_unseen": [{**_direction(found, d), "sigmas_a_tolerance": d.size} for d in found.nearly],
@@ -143,17 +129,6 @@ def identifiability_json(found: Identifiability) -> Json:
         "notes": worded(found.notes),
     }
     return dict(finite(out))
-
-
-def _parameter(p: ParameterSight) -> Json:
-    return {
-        "unit": p.unit,
-        "tolerance": p.tolerance,
-        "std": p.std,
-        "std_at_drawing": p.std_at_drawing,
-        "status": p.status,
-        "trades_with": list(p.partners),
-    }
 
 
 def _direction(found: Identifiability, direction: Direction) -> Json:

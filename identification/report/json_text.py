@@ -28,3 +28,8 @@ def finite(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
+
+
+def attributes(one: object, *names: str) -> Json:
+    """Return some attributes of an object by name, in this order, in plain types."""
+    return {name: finite(getattr(one, name)) for name in names}

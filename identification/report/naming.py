@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,14 +11,12 @@ import numpy as np
 from truepose.identification.diagnosis.result import Alternative, Finding, Quantity
 from truepose.identification.report.numbers import measure, percent, significant
 from truepose.models.effects.base import Effect, effects
-from truepose.models.machine.placed import PlacedEffect
 from truepose.wording import shortened
 
 FEW = 3
 """Most coefficients that are told one by one."""
 ROWS, FILES = 10, 2
 """Most rows of a file, and most files, that are named."""
-_WAVE = re.compile(r"^[ab](?P<order>\d+)(?!\d)")
 
 
 def effect_class(slug: str) -> type[Effect] | None:
@@ -80,38 +77,20 @@ def spanned(values: Sequence[float]) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def plain_names(terms: Sequence[PlacedEffect]) -> dict[str, str]:
-    """``friction at q3, width 0.03: h`` for ``friction-hysteresis@q3,width=0.03:h``: plain names of coefficients by label."""
-    out = {}
-    for term in terms:
-        settings = "".join(f", {name} {value:g}" for name, value in term.settings_map.items())
-        lead = f"{title(term.effect.slug)} {place_words(term.place)}".strip() + settings
-        for label, coefficient in zip(term.parameter_names, term.coefficients, strict=True):
-            out[label] = f"{lead}: {coefficient.name}"
-    return out
-
-
 def coefficient_words(parameters: Mapping[str, Quantity]) -> str:
-    """``c = 4.9e-07 +- 1.7e-08 rad/(N*m)``; of many their number and rms: ``60 orders, 0.21 mrad rms``; nothing of none."""
+    """``c = 4.9e-07 +- 1.7e-08 rad/(N*m)``; of many their number and rms: ``60 coefficients, 0.21 mrad rms``."""
     if len(parameters) <= FEW:
         return ", ".join(
             f"{name} = {q.value:.4g} +- {q.std:.2g}{'' if q.unit == '1' else f' {q.unit}'}"
             for name, q in parameters.items()
         )
-    units: dict[str, list[tuple[str, float]]] = {}
-    for name, quantity in parameters.items():
-        units.setdefault(quantity.unit, []).append((name, quantity.value))
-    return "; ".join(_pooled(unit, own) for unit, own in units.items())
-
-
-def _pooled(unit: str, own: Sequence[tuple[str, float]]) -> str:
-    """Of a periodic function its orders and the rms of the wave, of others the rms of the coefficients."""
-    orders = {match["order"] for name, _ in own if (match := _WAVE.match(name))}
-    squares = np.array([value for _, value in own]) ** 2
-    if len(orders) > 1 and all(_WAVE.match(name) for name, _ in own):
-        return f"{len(orders)} orders, {measure(float(np.sqrt(np.sum(squares) / 2.0)), unit)} rms"
-    count = f"{len(own)} coefficients" if len(own) > 1 else own[0][0]
-    return f"{count}, {measure(float(np.sqrt(np.mean(squares))), unit)} rms"
+    units: dict[str, list[float]] = {}
+    for quantity in parameters.values():
+        units.setdefault(quantity.unit, []).append(quantity.value)
+    return "; ".join(
+        f"{several(len(own), 'coefficient')}, {measure(float(np.sqrt(np.mean(np.square(own)))), unit)} rms"
+        for unit, own in units.items()
+    )
 
 
 def far_row_words(rows: Sequence[Mapping[str, Any]]) -> list[str]:

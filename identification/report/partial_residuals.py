@@ -23,39 +23,45 @@ from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine.machine import Machine
 
+SAME = 1e-3
+"""Share of its size by which a function may differ from itself a period later."""
+
 
 @dataclass(frozen=True)
 class PortShift:
     """Of a port: the fitted shift (n,) with its 1-sigma (n,), and what each row says (n,); NaN where a row says nothing.
 
-    In the port's unit (mm or rad).
+    In the port's unit (mm or rad). joint: the one joint whose reading decides the shift, empty where anything else does;
+    period: the shortest one of that function in the reading's unit, infinite without one.
     """
 
     port: str
     fitted: Array
     std: Array
     rows: Array
+    joint: str
+    period: float
 
 
-def all_port_shifts(
+def port_shifts(
     fit: Estimate,
     recording: Recording,
-    wanted: Sequence[tuple[Sequence[PlacedEffect], Sequence[str]]],
+    groups: Sequence[Sequence[PlacedEffect]],
     rows: Index | None = None,
 ) -> list[list[PortShift]]:
-    """What groups of terms of a fit shift at some ports each, row by row; readings are evaluated once for all of them.
+    """Return what each group of terms of a fit shifts, port by port and row by row.
 
     Ports that no reading sees are left out. ``rows``: those that are wanted, by default all; the others are NaN.
     """
-    if not wanted:
+    if not groups:
         return []
     predictor = Predictor(fit.nominal, recording, fit.effects, ports=True)
     p = np.concatenate([fit.p, np.zeros(len(predictor.model.names) - len(fit.p))])
-    groups = [_Group.of(predictor, fit, terms, ports) for terms, ports in wanted]
+    found = [_Group.of(predictor, fit, p, terms) for terms in groups]
     for own, residual, jacobian in _blocks(predictor, fit, p, rows):
-        for group in groups:
-            group.take(own, residual, jacobian, p)
-    return [group.shifts() for group in groups]
+        for group in found:
+            group.take(own, residual, jacobian)
+    return [group.shifts() for group in found]
 
 
 @dataclass(frozen=True)
@@ -64,30 +70,32 @@ class _Group:
 
     predictor: Predictor
     fit: Estimate
-    ports: Sequence[str]
+    p: Array
+    terms: Sequence[PlacedEffect]
     own: list[int]
     at: list[int]
-    covariance: Array
-    slopes: BatchFunction
+    by: ca.SX  # (ports, own) how far a unit of each coefficient shifts each port
+    slopes: BatchFunction  # the same, row by row
     found: Array  # (3, ports, n): fitted, std, rows
 
     @classmethod
-    def of(
-        cls, predictor: Predictor, fit: Estimate, terms: Sequence[PlacedEffect], ports: Sequence[str]
-    ) -> _Group:
-        names = list(predictor.model.names)
+    def of(cls, predictor: Predictor, fit: Estimate, p: Array, terms: Sequence[PlacedEffect]) -> _Group:
+        model, names = predictor.model, list(predictor.model.names)
         own = [names.index(name) for term in terms for name in term.parameter_names]
-        found = np.full((3, len(ports), len(fit.residual)), np.nan)
-        at = [names.index(port) for port in ports]
-        slopes = _slopes(predictor, own, ports)
-        return cls(predictor, fit, ports, own, at, _covariance(fit, own), slopes, found)
+        by = _slopes(predictor, own)
+        rows = sorted(set(by.sparsity().get_triplet()[0]))
+        slopes = BatchFunction("slopes", [model.x, model.q, model.z, model.p], [by[rows, :]])
+        found = np.full((3, len(rows), len(fit.residual)), np.nan)
+        return cls(
+            predictor, fit, p, terms, own, [_ports(predictor)[k] for k in rows], by[rows, :], slopes, found
+        )
 
-    def take(self, rows: Index, residual: Array, jacobian: Array, p: Array) -> None:
-        """What some rows say."""
-        fit, q, z, own = self.fit, self.predictor.q[rows], self.predictor.z[rows], self.own
-        count = len(fit.nominal.parameters)
+    def take(self, rows: Index, residual: Array, jacobian: Array) -> None:
+        """Take what some rows say."""
+        fit, p, own = self.fit, self.p, self.own
+        count, covariance = len(fit.nominal.parameters), _covariance(fit, own)
         lengths = [*range(count), *range(len(fit.p), len(p))]  # all but coefficients
-        shares = self.slopes(fit.x[rows], q, z, p)[0]  # (n, ports, own)
+        shares = self._shares(rows)
         largest = float(np.max(np.sum(jacobian[:, :, lengths] ** 2, axis=1), initial=0.0))
         for k, column in enumerate(self.at):
             s = jacobian[:, :, column]
@@ -96,28 +104,62 @@ class _Group:
             by = np.where(seen[:, None], shares[:, k], np.nan)
             fitted = by @ p[own]
             beside = -np.sum(s * residual, axis=1) / np.where(seen, size, np.nan)
-            spread = np.maximum(np.einsum("nc,cd,nd->n", by, self.covariance, by), 0.0)
+            spread = np.maximum(np.einsum("nc,cd,nd->n", by, covariance, by), 0.0)
             self.found[:, k, rows] = fitted, np.sqrt(spread), fitted + beside
 
+    def _shares(self, rows: Index, reading: int = 0, moved: float = 0.0) -> Array:
+        """Return (n, ports, own) what a unit of each coefficient shifts, with one reading moved."""
+        q = self.predictor.q[rows].copy()
+        q[:, reading] += moved
+        return np.asarray(self.slopes(self.fit.x[rows], q, self.predictor.z[rows], self.p)[0])
+
     def shifts(self) -> list[PortShift]:
-        """Of the ports that readings see."""
-        seen = [k for k in range(len(self.ports)) if np.isfinite(self.found[0, k]).any()]
-        return [PortShift(self.ports[k], *self.found[:, k]) for k in seen]
+        """Return the shifts of the ports that readings see."""
+        seen = [k for k in range(len(self.at)) if np.isfinite(self.found[0, k]).any()]
+        return [self._shift(k) for k in seen]
+
+    def _shift(self, k: int) -> PortShift:
+        fitted, std, rows = self.found[:, k]
+        joint, period = self._joint(k)
+        return PortShift(self.predictor.model.names[self.at[k]], fitted, std, rows, joint, period)
+
+    def _joint(self, k: int) -> tuple[str, float]:
+        """Return the one joint that the shift at a port is a function of, and the period of that function."""
+        model = self.predictor.model
+        read = [j for j in range(model.q.numel()) if ca.depends_on(self.by[k, :], model.q[j])]
+        others = ca.vertcat(model.x, model.z)
+        if len(read) != 1 or ca.depends_on(self.by[k, :], others) or any(t.needs_load for t in self.terms):
+            return "", np.inf
+        name = model.readings[read[0]]
+        actuator = self.fit.nominal.mechanism.actuator(name)
+        turn = {"rad": 2 * np.pi, "turn": 1.0}.get(actuator.reading_unit, actuator.screw_pitch or np.inf)
+        rows = np.flatnonzero(np.isfinite(self.found[0, k]))
+        orders = {v for term in self.terms for v in term.settings_map.values() if v > 0} | {1.0}
+        for period in sorted(turn / order for order in orders if np.isfinite(turn)):
+            away = self._shares(rows, read[0], period)[:, k] @ self.p[self.own] - self.found[0, k, rows]
+            if np.max(np.abs(away)) < SAME * np.ptp(self.found[0, k, rows]):
+                return name, float(period)
+        return name, np.inf
 
 
-def _slopes(predictor: Predictor, own: Sequence[int], ports: Sequence[str]) -> BatchFunction:
-    """Of each row, how far a unit of each coefficient shifts each port; shifts are linear in them.
+def _ports(predictor: Predictor) -> list[int]:
+    """Return the places of what effects can shift, among all names: parameters and ports."""
+    return [k for k, name in enumerate(predictor.model.names) if name in predictor.model.values]
+
+
+def _slopes(predictor: Predictor, own: Sequence[int]) -> ca.SX:
+    """Return (ports, own) how far a unit of each coefficient shifts each port; shifts are linear in them.
 
     Not from the readings' derivatives: where a term shifts several ports these say what all of them do together.
     """
     m = predictor.model
-    shifted = ca.vertcat(*(m.values[port] for port in ports))
-    by = ca.jacobian(shifted, m.p)[:, list(own)]
+    shifted = ca.vertcat(*(m.values[m.names[k]] for k in _ports(predictor)))
+    by = ca.jacobian(shifted, ca.vertcat(*(m.p[k] for k in own)))
     marks = [symbol for symbol in ca.symvar(by) if symbol.name().removeprefix("state.") in m.states]
     if marks:  # what a sensor sees, on which shifts of its readings depend
         states = [m.states[mark.name().removeprefix("state.")] for mark in marks]
         by = ca.substitute(by, ca.vertcat(*marks), ca.vertcat(*states))
-    return BatchFunction("slopes", [m.x, m.q, m.z, m.p], [by])
+    return by
 
 
 def _blocks(
@@ -145,9 +187,7 @@ def _by_own_row(machine: Machine, block: Block) -> Array:
     if block.compare is None:
         return block.jacobian
     sigma = [c.sigma if sensor.compares else 1.0 for sensor in machine.sensors for c in sensor.channels]
-    told = np.any(
-        block.jacobian != 0.0, axis=2, keepdims=True
-    )  # not one that was lost, or that is its own origin
+    told = np.any(block.jacobian != 0.0, axis=2, keepdims=True)  # neither lost nor its own origin
     return np.where(told, block.here / np.array(sigma)[:, None], 0.0)
 
 

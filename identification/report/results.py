@@ -19,9 +19,7 @@ from truepose.identification.diagnosis.result import (
     Lead,
     Levels,
     PoseError,
-    Proof,
     Remainder,
-    Replication,
 )
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.estimated import Estimate, check_estimate
@@ -29,7 +27,7 @@ from truepose.identification.fit.summary import FitSummary, Judgement, judged, j
 from truepose.identification.identifiability.observability import Knowledge, identifiable, unseen
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.finding_words import explanation, form_words, separating_experiment
-from truepose.identification.report.json_text import Json, finite
+from truepose.identification.report.json_text import Json, attributes, finite
 from truepose.identification.report.notes import diagnosis_notes
 from truepose.identification.report.unseen_words import meaning
 from truepose.identification.signatures.untestable import Missing, Untestable
@@ -54,25 +52,22 @@ def diagnosis_json(diagnosis: Diagnosis) -> Json:
     left, proof, units = diagnosis.remainder, diagnosis.proof, diagnosis.nominal.residual_units
     out = {
         "schema": DIAGNOSIS_SCHEMA,
-        "judgement": judgement_json(diagnosis_judgement(diagnosis)),
+        "judgement": attributes(diagnosis_judgement(diagnosis), "calibrated", "why"),
         "machine": diagnosis.nominal.name,
         "files": list(diagnosis.recording.files),
-        "verdict": diagnosis.verdict,
-        "concealed": diagnosis.concealed,
-        "alarms": {name: _alarm(a) for name, a in diagnosis.alarms.items()},
-        "alarms_after": {name: _alarm(a) for name, a in diagnosis.alarms_after.items()},
+        **attributes(diagnosis, "verdict", "concealed"),
+        "alarms": _alarms(diagnosis.alarms),
+        "alarms_after": _alarms(diagnosis.alarms_after),
         "findings": [*(finding_json(f) for f in diagnosis.findings), *outliers_json(diagnosis)],
         **_probabilities(diagnosis),
-        "disagreement": diagnosis.disagreement,
-        "budget_spent": diagnosis.budget_spent,
-        "stopped": diagnosis.stopped,
-        "noise": diagnosis.noise,
+        **attributes(diagnosis, "disagreement", "budget_spent", "stopped", "noise"),
         "remainder": left and _remainder(left, units),
         "candidates": [alternative_json(c) for c in diagnosis.candidates],
         "evidence_map": dict(diagnosis.evidence_map),
         "untestable": [untestable_json(u, diagnosis.missing) for u in diagnosis.untestable],
         "fit": {name: _summary(fit, units, before=name != "free") for name, fit in diagnosis.fits.items()},
-        "proof": proof and _proof(proof),
+        "proof": proof
+        and {**asdict(proof), "blocks": [attributes(b, "name", "rows", "ratio") for b in proof.blocks]},
         "applied": diagnosis.applied and _applied(diagnosis.applied),
         "parameters": parameters_json(diagnosis.after),
         "notes": list(diagnosis_notes(diagnosis)),
@@ -94,16 +89,13 @@ def _probabilities(diagnosis: Diagnosis) -> Json:
     """How likely effects are: the leading ones, sets of them, places of one driver together, each one alone."""
     return {
         "leading": [
-            {"effect": one.effect, "place": list(one.place), "probability": one.probability}
+            attributes(one, "effect", "place", "probability")
             | {"levels": levels_json(one.levels, law_of(one))}
             for one in diagnosis.leading
         ],
         "sets": [asdict(one) for one in diagnosis.sets],
         "together": [asdict(one) for one in diagnosis.together],
-        "inclusion": [
-            {"effect": i.effect, "place": list(i.place), "probability": i.probability}
-            for i in diagnosis.inclusion
-        ],
+        "inclusion": [attributes(one, "effect", "place", "probability") for one in diagnosis.inclusion],
     }
 
 
@@ -123,12 +115,12 @@ def fit_json(
     check_estimate(fit)
     out = {
         "schema": FIT_SCHEMA,
-        "judgement": judgement_json(judged(fit)),
+        "judgement": attributes(judged(fit), "calibrated", "why"),
         "machine": fit.nominal.name,
         "method": dict(method or {}),
         "files": list(recording.files),
         **_figures(fit, recording),
-        "rows_that_do_not_fit": [{"file": one.file, "row": one.row, "sigma": one.sigma} for one in far],
+        "rows_that_do_not_fit": [asdict(one) for one in far],
         "unseen": [{"parts": dict(d.parts), "meaning": meaning(d)} for d in unseen(Knowledge.of(fit))],
         "parameters": parameters_json(fit),
         "effects": [_effect(fit, k) for k in range(len(fit.effects))],
@@ -181,9 +173,7 @@ def _figures(fit: Estimate, recording: Recording) -> Json:
         "rows": int(fit.used.sum()),
         "rows_left_out": [recording.where(k) for k in fit.unassembled],
         "readings": fit.n_observations,
-        "effective_parameters": fit.effective_parameters,
-        "chi2": fit.chi2,
-        "chi2_per_dof": fit.chi2_per_dof,
+        **attributes(fit, "effective_parameters", "chi2", "chi2_per_dof"),
         "rms": _rms(told.rms, units),
         "validation_rms": _rms(told.validation_rms, units),
         "free_parameters": len(fit.prior.free),
@@ -218,27 +208,15 @@ def _remainder(left: Remainder, units: Mapping[str, str]) -> Json:
     }
 
 
-def _proof(proof: Proof) -> Json:
-    return {
-        "held_out": proof.held_out,
-        "blocks": [{"name": b.name, "rows": b.rows, "ratio": b.ratio} for b in proof.blocks],
-        "ratio": proof.ratio,
-        "ratio_interval": list(proof.ratio_interval),
-        "placebo_gain": proof.placebo_gain,
-        "black_box_ratio": proof.black_box_ratio,
-        "injected_recovered": proof.injected_recovered,
-    }
-
-
-def _alarm(alarm: Alarm) -> Json:
-    return {"statistic": alarm.statistic, "p": alarm.p, "raised": alarm.raised, "about": alarm.about}
+def _alarms(alarms: Mapping[str, Alarm]) -> Json:
+    return {name: attributes(alarm, "statistic", "p", "raised", "about") for name, alarm in alarms.items()}
 
 
 def _applied(applied: Applied) -> Json:
     """Which model ``improved.yaml`` holds, and its errors on held-out rows beside plain calibration's."""
 
     def pose(error: PoseError | None) -> Json | None:
-        return None if error is None else {"plain": error.plain, "model": error.model, "unit": "mm"}
+        return None if error is None else {**asdict(error), "unit": "mm"}
 
     return {
         "model": applied.model,
@@ -278,11 +256,6 @@ def _rms(
     return {kind: {"value": factor * value, "unit": unit} for kind, (value, unit, factor) in scaled.items()}
 
 
-def judgement_json(judgement: Judgement) -> Json:
-    """Whether it may be called a calibration, and why not."""
-    return {"calibrated": judgement.calibrated, "why": judgement.why}
-
-
 def diagnosis_judgement(diagnosis: Diagnosis) -> Judgement:
     """The judgement of the model that a diagnosis ends with."""
     named = any(not finding.nameless for finding in diagnosis.findings)
@@ -291,21 +264,17 @@ def diagnosis_judgement(diagnosis: Diagnosis) -> Judgement:
 
 def finding_json(finding: Finding) -> Json:
     """What was found at a place, with its rivals and how it was judged."""
+    halves = finding.replication
     return {
-        "effect": finding.effect,
-        "place": list(finding.place),
-        "probability": finding.probability,
-        "certainty": finding.certainty,
-        "log_bayes_factor": finding.log_bayes_factor,
+        **attributes(finding, "effect", "place", "probability", "certainty", "log_bayes_factor"),
         "equivalents": [alternative_json(a) for a in finding.equivalents],
         "parameters": {name: asdict(q) for name, q in finding.parameters.items()},
         "settings": [dict(s) for s in finding.settings],
         "levels": levels_json(finding.levels, law_of(finding)),
         "law_tested": finding.tested,
-        "prior_dependent": finding.prior_dependent,
-        "flip_lambda": finding.flip_lambda,
+        **attributes(finding, "prior_dependent", "flip_lambda"),
         "family": finding.family or None,
-        "replication": finding.replication and _replication(finding.replication),
+        "replication": halves and attributes(halves, "halves", "agree"),
         "explanation": explanation(finding),
         "separating_experiment": separating_experiment(finding),
     }
@@ -344,17 +313,17 @@ def _row_finding(diagnosis: Diagnosis, slug: str, rows: Sequence[int], more: str
     levels = Levels(_SURE, "sensor", _SURE)
     return finding_json(
         Finding(
-            slug,
-            place,
-            _SURE,
-            _SURE,
-            evidence,
-            (),
-            {},
-            (),
-            None,
-            told,
-            effect.experiment,
+            effect=slug,
+            place=place,
+            probability=_SURE,
+            certainty=_SURE,
+            log_bayes_factor=evidence,
+            equivalents=(),
+            parameters={},
+            settings=(),
+            flip_lambda=None,
+            explanation=told,
+            experiment=effect.experiment,
             levels=levels,
             tested=False,
         )
@@ -363,8 +332,7 @@ def _row_finding(diagnosis: Diagnosis, slug: str, rows: Sequence[int], more: str
 
 def alternative_json(other: Alternative) -> Json:
     """Another explanation of the same readings."""
-    out: Json = {"effect": other.effect, "place": list(other.place)}
-    out |= {"probability": other.probability, "log_bayes_factor": other.log_bayes_factor}
+    out = attributes(other, "effect", "place", "probability", "log_bayes_factor")
     return out if other.tested else out | {"tested": False}
 
 
@@ -372,7 +340,3 @@ def untestable_json(one: Untestable, missing: Sequence[Missing]) -> Json:
     """Why an effect could not be tested, and what to ``add`` where a line or a column would change that."""
     add = next((m.add for m in missing if one.effect in m.effects), None)
     return {"effect": one.effect, "why": one.why} | ({} if add is None else {"add": add})
-
-
-def _replication(halves: Replication) -> Json:
-    return {"halves": list(halves.halves), "agree": halves.agree}

@@ -2,6 +2,13 @@
 
 from __future__ import annotations
 
-from truepose.identification.report import compensation_words, documents, files, frames, identifiability_words
+from truepose.identification.report import (
+    compensation_words,
+    diagnosis,
+    estimate,
+    files,
+    frames,
+    identifiability_words,
+)
 
-__all__ = ["compensation_words", "documents", "files", "frames", "identifiability_words"]
+__all__ = ["compensation_words", "diagnosis", "estimate", "files", "frames", "identifiability_words"]

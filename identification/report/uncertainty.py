@@ -1,4 +1,4 @@
-"""How well the tool is known: the uncertainty budget, a map of the workspace, and tests after the standards."""
+"""How well the tool is known: the uncertainty budget, and ISO 9283."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from truepose.arrays import Array, Mask
 from truepose.errors import TrueposeError
 from truepose.identification.fit.estimated import Estimate
-from truepose.identification.fit.repeatability import PoseTest, pose_test
+from truepose.identification.fit.repeatability import pose_test
 from truepose.identification.fit.tool_pose import (
     EXPLANATIONS,
     READINGS,
@@ -17,13 +16,11 @@ from truepose.identification.fit.tool_pose import (
     UNEXPLAINED,
     ToolSpread,
     tool_spread,
-    workspace,
 )
 from truepose.identification.recording.recording import Recording
-from truepose.identification.report.numbers import finer, measure, unit_symbol
-from truepose.identification.report.scene.scene import thinned
-from truepose.shown.chart import Axis, Chart, Layer, Marks, Tone
-from truepose.shown.document import Block, Charts, Section, Table, Text
+from truepose.identification.report.numbers import measure
+from truepose.identification.report.scene import thinned
+from truepose.shown.document import Block, Section, Table, Text
 
 ROWS = 300
 COVERAGE = 2.0
@@ -34,13 +31,12 @@ _SOURCES: Mapping[str, tuple[str, str]] = {
     EXPLANATIONS: ("explanations that the readings cannot tell apart", "B"),
     UNEXPLAINED: ("what the model leaves unexplained beyond the instrument's noise", "A"),
 }
-_LEVELS: tuple[Tone, ...] = ("l1", "l2", "l3", "l4")
 
 
 def uncertainty_section(fit: Estimate, recording: Recording, before: Estimate | None) -> Section:
-    """Budget at the recorded poses, the workspace, and ISO 9283 where the recording allows it.
+    """Return the budget at the recorded poses, and ISO 9283 where the recording allows it.
 
-    ``before``: the fit to compare the standards' figures with, None for a calibration alone.
+    ``before``: the fit to compare the standard's figures with, None for a calibration alone.
     """
     good = np.flatnonzero(np.isfinite(fit.residual).all(axis=1))
     if not len(good) or not len(fit.prior.free):
@@ -48,10 +44,9 @@ def uncertainty_section(fit: Estimate, recording: Recording, before: Estimate | 
         return Section("uncertainty", "How well the tool's position is known", [Text(said)])
     try:
         blocks: list[Block] = [_budget(tool_spread(fit, recording, thinned(good, ROWS)))]
-        blocks += _map(*workspace(fit, recording))
     except TrueposeError as exc:
         blocks = [Text(f"The uncertainty of the tool could not be evaluated: {exc}")]
-    blocks += _standards(fit, recording, before)
+    blocks.append(_iso_9283(fit, recording, before))
     return Section("uncertainty", "How well the tool's position is known", blocks)
 
 
@@ -76,57 +71,25 @@ def _budget(spread: ToolSpread) -> Table:
     return Table(head, rows, caption, text_columns=2)
 
 
-def _map(spread: ToolSpread, inside: Mask) -> list[Block]:
-    """The workspace from above and from the side, coloured by uncertainty."""
-    std = spread.std
-    if not np.isfinite(std).all() or not len(std) or not np.max(std) > 0:
-        return []
-    edges = np.quantile(std, [0.0, 0.25, 0.5, 0.75, 1.0])
-    factor, unit = finer(float(edges[-1]), "mm")
-    size, length = finer(float(np.max(np.ptp(spread.position, axis=0), initial=0.0)), "mm")
-    charts = []
-    for title, (a, b) in (("seen along z", (0, 1)), ("seen along y", (0, 2))):
-        layers: list[Layer] = []
-        for k, tone in enumerate(_LEVELS):
-            level = (std >= edges[k]) & ((std < edges[k + 1]) | (k == 3))
-            name = f"{factor * edges[k]:.3g} to {factor * edges[k + 1]:.3g} {unit_symbol(unit)}"
-            for within, shape in ((True, "dot"), (False, "ring")):
-                at = level & (inside == within)
-                if at.any():
-                    place = size * spread.position[at]
-                    beyond = "" if within else ", beyond what was measured"
-                    layers.append(Marks(place[:, a], place[:, b], tone, f"{name}{beyond}", shape))  # type: ignore[arg-type]
-        x, y = (f"{'xyz'[k]} [{unit_symbol(length)}]" for k in (a, b))
-        charts.append(Chart(title, Axis(x), Axis(y), layers, height=300.0))
-    caption = (
-        "Standard uncertainty of the tool's position over the workspace, as the model predicts it. Dots: within what the joints"
-        " covered in the recording; rings: elsewhere in their ranges, where forms that were not seen may add to it."
-    )
-    return [Charts(charts, caption)]
-
-
-def _standards(fit: Estimate, recording: Recording, before: Estimate | None) -> list[Block]:
-    now = pose_test(fit, recording)
-    if now is not None:
-        return [_iso_9283(now, None if before is None else pose_test(before, recording))]
-    return [
-        Text(
+def _iso_9283(fit: Estimate, recording: Recording, before: Estimate | None) -> Block:
+    """Return AP and RP of mean and worst pose, before and after; where poses were visited too rarely, what is needed."""
+    now, was = pose_test(fit, recording), pose_test(before or fit, recording)
+    if now is None or was is None:
+        needs = (
             "ISO 9283 (pose accuracy and repeatability) needs poses that are visited three times and more under one number"
-            " in the column `pose`. This recording has none.",
-            "muted",
+            " in the column `pose`. This recording has none."
         )
+        return Text(needs, "muted")
+    figures = {
+        "pose accuracy AP, before": was.accuracy if before else None,
+        "pose accuracy AP, with this model": now.accuracy,
+        "pose repeatability RP": now.repeatability,
+    }
+    rows = [
+        [name, measure(float(np.mean(values)), "mm"), measure(float(np.max(values)), "mm")]
+        for name, values in figures.items()
+        if values is not None
     ]
-
-
-def _iso_9283(now: PoseTest, was: PoseTest | None) -> Table:
-    """AP and RP, mean and worst pose, before and after."""
-
-    def both(values: Array) -> list[str]:
-        return [measure(float(np.mean(values)), "mm"), measure(float(np.max(values)), "mm")]
-
-    rows = [] if was is None else [["pose accuracy AP, before", *both(was.accuracy)]]
-    rows.append(["pose accuracy AP, with this model", *both(now.accuracy)])
-    rows.append(["pose repeatability RP", *both(now.repeatability)])
     visits = f"{int(now.visits.min())} to {int(now.visits.max())}"
     caption = (
         f"After ISO 9283, of {len(now.visits)} poses with {visits} visits each; the standard asks for 30 visits of five poses."
@@ -134,6 +97,3 @@ def _iso_9283(now: PoseTest, was: PoseTest | None) -> Table:
         " deviations; no calibration improves it."
     )
     return Table(["", "mean pose", "worst pose"], rows, caption)
-
-
-__all__ = ["uncertainty_section"]

@@ -27,18 +27,10 @@ OWN_TOLERANCE = 1.0
 """Tolerances from its drawing within which no constant speaks against a model, however little the readings move it."""
 NOTHING = ("the recording holds one session only", "nothing to vary")
 """Reasons why an effect cannot be tested where nothing is amiss."""
-REASONS = 4
-"""Most reasons why effects could not be tested that are told at first."""
 ALARMS = {
-    "residual": ("lack of fit", "does an ordinary fit, parameters free, leave more than noise?"),
-    "prior_conflict": (
-        "conflict with tolerances",
-        "do the readings want parameters that the drawings exclude?",
-    ),
-    "structure": (
-        "structure in residuals",
-        "do residuals under tolerances follow a driver or the order of rows?",
-    ),
+    "residual": "lack of fit",
+    "prior_conflict": "conflict with tolerances",
+    "structure": "structure in residuals",
 }
 
 
@@ -113,11 +105,25 @@ def reasons(diagnosis: Diagnosis) -> list[str]:
         out.append(f"Beside all effects, noise of {significant(diagnosis.noise)} stated sigmas is likeliest.")
     if diagnosis.proof is not None and not adequate:
         out.append(_held_out(diagnosis.proof))
-    alarms = [ALARMS[name][0] for name, alarm in diagnosis.alarms.items() if alarm.raised is not adequate]
-    if alarms:
-        lead = "Quiet" if adequate else "Alarms that a true model raises once in a hundred recordings"
-        out.append(f"{lead}: {joined(alarms)}.")
+    out += _alarm_words(diagnosis, adequate=adequate)
     return [*out, *(_best_candidate(diagnosis) if adequate else [])]
+
+
+def _alarm_words(diagnosis: Diagnosis, *, adequate: bool) -> list[str]:
+    """Return which alarms are raised; of an adequate model which are not, and what explains the others."""
+    raised = [ALARMS[name] for name, alarm in diagnosis.alarms.items() if alarm.raised]
+    quiet = [ALARMS[name] for name, alarm in diagnosis.alarms.items() if not alarm.raised]
+    if not adequate:
+        lead = "Alarms that a true model raises once in a hundred recordings"
+        return [f"{lead}: {joined(raised)}."] if raised else []
+    out = [f"Quiet: {joined(quiet)}."] if quiet else []
+    if raised:
+        wide = max(diagnosis.inflation.values(), default=1.0)
+        out.append(
+            f"Raised: {joined(raised)}; but no explanation is likelier than none: noise of"
+            f" {significant(diagnosis.noise, 2)} and tolerances of {significant(wide, 2)} times the stated explain it."
+        )
+    return out
 
 
 def _best_candidate(diagnosis: Diagnosis) -> list[str]:
@@ -236,7 +242,7 @@ def untestable_lines(
         if reason not in NOTHING and one.effect not in past:
             groups.setdefault(reason, []).append(one.effect)
     ranked = sorted(groups.items(), key=lambda item: "`" not in item[0])
-    return [f"{joined([names(slug) for slug in slugs])}: {reason}" for reason, slugs in ranked[:REASONS]]
+    return [f"{joined([names(slug) for slug in slugs])}: {reason}" for reason, slugs in ranked]
 
 
 def _reason(why: str) -> str:

@@ -40,7 +40,9 @@ LOGGED = {"temperature": "temperature.air", "pressure": "pressure"}
 
 @effects.add("air-refraction")
 class AirRefraction(Effect):
-    """A share of the refraction of air that the sensor does not correct: 1 for an instrument that knows no weather.
+    """Light that travels more slowly in dense air, read as a length that grew.
+
+    A share of the refraction of air that the sensor does not correct: 1 for an instrument that knows no weather.
 
     Lengths: the change of the air since 20 degC and 1013.25 hPa. Directions of stars: the whole of it, from the elevation
     alone, with the weather where it is logged; the light of a star comes in steeper than the star stands, so that a tool

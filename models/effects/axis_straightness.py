@@ -31,7 +31,9 @@ DECAY = 1.5
 
 @effects.add("axis-straightness")
 class AxisStraightness(Effect):
-    """Error motions as functions of the travel t, -1 to 1 over the joint's range.
+    """A guideway that is not straight: the slide wanders and turns as it travels.
+
+    Error motions as functions of the travel t, -1 to 1 over the joint's range.
 
     Setting ``degree`` n: powers of t up to n; those of displacements start at t^2, as t trades with the
     joint's direction. Setting ``waves`` n: 1 to n half waves from end to end of the range, w1 a bow, w2 an S.

@@ -29,7 +29,9 @@ BENT_AT = 100.0
 
 @effects.add("joint-compliance")
 class JointCompliance(Effect):
-    """dq = c * load, what gravity exerts at the joint, with springs and measured forces: minus the derivative of the energy.
+    """Joints that give way under the weight they carry.
+
+    dq = c * load, what gravity exerts at the joint, with springs and measured forces: minus the derivative of the energy.
 
     A gear that stiffens under load (or gives way more) has a further term, setting ``bend`` 2 or 3: d tau |tau| or
     d tau^3, both odd, in units of c at 100 N m (N).
@@ -170,7 +172,10 @@ def _case(machine: Machine, place: Place, settings: Settings) -> str:
 
 @effects.add("leg-compliance")
 class LegCompliance(Effect):
-    """dl = c F, F the leg's force from the closed loops' statics, tension positive; one leg or all alike."""
+    """Legs that stretch and shorten under the forces they carry.
+
+    dl = c F, F the leg's force from the closed loops' statics, tension positive; one leg or all alike.
+    """
 
     slug = "leg-compliance"
     setting_ranges = NO_SETTINGS

@@ -16,7 +16,10 @@ from truepose.models.machine.placed import NO_SETTINGS
 
 @effects.add("actuator-scale")
 class ActuatorScale(Effect):
-    """The reading q becomes (1 + s) q before the offset is added; one joint, or all of a kind alike."""
+    """A scale factor that is off: every reading means a little more or less than it says.
+
+    The reading q becomes (1 + s) q before the offset is added; one joint, or all of a kind alike.
+    """
 
     slug = "actuator-scale"
     setting_ranges = NO_SETTINGS
@@ -61,7 +64,10 @@ BETWEEN_LEGS = 0.1
 
 @effects.add("axis-coupling")
 class AxisCoupling(Effect):
-    """Place (driven, driving): the driven joint moves by k times what the other's reading moves it."""
+    """One joint that is dragged along by another.
+
+    Place (driven, driving): the driven joint moves by k times what the other's reading moves it.
+    """
 
     slug = "axis-coupling"
     setting_ranges = NO_SETTINGS
@@ -100,7 +106,10 @@ LARGEST_FRACTION = 0.1
 
 @effects.add("wrong-constant")
 class WrongConstant(Effect):
-    """One parameter far outside its tolerance; or the rails of all legs tilted alike along their own legs."""
+    """A constant that is grossly wrong: a misread drawing, a unit, a sign, an axis mounted askew.
+
+    One parameter far outside its tolerance; or the rails of all legs tilted alike along their own legs.
+    """
 
     slug = "wrong-constant"
     setting_ranges = NO_SETTINGS

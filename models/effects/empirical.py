@@ -207,7 +207,9 @@ TURNS = ("rx", "ry", "rz")
 
 @effects.add("empirical")
 class Empirical(Effect):
-    """A smooth form that no physics was found for; its sources run from -1 to 1 over what was seen, and stop there.
+    """What has no name: a joint, a mount or a sensor that errs as some smooth function of something recorded.
+
+    A smooth form that no physics was found for; its sources run from -1 to 1 over what was seen, and stop there.
 
     Settings ``from.NAME`` and ``to.NAME`` say what it is a function of, and over which range (mm, rad, turn, or the
     driver's own unit): a joint's reading, any driver, or ``load``, what gravity exerts at the place (N along a length, N m

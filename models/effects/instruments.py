@@ -30,7 +30,9 @@ LARGEST_SCALE = 0.1
 
 @effects.add("sensor-scale")
 class SensorScale(Effect):
-    """Lengths, and points away from the sensor frame's origin, read s of themselves too long.
+    """A sensor whose unit of length is wrong.
+
+    Lengths, and points away from the sensor frame's origin, read s of themselves too long.
 
     Where the origin stands does not matter as long as the base frame is free: another one moves all points alike.
     """
@@ -70,7 +72,9 @@ AZIMUTH, ELEVATION = 1.0, 2.0
 
 @effects.add("sensor-periodic")
 class SensorPeriodic(Effect):
-    """An interferometer's error per half wavelength, or a tracker's encoder error per turn.
+    """A sensor whose own scale errs periodically: a fringe that is no sine, an encoder off its centre.
+
+    An interferometer's error per half wavelength, or a tracker's encoder error per turn.
 
     Settings: ``order`` 1 or 2, cycles per half wavelength or per turn; of trackers, ``axis`` 1 (azimuth about the
     sensor frame's z) or 2 (elevation above its xy plane). A tracker's frame must have its axes: its origin where
@@ -163,7 +167,9 @@ BY_CAMERA = ("targets", "pose")
 
 @effects.add("lens-distortion")
 class LensDistortion(Effect):
-    """What is left of radial distortion: points move across the sensor frame's z axis, the optical axis.
+    """A camera's lens that draws points away from the axis, or towards it.
+
+    What is left of radial distortion: points move across the sensor frame's z axis, the optical axis.
 
     r is the tangent of a point's angle off the axis. Beyond 45 degrees, and behind the origin, no camera looks; r
     stays 1 there. Setting ``terms``: k1 alone, or k1 and k2; ``decentred`` 1: p1 and p2 too, of lenses that do not stand
@@ -224,7 +230,10 @@ LARGEST_OFFSET = 0.1
 
 @effects.add("target-offset")
 class TargetOffset(Effect):
-    """A constant in the tool's frame added to one target's point; of a single target, the tool frame's own error."""
+    """A target that does not sit where it is said to sit.
+
+    A constant in the tool's frame added to one target's point; of a single target, the tool frame's own error.
+    """
 
     slug = "target-offset"
     setting_ranges = NO_SETTINGS

@@ -26,7 +26,9 @@ _SHIFTS = ("tx", "ty", "tz")
 
 @effects.add("joint-runout")
 class JointRunout(Effect):
-    """The second axis of a cross passes the first at a distance e, along the leg at home; or a pin is not round.
+    """Joints whose centre of rotation wanders as they turn: axes of a cross that do not meet, pins that are not round.
+
+    The second axis of a cross passes the first at a distance e, along the leg at home; or a pin is not round.
 
     Offsets that are fixed in either body, or along an axis, are geometry; this one turns with the cross alone. Of a
     universal joint the first axis is x of its frame; of a spherical one, taken for a cross with a swivel, setting

@@ -16,7 +16,9 @@ from truepose.models.machine.placed import NO_SETTINGS, NOT_NEGATIVE, ranges
 
 @effects.add("flexure-shift")
 class FlexureShift(Effect):
-    """A leg grows by k times the squared tilt of both its flexures against home; one leg or all alike.
+    """Flexures in place of ball joints: their centre moves as they bend.
+
+    A leg grows by k times the squared tilt of both its flexures against home; one leg or all alike.
 
     A flexure of constant section and length l in pure bending has k = l / 12. Where the machine's model has bent
     flexures already (``model: beam``), k is what they deviate by. A notch may have either sign.
@@ -77,7 +79,9 @@ Pair = tuple[int, int]
 
 @effects.add("platform-deformation")
 class PlatformDeformation(Effect):
-    """db_i = sum_j K[i,j] drho_j along the platform's normal z, drho the actuators' travel from home, or
+    """A platform that bends: leg ends move along its normal as the actuators move, or under the legs' forces.
+
+    db_i = sum_j K[i,j] drho_j along the platform's normal z, drho the actuators' travel from home, or
     db_i = sum_j C[i,j] F_j, F the force of gravity at the leg ends along the normal.
 
     Setting ``form``: 0 one diagonal entry for all legs (kappa), 1 a diagonal entry a leg, 2 the full matrix,

@@ -39,7 +39,9 @@ POISSON = 0.3
 
 @effects.add("link-bending")
 class LinkBending(Effect):
-    """A link clamped at its joint bends about both axes across it by c = 1 / (E I), from there to the next joint.
+    """Links that bend under the weight they carry, as cantilevers.
+
+    A link clamped at its joint bends about both axes across it by c = 1 / (E I), from there to the next joint.
 
     An offset along the joint's own axis (r of a serial chain) is part of the link, as in thermal expansion.
     At its end act the force and the moment of all that lies beyond; its own masses act where their centres are

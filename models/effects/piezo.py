@@ -27,7 +27,9 @@ THRESHOLDS = (0.05, 0.15, 0.3, 0.6)
 
 @effects.add("piezo-hysteresis")
 class PiezoHysteresis(Effect):
-    """A Prandtl-Ishlinskii operator of four thresholds, less the straight line of a full loop.
+    """Piezoelectric actuators without a position loop: where they stand depends on where they turned round.
+
+    A Prandtl-Ishlinskii operator of four thresholds, less the straight line of a full loop.
 
     A piezo's gain is stated so that a full loop is right on average; what is left is the loop. Looked for at
     joints of at most 5 mm or 0.2 rad that no screw drives; a user may state it at any joint.
@@ -87,7 +89,9 @@ SINCE = (0.0, *(10.0 ** (k / 2) for k in range(9)))
 
 @effects.add("piezo-creep")
 class PiezoCreep(Effect):
-    """Every past move goes on by g times itself for each decade of time since ``t0`` after it.
+    """Piezoelectric actuators without a position loop go on moving after a step, ever more slowly.
+
+    Every past move goes on by g times itself for each decade of time since ``t0`` after it.
 
     A move counts as ended ``dwell`` s before the row it leads to. Setting ``since``: s after a move at which the
     stated gain is right, as whoever calibrated it waited so long (else right away: what creeps until then counts).

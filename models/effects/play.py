@@ -34,7 +34,9 @@ EVEN = 0.05
 
 @effects.add("backlash")
 class Backlash(Effect):
-    """The joint stands at reading - (b/2) * approach, b >= 0 its whole play.
+    """Play: a joint that stands elsewhere when it is approached from the other side.
+
+    The joint stands at reading - (b/2) * approach, b >= 0 its whole play.
 
     Setting ``lean``: the weight that it carries decides on which side of the play it rests, not the way that it came (a
     telescope's axis that is not quite in balance); the load's centre lies at that angle about the joint's axis.
@@ -110,7 +112,9 @@ SHOWN = 0.05
 
 @effects.add("friction-hysteresis")
 class FrictionHysteresis(Effect):
-    """The joint trails the way it went by up to h; it goes from one limit to the other within twice the half width r.
+    """Friction that lets a joint give before it slips: it trails its reading, and the trail depends on the way.
+
+    The joint trails the way it went by up to h; it goes from one limit to the other within twice the half width r.
 
     Setting ``width`` is r as a part of the joint's range. Rows that arrive from further away than 2 r stand at a
     limit, as with backlash b = 2 h: only widths within which some reversal of the recording ends are looked for.

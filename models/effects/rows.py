@@ -26,7 +26,10 @@ class OfRows(Effect):
 
 @effects.add("outliers")
 class Outliers(OfRows):
-    """Rows, not a place of the machine: it shifts no port, and the robust fit finds it."""
+    """Readings that are not readings of this machine: catalogued here, found by the diagnosis itself.
+
+    Rows, not a place of the machine: it shifts no port, and the robust fit finds it.
+    """
 
     slug = "outliers"
     setting_ranges = NO_SETTINGS
@@ -41,7 +44,10 @@ class Outliers(OfRows):
 
 @effects.add("fringe-miscount")
 class FringeMiscount(OfRows):
-    """Rows, not a place of the machine: it shifts no port. ``identification.diagnosis.outliers`` finds it."""
+    """Fringes that an interferometer lost or counted twice: catalogued here, found among the outlying rows.
+
+    Rows, not a place of the machine: it shifts no port. ``identification.diagnosis.outliers`` finds it.
+    """
 
     slug = "fringe-miscount"
     setting_ranges = NO_SETTINGS

@@ -26,7 +26,10 @@ a scale that errs as much, which from one side of an alt-az mount is the same.""
 
 @effects.add("gravity-sag")
 class GravitySag(Effect):
-    """The mount turns by c times the moment of gravity (and measured forces) about its origin, equally about every axis."""
+    """A base or a tool mount that yields to the moment of the weight it carries.
+
+    The mount turns by c times the moment of gravity (and measured forces) about its origin, equally about every axis.
+    """
 
     slug = "gravity-sag"
     setting_ranges = NO_SETTINGS
@@ -74,7 +77,10 @@ LEVEL = 1e-3
 
 @effects.add("axis-flexure")
 class AxisFlexure(Effect):
-    """What a leaning axis turns bends under its own weight: by c where it lies level, in proportion to the pull across it.
+    """Forks and cantilevered axes of telescopes that bend under their own weight: gravity's direction is all that
+    counts.
+
+    What a leaning axis turns bends under its own weight: by c where it lies level, in proportion to the pull across it.
 
     Settings: ``shaft``, the next axis droops like a cantilever that the first one carries; ``fork``, the
     tines nod about the next axis. Weights need not be known: gravity's direction in the turning body is all that the form asks.

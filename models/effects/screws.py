@@ -13,7 +13,10 @@ from truepose.models.machine.placed import ORDER, SWITCH, ranges
 
 @effects.add("screw-periodic")
 class ScrewPeriodic(Effect):
-    """A sine of the travel, once (``harmonic`` 1) or twice (2) per screw pitch."""
+    """A lead screw whose nut does not advance evenly within a turn.
+
+    A sine of the travel, once (``harmonic`` 1) or twice (2) per screw pitch.
+    """
 
     slug = "screw-periodic"
     setting_ranges = ranges({"harmonic": ORDER})
@@ -46,7 +49,10 @@ LARGEST_MM = 0.02
 
 @effects.add("screw-windup")
 class ScrewWindup(Effect):
-    """dq = c F s, s the distance of the nut from the lower end of its range, where the fixed bearing is taken to be.
+    """A screw that is stretched and wound up by what it carries or by its nut's friction, more the further out its nut
+    stands.
+
+    dq = c F s, s the distance of the nut from the lower end of its range, where the fixed bearing is taken to be.
 
     Setting ``friction`` 1: dq = -(w / 2) approach s / range. The friction of the nut winds the free part of the screw
     up against the way it went: lost motion w with the nut at the far end, none at the bearing.

@@ -30,7 +30,9 @@ STATED = 100.0
 
 @effects.add("frame-shift")
 class FrameShift(Effect):
-    """A rigid motion of the mount at the boundary after session ``session``, kept from then on.
+    """A base or a tool that stands elsewhere after a break between sessions.
+
+    A rigid motion of the mount at the boundary after session ``session``, kept from then on.
 
     Setting ``anew`` 1: the machine file says that the mount is set up anew (``per: session``). Then the six parameters of
     the frame change, by as much as two set-ups within its tolerance differ.
@@ -87,7 +89,10 @@ LARGEST = {"mm": 2.0, "rad": 0.05}
 
 @effects.add("zero-shift")
 class ZeroShift(Effect):
-    """A constant added to one joint's displacement, or to two, after session ``session``."""
+    """A joint whose zero is another one after a break between sessions.
+
+    A constant added to one joint's displacement, or to two, after session ``session``.
+    """
 
     slug = "zero-shift"
     setting_ranges = ranges({"session": ANY})
@@ -135,7 +140,9 @@ FRACTIONS = (0.08, 0.15, 0.3, 0.6, 1.2)
 
 @effects.add("mount-drift")
 class MountDrift(Effect):
-    """A small motion of the mount that grows with time since ``start`` (s on the recording's clock).
+    """A base or a tool that creeps away in the course of the campaign.
+
+    A small motion of the mount that grows with time since ``start`` (s on the recording's clock).
 
     ``tau`` 0: at a constant rate, per hour. ``tau`` > 0 (s): settling, 1 - exp(-t / tau) of its end, and still before. Without
     a clock it grows with the order of rows in each session, setting ``rows``: how many follow the first of the longest. The

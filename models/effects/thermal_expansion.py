@@ -25,7 +25,9 @@ TOOL = "tool"
 
 @effects.add("thermal-expansion")
 class ThermalExpansion(Effect):
-    """Every length of the place grows by alpha (T - 20 degC) of itself; one part, or all legs alike. Of a slide that is no
+    """Parts that grow when they warm up.
+
+    Every length of the place grows by alpha (T - 20 degC) of itself; one part, or all legs alike. Of a slide that is no
     leg, the screw or scale grows: its reading means alpha (T - 20 degC) more of its way from zero.
 
     Settings: ``lag`` (s) of the body behind its thermometer, first order; for all legs together,

@@ -31,7 +31,10 @@ NOTHING = 1e-12
 
 @effects.add("early-reading")
 class EarlyReading(Effect):
-    """Joints stand off their readings along their last motion, as synchronised joints do shortly before they stop.
+    """Readings taken before the machine stood: its joints are still on the way that they came, by their shares of the
+    motion.
+
+    Joints stand off their readings along their last motion, as synchronised joints do shortly before they stop.
 
     All stop at one time, so that what is left of the way is one share of every joint's step. Where the machine brakes
     evenly, what is left to the joint with the longest way (e) is the same whatever the motion; setting ``whole`` 1: it is
@@ -133,7 +136,9 @@ LONGEST = 0.5
 
 @effects.add("latency")
 class Latency(Effect):
-    """What is seen at a row is where the joints stood tau earlier, for all sensors of the machine alike.
+    """A sensor and a controller that do not mean the same instant.
+
+    What is seen at a row is where the joints stood tau earlier, for all sensors of the machine alike.
 
     Encoders on the load side are read with the joints, by their controller, and do not lag.
     tau < 0 where the controller logs its joints late. Setting ``still.J``: joint J never moves, or its velocity

@@ -100,7 +100,9 @@ DECAY = 1.5
 
 @effects.add("transmission-error")
 class TransmissionError(Effect):
-    """a sin(k q) + b cos(k q), k the order: cycles per turn of the joint.
+    """Gears that do not turn evenly: a joint error that repeats a whole number of times per turn.
+
+    a sin(k q) + b cos(k q), k the order: cycles per turn of the joint.
 
     Setting ``orders`` N: a series of all orders up to N, from ``first`` on (1 unless told): what stands above the usual
     series is a series of its own, with a size of its own.

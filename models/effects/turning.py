@@ -27,7 +27,9 @@ from truepose.models.machine.states import across
 
 @effects.add("encoder-eccentricity")
 class EncoderEccentricity(Effect):
-    """Once per turn with one read head, twice per turn with an oval disc or two opposite heads.
+    """An encoder disc that sits off its axis.
+
+    Once per turn with one read head, twice per turn with an oval disc or two opposite heads.
 
     The disc is that of the joint's reading, or that of an encoder on its load side: the place is then its column,
     ``angle.q1``, and the error is that of the column.
@@ -81,7 +83,9 @@ ORDERS = (2, 3)
 
 @effects.add("axis-wobble")
 class AxisWobble(Effect):
-    """In the frame that stands still the axis tilts by a (u cos q - v sin q) + b (u sin q + v cos q).
+    """A rotary axis that tilts as it turns, once per turn or oftener.
+
+    In the frame that stands still the axis tilts by a (u cos q - v sin q) + b (u sin q + v cos q).
 
     u, v stand across the axis. A tilt of once per turn is one that turns with the joint and one that turns against
     it. The first is fixed in the body that turns and so part of its geometry; only the second can be seen.

@@ -15,7 +15,6 @@ import numpy as np
 
 from truepose.arrays import Array
 from truepose.models.machine.assembly import Assembly, assemble, axis_of, placed_frame, rod_ends, symbols
-from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import COORDINATES, Joint, Mechanism
 
@@ -76,18 +75,6 @@ def skeleton(machine: Machine) -> Skeleton:
     given = ca.vertcat(*q.values()), x, ca.vertcat(*(values[p.name] for p in machine.parameters))
     function = ca.Function("skeleton", [*given], [ca.horzcat(*drawn.points)])
     return Skeleton(tuple(drawn.pieces), function, size)
-
-
-def at_home(machine: Machine) -> dict[Kind, list[Array]]:
-    """Points (k, 3) of each line by its kind, as drawn and at home."""
-    drawn, model = skeleton(machine), symbolic_model(replace(machine, effects=(), gravity=None))
-    nominal = np.array([p.nominal for p in machine.parameters])
-    points = drawn.points(model.q_home[None], model.home[None], nominal)[0]
-    drawn = drawn.around(points)
-    out: dict[Kind, list[Array]] = {}
-    for piece in drawn.pieces:
-        out.setdefault(piece.kind, []).append(points[list(piece.points)])
-    return out
 
 
 def _around(corners: tuple[int, ...], points: Array) -> tuple[int, ...]:

@@ -33,10 +33,10 @@ from challenge.simulator.writing import recording_text
 from truepose.errors import TrueposeError
 from truepose.identification.diagnosis import diagnose as engine
 from truepose.identification.diagnosis.result import Diagnosis, Finding
-from truepose.identification.leaves.planning.discriminate.command import findings_of
+from truepose.identification.leaves.planning.command import findings_of
 from truepose.identification.leaves.planning.discriminate.experiment import Experiment, discriminate
-from truepose.identification.leaves.planning.discriminate.factors import Explanation, Offer, class_of
-from truepose.identification.leaves.planning.pose_tables import experiment_table
+from truepose.identification.leaves.planning.discriminate.factors import Explanation, class_of, read_offer
+from truepose.identification.leaves.planning.showing import experiment_table
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.json_text import json_text
 from truepose.identification.report.results import diagnosis_json
@@ -135,7 +135,7 @@ def _planned(simulated: PortedMachine, machine: Machine, at: Path) -> Experiment
         machine,
         ROWS,
         class_of(findings_of(at / "diagnosis.json"), machine),
-        offer=Offer.of(machine, payload, warm),
+        offer=read_offer(machine, payload, warm),
         recorded=load_recording(machine, [at / "first.csv"]),
     )
 

@@ -33,11 +33,10 @@ from challenge.simulator.writing import recording_text
 from truepose.files import atomic_write_text
 from truepose.identification.learned_prior import read_prior
 from truepose.identification.leaves.fleet.evidence import kept
-from truepose.identification.leaves.fleet.learn import learned
+from truepose.identification.leaves.fleet.learn import learned, write_prior
 from truepose.identification.leaves.fleet.place_evidence import evidence
-from truepose.identification.leaves.fleet.prior_file import write_prior
+from truepose.identification.leaves.fleet.pooled import Pooled
 from truepose.identification.leaves.fleet.statistics import EffectInFleet, statistics
-from truepose.identification.leaves.fleet.summary import Summary, total
 
 Array = NDArray[np.float64]
 LEARN, JUDGE = 100, 100
@@ -128,9 +127,9 @@ class Study:
         """What a diagnosis said."""
         return dict(json.loads(self.result(number, prior).read_text(encoding="utf-8")))
 
-    def summary(self) -> Summary:
+    def pooled(self) -> Pooled:
         """Of those to learn from."""
-        return total(Summary.of(self.read(number, WITHOUT)["kept"]) for number in range(self.learn))
+        return Pooled.of([self.read(number, WITHOUT)["kept"] for number in range(self.learn)])
 
 
 def sit(study: Study) -> None:
@@ -138,7 +137,7 @@ def sit(study: Study) -> None:
     for number in range(study.learn):
         _diagnosed(study, number, WITHOUT)
     if not study.prior.is_file():
-        write_prior(study.prior, learned(study.summary()))
+        write_prior(study.prior, learned(study.pooled()))
     for number in range(LEARN, LEARN + study.judge):
         _diagnosed(study, number, WITHOUT)
         _diagnosed(study, number, WITH)
@@ -262,7 +261,7 @@ def _paired(difference: Array) -> str:
 
 def _frequencies(study: Study, drawn: list[dict[str, Any]]) -> Iterator[str]:
     """Learned beside drawn, with how many intervals hold what was drawn."""
-    told = {(one.effect, one.place): one for one in statistics(study.summary()).places}
+    told = {(one.effect, one.place): one for one in statistics(study.pooled()).places}
     pairs = [(one, told.get((one["slug"], tuple(one["place"])))) for one in drawn]
     known = [(one, found) for one, found in pairs if found is not None]
     yield from ("## Frequencies, learned and drawn", "")

@@ -17,9 +17,8 @@ import resource
 import shutil
 import sys
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -27,10 +26,8 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from truepose.identification.leaves.fleet.ending import Folders, ended
-from truepose.identification.leaves.fleet.record import Record
-from truepose.identification.leaves.fleet.run import run_fleet
-from truepose.identification.leaves.fleet.store import JOURNAL, Journal, Store
+from truepose.identification.leaves.fleet.record import RECORDS, Record, read_records
+from truepose.identification.leaves.fleet.run import end_run, run_fleet
 from truepose.identification.leaves.fleet.work import Options
 from truepose.pool import Cores, Pool, cluster
 
@@ -97,7 +94,7 @@ def ways(fleet: Path, count: int, room: Path) -> Iterator[str]:
         began, used = time.perf_counter(), _processor()
         with ExitStack() as stack:
             pool: Pool = Cores(int(name[0])) if name[0].isdigit() else _local(stack, LocalCluster)
-            run_fleet(Folders.of(few, room / name), pool, Options(brief=True))
+            run_fleet(few, room / name, pool, Options(brief=True))
         wall, own = time.perf_counter() - began, _processor() - used
         files = {
             str(f.relative_to(room / name)): f.read_bytes() for f in (room / name).rglob("*") if f.is_file()
@@ -118,41 +115,20 @@ def _processor() -> float:
     return own.ru_utime + own.ru_stime + below.ru_utime + below.ru_stime
 
 
-def page(results: Path, count: int | None, room: Path) -> Iterator[str]:
-    """The end of a run with the records that another left, or with more that are drawn from them; then with one changed."""
-    journal = Journal(results / JOURNAL)  # of a run that has not ended yet
-    kept = list(Store(results).lines()) or list(journal.lines(journal.keys()))
-    folders = Folders(room / "fleet", room / "results")
-    shutil.rmtree(folders.results, ignore_errors=True)
-    own = (line.record for line in kept)
-    drawn = (_another(kept[k % len(kept)].record, k) for k in range(count or 0))
-    keys = _noted(folders, own if count is None else drawn)
-    yield _end(folders, keys, "all new")
-    changed = _another(kept[0].record, 1)
-    keys |= _noted(folders, [replace(changed, name=next(iter(keys)))])
-    yield _end(folders, keys, "one changed")
-
-
-def _noted(folders: Folders, records: Iterable[Record]) -> dict[str, str]:
-    """The keys of records that are in the journal then."""
-    keys = dict[str, str]()
-    with folders.journal.open() as stream:
-        for record in records:
-            Journal.note(stream, record)
-            keys[record.name] = record.key
-    return keys
-
-
-def _end(folders: Folders, keys: Mapping[str, str], what: str) -> str:
+def page(results: Path, count: int | None, room: Path) -> str:
+    """The end of a run with the records that another left, or with more that are drawn from them."""
+    kept = list(read_records(results / RECORDS).values())
+    some = kept if count is None else [_another(kept[k % len(kept)], k) for k in range(count)]
+    records, folder = {record.name: record for record in some}, room / "results"
+    shutil.rmtree(folder, ignore_errors=True)
     began = time.process_time()
-    ended(keys, folders, brief=True)
+    end_run(room / "fleet", folder, records, is_brief=True)
     used = time.process_time() - began
-    folders.journal.path.unlink()
-    sizes = {file.name: file.stat().st_size for file in folders.results.iterdir()}
+    sizes = {file.name: file.stat().st_size for file in folder.iterdir()}
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    told = [f"{used:.1f} s", f"{sizes['fleet.parquet'] / len(keys):.0f} bytes"]
-    told += [f"{sizes[name] / 1e3:,.0f} kB" for name in ("fleet.csv", "fleet.html", "sums.json")]
-    return f"| {' | '.join([f'{len(keys):,}', what, *told, f'{memory:.0f} MB'])} |"
+    told = [f"{used:.1f} s", f"{sizes[RECORDS] / len(records):.0f} bytes"]
+    told += [f"{sizes[name] / 1e3:,.0f} kB" for name in ("fleet.csv", "fleet.html")]
+    return f"| {' | '.join([f'{len(records):,}', *told, f'{memory:.0f} MB'])} |"
 
 
 def _another(record: Record, number: int) -> Record:
@@ -166,7 +142,8 @@ def _another(record: Record, number: int) -> Record:
         }
         told["parameters"] = parameters
     key = f"{rng.integers(2**63):064x}"
-    return replace(record, name=f"arm{number:06d}", key=key, parameters=own, evidence=told)
+    changed = {"name": f"arm{number:06d}", "key": key, "parameters": own, "evidence": told}
+    return record.model_copy(update=changed)
 
 
 def main() -> None:
@@ -186,7 +163,7 @@ def main() -> None:
     lines = (
         ways(asked.folder, asked.n or 24, asked.output)
         if asked.what == "ways"
-        else page(asked.folder, asked.n, asked.output)
+        else iter([page(asked.folder, asked.n, asked.output)])
     )
     for line in lines:
         sys.stdout.write(line + "\n")

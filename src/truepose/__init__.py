@@ -38,56 +38,28 @@ _HERE = _Path(__file__).parent
 if not (_HERE / "models").is_dir():  # unpacked or cloned without links: models and its like are beside src
     __path__.append(str(_HERE.parents[1]))
 
-_HOMES = {
-    "ConvergenceError": "truepose.errors",
-    "InputError": "truepose.errors",
-    "TrueposeError": "truepose.errors",
-    "calibrate": "truepose.api",
-    "check": "truepose.identification.leaves.check.run",
-    "compensate": "truepose.api",
-    "diagnose": "truepose.api",
-    "diagnosis_json": "truepose.identification.report.results",
-    "drift": "truepose.identification.leaves.drift.public",
-    "estimate": "truepose.api",
-    "export": "truepose.models.leaves.export.write",
-    "fit_json": "truepose.identification.report.results",
-    "generate": "truepose.codegen.c",
-    "identifiability": "truepose.api",
-    "inverse": "truepose.identification.compensation.inverse",
-    "load_machine": "truepose.models.load",
-    "load_recording": "truepose.identification.load",
-    "parse_effect": "truepose.models.effect_text",
-    "plan": "truepose.identification.leaves.planning.plan",
-    "predict": "truepose.api",
-    "simulate": "truepose.api",
-    "write_calibrated": "truepose.identification.fit.write_machine",
+_NAMES = {
+    "truepose.api": "calibrate compensate diagnose estimate identifiability predict simulate",
+    "truepose.codegen.c": "generate",
+    "truepose.errors": "ConvergenceError InputError TrueposeError",
+    "truepose.identification.compensation.inverse": "inverse",
+    "truepose.identification.fit.write_machine": "write_calibrated",
+    "truepose.identification.leaves.check.run": "check",
+    "truepose.identification.leaves.drift.public": "drift",
+    "truepose.identification.leaves.planning.plan": "plan",
+    "truepose.identification.load": "load_recording",
+    "truepose.identification.report.results": "diagnosis_json fit_json",
+    "truepose.models.effect_text": "parse_effect",
+    "truepose.models.leaves.export.write": "export",
+    "truepose.models.load": "load_machine",
 }
+_HOMES = {_name: _home for _home, _names in _NAMES.items() for _name in _names.split()}
 
 __all__ = [
-    "ConvergenceError",
-    "InputError",
-    "TrueposeError",
-    "__version__",
-    "calibrate",
-    "check",
-    "compensate",
-    "diagnose",
-    "diagnosis_json",
-    "drift",
-    "estimate",
-    "export",
-    "fit_json",
-    "generate",
-    "identifiability",
-    "inverse",
-    "load_machine",
-    "load_recording",
-    "parse_effect",
-    "plan",
-    "predict",
-    "simulate",
-    "write_calibrated",
-]
+    "ConvergenceError", "InputError", "TrueposeError", "__version__", "calibrate", "check", "compensate", "diagnose",
+    "diagnosis_json", "drift", "estimate", "export", "fit_json", "generate", "identifiability", "inverse", "load_machine",
+    "load_recording", "parse_effect", "plan", "predict", "simulate", "write_calibrated",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> object:

@@ -14,16 +14,14 @@ from typing import Annotated, Any
 import typer
 
 from truepose.commands.catalogue import effects
-from truepose.commands.common import PluginOption, QuietOption, reported
+from truepose.commands.common import PluginOption, reported
 from truepose.commands.compensate import compensate
 from truepose.commands.controller import codegen
 from truepose.commands.identifiability import identifiability
 from truepose.commands.identify import calibrate, diagnose
 from truepose.commands.one_line import OneLineCommand, OneLineGroup
-from truepose.commands.progress import quietly
 from truepose.commands.schema import schema
 from truepose.commands.tables import predict, simulate
-from truepose.commands.try_columns import WithTryColumns
 from truepose.demo import demo
 from truepose.leaves import modules_named
 
@@ -40,21 +38,18 @@ app = typer.Typer(
 
 
 def _with_common(command: Callable[..., None]) -> Callable[..., None]:
-    """Return the command with the options ``--plugin`` and ``--quiet``, its errors reported in one line."""
+    """Return the command with the option ``--plugin``, its errors reported in one line."""
     own = inspect.signature(command, eval_str=True)
 
     @functools.wraps(command)
-    def run(*, plugin: list[Path] | None = None, quiet: bool = False, **options: Any) -> None:
-        with quietly(quiet), reported(plugin):
+    def run(*, plugin: list[Path] | None = None, **options: Any) -> None:
+        with reported(plugin):
             command(**options, **({"plugin": plugin} if "plugin" in own.parameters else {}))
 
-    added = (("plugin", PluginOption, None), ("quiet", QuietOption, False))
-    parameters = [parameter for name, parameter in own.parameters.items() if name != "plugin"] + [
-        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind)
-        for name, kind, default in added
-    ]
-    run.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined]
-    run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    added = inspect.Parameter("plugin", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=PluginOption)
+    parameters = {**own.parameters, "plugin": added}
+    run.__signature__ = own.replace(parameters=list(parameters.values()))  # type: ignore[attr-defined]
+    run.__annotations__ = {name: parameter.annotation for name, parameter in parameters.items()}
     return run
 
 
@@ -76,7 +71,7 @@ def commands() -> dict[str, Callable[..., None]]:
 
 
 for _name, _command in commands().items():
-    app.command(_name, cls=WithTryColumns if _name == "diagnose" else OneLineCommand)(_with_common(_command))
+    app.command(_name, cls=OneLineCommand)(_with_common(_command))
 
 
 def _version(wanted: bool) -> None:

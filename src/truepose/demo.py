@@ -13,29 +13,19 @@ from truepose.commands.common import JsonOption, finish, progress, written
 from truepose.commands.results import DIAGNOSIS, check_directory, check_machine
 from truepose.errors import InputError
 
-FIRST = "telescope"
+NAMES = ("telescope", "mount", "nanopositioner", "polisher")
+"""Machines that come with a recording."""
 MACHINE, RECORDING, TRUTH = "machine.yaml", "recording.csv", "truth.json"
 
 
-def bundled() -> tuple[str, ...]:
-    """Names of the machines that come with a recording."""
-    folder = resources.files("truepose.models") / "machines"
-    complete = [
-        entry.name
-        for entry in folder.iterdir()
-        if all((entry / name).is_file() for name in (MACHINE, RECORDING))
-    ]
-    return tuple(sorted(complete, key=lambda name: (name != FIRST, name)))
-
-
-NameArg = Annotated[str, typer.Argument(metavar=f"[{'|'.join(bundled())}]", help="Which machine.")]
+NameArg = Annotated[str, typer.Argument(metavar=f"[{'|'.join(NAMES)}]", help="Which machine.")]
 OutputOption = Annotated[
     Path, typer.Option("-o", "--output", metavar="DIR", help="Directory for the results.")
 ]
 
 
 def demo(
-    name: NameArg = FIRST,
+    name: NameArg = NAMES[0],
     output: OutputOption = Path("truepose-demo"),
     as_json: JsonOption = False,
 ) -> None:
@@ -45,14 +35,14 @@ def demo(
     """
     from truepose.identification.diagnosis.diagnose import diagnose
     from truepose.identification.recording.load import load_recording
-    from truepose.identification.report.documents import diagnosis_document
+    from truepose.identification.report.diagnosis import diagnosis_document
     from truepose.identification.report.files import REPORT, write_diagnosis
     from truepose.identification.report.results import diagnosis_summary
     from truepose.models.load import load_machine
     from truepose.shown.text import first_screen
 
-    if name not in bundled():
-        raise InputError(f"demo: found {name!r}, expected one of {', '.join(bundled())}")
+    if name not in NAMES:
+        raise InputError(f"demo: found {name!r}, expected one of {', '.join(NAMES)}")
     check_directory(output, DIAGNOSIS)
     with (
         resources.as_file(resources.files("truepose.models") / "machines" / name) as bundle,
@@ -62,13 +52,16 @@ def demo(
         check_machine(output, DIAGNOSIS, machine.name)
         result = diagnose(machine, load_recording(machine, [bundle / RECORDING]), progress=say)
         say("writing the report")
-        names = write_diagnosis(result, output, truth=_truth(bundle / TRUTH))
+        names = write_diagnosis(result, output)
+        truth = _truth(bundle / TRUTH)
     summary = diagnosis_summary(result, "demo", written(output, names))
     told = diagnosis_document(result, output)
-    lines = [*first_screen(told), f"report: {output / REPORT}"]
+    lines = [*first_screen(told), f"the recording was simulated with: {truth}", f"report: {output / REPORT}"]
     finish(summary, lines, told.notes, as_json=as_json)
 
 
-def _truth(path: Path) -> dict[str, object] | None:
-    """What the simulator put in: shown on the report's last page, never seen by the diagnosis."""
-    return dict(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else None
+def _truth(path: Path) -> str:
+    """Return what the simulator put in, which the diagnosis never saw."""
+    stated = json.loads(path.read_text(encoding="utf-8"))
+    effects = stated["effects"] if "effects" in stated else [stated["effect"]]
+    return "; ".join(f"{one['effect']} at {', '.join(one['place'])}" for one in effects) or "no effect"

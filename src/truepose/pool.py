@@ -33,13 +33,9 @@ class Pool(Protocol):
     """Processes that work tasks, no more than ``at_once``; ``dead`` is raised for a task that may have killed its process."""
 
     @property
-    def at_once(self) -> int:
-        """Tasks that are handed out at one time."""
-
+    def at_once(self) -> int: ...
     @property
-    def dead(self) -> type[Exception]:
-        """Error of a task whose process died."""
-
+    def dead(self) -> type[Exception]: ...
     def executor(self) -> contextlib.AbstractContextManager[Executor]:
         """Return an executor for a block; what is at work when the block fails is ended."""
 
@@ -177,6 +173,3 @@ def several_threads(environment: Mapping[str, str]) -> str:
     first, *others = ((name, environment.get(name, "")) for name in THREADS)
     wrong = [first] if first[1] != "1" else [one for one in others if one[1] not in ("", "1")]
     return "" if not wrong else "=".join(wrong[0]) if wrong[0][1] else f"no {wrong[0][0]}"
-
-
-__all__ = ["Cluster", "Cores", "Pool", "cluster", "numbered", "several_threads"]

@@ -10,7 +10,7 @@ from support import ROOT
 from support.documents import blocks, write_files
 from support.generated_c import COMPILER
 from support.guide_bag import write_bag
-from support.guides import run_page, shown
+from support.guides import run_page
 from support.probe_logs import written
 
 pytestmark = pytest.mark.nightly
@@ -51,26 +51,3 @@ def test_every_block_of_a_guide_is_tried(page: Path) -> None:
     commands = " ".join(block.text for block in found if block.language == "sh")
     for block in found:
         assert block.language in ("sh", "text") or block.file in {*commands.split(), "math.h"}
-
-
-@pytest.mark.parametrize(
-    ("text", "printed", "there"),
-    [
-        ("s = 0.00101 +- 7e-06", "found:\n  s =\n  0.00102 +- 7e-06 rad", True),
-        ("s = 0.00115", "s = 0.00102", False),
-        ("a [...] c", "a b\nc", True),
-        ("c [...] a", "a b c", False),
-        ("q3, 99 %:", "q4, 99 %:", False),
-        ("at q3", "of q3", False),
-    ],
-)
-def test_what_is_shown_must_be_printed(text: str, printed: str, there: bool) -> None:
-    assert shown(text, printed) is there
-
-
-@pytest.mark.parametrize(
-    ("text", "there"),
-    [("s = 0.0013 +- 5e-06", True), ("q3, 97 %: s =", True), ("q4, 99 %:", False), ("k =", False)],
-)
-def test_words_are_printed_whatever_the_numbers(text: str, there: bool) -> None:
-    assert shown(text, "at q3, 99 %: s = 0.001 +- 7e-06", numbers=False) is there

@@ -273,7 +273,3 @@ def test_what_init_writes_is_valid(arm: str, tmp_path: Path) -> None:
     assert made.exit_code == 0, made.output
     READER.validate(read_document(tmp_path / "own.yaml"))
     assert (tmp_path / "own.yaml").read_text(encoding="utf-8").startswith(f"{SCHEMA_LINE}\n")
-
-
-def test_a_kind_that_is_none_is_refused() -> None:
-    assert CliRunner().invoke(app, ["schema", "robot"]).exit_code == 2

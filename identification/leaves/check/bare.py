@@ -77,13 +77,9 @@ def _too_few(machine: Machine, recording: Recording) -> Iterator[Found]:
     used = int(np.sum(~recording.validation))
     readings = used * len(machine.channels)
     if readings < free:
-        yield Found(
-            "too-few-rows",
-            ("rows",),
-            f"{used} rows are {readings} readings for {free} constants with a tolerance: a fit would look better than it is",
-            f"measure at least {int(np.ceil(2 * free / max(len(machine.channels), 1)))} poses, or state fewer tolerances",
-            "suspect",
-        )
+        says = f"{used} rows are {readings} readings for {free} constants with a tolerance: a fit would look better than it is"
+        fix = f"measure at least {int(np.ceil(2 * free / max(len(machine.channels), 1)))} poses, or state fewer tolerances"
+        yield Found("too-few-rows", ("rows",), says, fix, "suspect")
 
 
 def _duplicates(recording: Recording) -> Iterator[Found]:
@@ -106,13 +102,9 @@ def _shared_columns(machine: Machine) -> Iterator[Found]:
     read = [name for sensor in machine.sensors for name in sensor.columns]
     twice = sorted({name for name in read if read.count(name) > 1}, key=read.index)
     if twice:
-        yield Found(
-            "duplicated-columns",
-            tuple(twice),
-            f"several sensors read {joined(twice)}: each of these readings counts twice",
-            "take one of the sensors out of the machine file's list",
-            "suspect",
-        )
+        says = f"several sensors read {joined(twice)}: each of these readings counts twice"
+        fix = "take one of the sensors out of the machine file's list"
+        yield Found("duplicated-columns", tuple(twice), says, fix, "suspect")
 
 
 def repeats(recording: Recording) -> NDArray[np.intp]:
@@ -137,13 +129,9 @@ def _still(machine: Machine, recording: Recording) -> Iterator[Found]:
     still = [n for n, v in zip(recording.joints, recording.q.T, strict=True) if np.ptp(v) == 0.0]
     if still:
         verb = "never moves" if len(still) == 1 else "never move"
-        yield Found(
-            "joint-never-moves",
-            tuple(still),
-            f"{joined(still)} {verb}: nothing can be said of its constants",
-            f"measure poses in which {joined(still)} moves, or take care not to read a result into its constants",
-            "suspect",
-        )
+        says = f"{joined(still)} {verb}: nothing can be said of its constants"
+        fix = f"measure poses in which {joined(still)} moves, or take care not to read a result into its constants"
+        yield Found("joint-never-moves", tuple(still), says, fix, "suspect")
 
 
 def out_of_range(machine: Machine, recording: Recording) -> Iterator[Found]:
@@ -215,13 +203,9 @@ def coarse_joints(rig: Rig, stand: Stand) -> Iterator[Found]:
         alike = [other for b, other in zip(actuators, steps, strict=True) if b.unit == a.unit]
         size = convert(step, unit, a.reading_unit)
         if step and min(alike) == 0.0 and _is_rounded(rig, stand, a.reading, size):
-            yield Found(
-                "resolution",
-                (a.reading,),
-                f"all readings of {a.reading} are rounded to {step:g} {unit}, and those of other joints are not",
-                f"log {a.reading} with the resolution of its encoder: rounding hides what a fit looks for",
-                "suspect",
-            )
+            says = f"all readings of {a.reading} are rounded to {step:g} {unit}, and those of other joints are not"
+            fix = f"log {a.reading} with the resolution of its encoder: rounding hides what a fit looks for"
+            yield Found("resolution", (a.reading,), says, fix, "suspect")
 
 
 def _is_rounded(rig: Rig, stand: Stand, joint: str, step: float) -> bool:
@@ -375,8 +359,7 @@ def reversed_gravity(rig: Rig, weighed: Weighed, misfit: float) -> Iterator[Foun
         return
     if not _is_certain(rig, weighed, misfit, 1.0):  # no compliance could make it so
         return
-    sagging = _Sagging.of(rig, weighed, joints)
-    stated, other = sagging.left(1.0), sagging.left(-1.0)
+    stated, other = _left_by_sagging(rig, weighed, joints)
     if other > FAR or not _is_certain(rig, weighed, stated, other):
         return
     gravity = list(machine.gravity or ())
@@ -433,51 +416,36 @@ def _is_certain(rig: Rig, weighed: Weighed, stated: float, other: float) -> bool
     return bool(gained > np.log(CERTAIN / (1.0 - CERTAIN)))
 
 
-@dataclass(frozen=True)
-class _Sagging:
-    """Readings by constants and by compliances, linear about where a hypothesis settled.
+def _left_by_sagging(rig: Rig, weighed: Weighed, joints: Sequence[PlacedEffect]) -> tuple[float, float]:
+    """Return the rms of readings and of departures that compliances leave, in sigmas: all of them positive, and all negative.
 
-    residual (n, m) and jacobian (n, m, np) whitened; columns of the jacobian: constants, then ``eccentric`` ones of encoders,
-    which bend for what looks like a compliance of either sign, then those of compliances.
+    Readings are linear about where a hypothesis settled: by constants, by compliances, and by the eccentricity of encoders,
+    which bends for what looks like a compliance of either sign.
     """
+    machine, stand, known = rig.machine, weighed.stand, len(rig.names)
+    eccentric = _eccentric(machine)
+    here = Predictor(machine, stand.scene.rows.subset(stand.rows), (*machine.effects, *eccentric, *joints))
+    p = np.concatenate([weighed.settled.p, np.zeros(len(here.model.names) - known)])
+    jacobian, residual = linearised(rig, here, p, stand)
+    first = known + sum(len(e.coefficients) for e in eccentric)
 
-    rig: Rig
-    weighed: Weighed
-    residual: Array
-    jacobian: Array
-    eccentric: int
-
-    @classmethod
-    def of(cls, rig: Rig, weighed: Weighed, joints: Sequence[PlacedEffect]) -> _Sagging:
-        """Return the derivatives of the rows that a hypothesis was judged by."""
-        machine, stand = rig.machine, weighed.stand
-        eccentric = _eccentric(machine)
-        rows = stand.scene.rows.subset(stand.rows)
-        here = Predictor(machine, rows, (*machine.effects, *eccentric, *joints))
-        p = np.concatenate([weighed.settled.p, np.zeros(len(here.model.names) - len(rig.names))])
-        jacobian, residual = linearised(rig, here, p, stand)
-        return cls(rig, weighed, residual, jacobian, sum(len(e.coefficients) for e in eccentric))
-
-    def left(self, sign: float) -> float:
-        """Return the rms of readings and of departures where all compliances have one sign, in sigmas."""
-        first = self._left(sign, 1.0)
-        return self._left(sign, max(first, 1.0))
-
-    def _left(self, sign: float, noise: float) -> float:
-        problem = Problem(self.rig, self.weighed.stand, noise, self.weighed.free)
-        known, places = len(self.rig.names), problem.moving
-        unit = np.ones(self.jacobian.shape[2])
+    def left(sign: float, noise: float) -> float:
+        problem = Problem(rig, stand, noise, weighed.free)
+        places = problem.moving
+        unit = np.ones(jacobian.shape[2])
         unit[places] = problem.scale
         held = np.zeros((len(places), len(unit)))
         held[np.arange(len(places)), places] = problem.held
-        moved = np.vstack([self.jacobian.reshape(-1, len(unit)) * unit / noise, held])
-        off = np.where(problem.known, problem.off(self.weighed.settled.p), 0.0)
-        right = -np.concatenate([self.residual.reshape(-1) / noise, off])
-        first = known + self.eccentric
+        moved = np.vstack([jacobian.reshape(-1, len(unit)) * unit / noise, held])
+        off = np.where(problem.known, problem.off(weighed.settled.p), 0.0)
+        right = -np.concatenate([residual.reshape(-1) / noise, off])
         both = without(moved[:, [*places, *range(known, first)]], np.column_stack([moved[:, first:], right]))
         size = np.maximum(np.linalg.norm(both[:, :-1], axis=0), 1e-300)
-        _, left = nnls(sign * both[:, :-1] / size, both[:, -1])
-        return float(noise * left / np.sqrt(max(self.residual.size, 1)))
+        _, rest = nnls(sign * both[:, :-1] / size, both[:, -1])
+        return float(noise * rest / np.sqrt(max(residual.size, 1)))
+
+    stated, other = (left(sign, max(left(sign, 1.0), 1.0)) for sign in (1.0, -1.0))
+    return stated, other
 
 
 # -- What a check says of rows that stand out of the rest, and of what is left of all rows
@@ -524,102 +492,97 @@ _CLEAR = 3.0
 
 
 @dataclass(frozen=True)
-class _Meant:
-    """What a column may be: its readings (n,) if so, in words, and how to mend the files."""
+class _Column:
+    """A column that reads a joint: its readings (n,), the way (n,) of the joint, mm or rad, and which rows have a reading."""
 
-    kind: str
-    readings: Array
-    says: str
-    fix: str
-    mend: Mend
+    machine: Machine
+    recording: Recording
+    sensor: Sensor
+    channel: Channel
+
+    @property
+    def joint(self) -> str:
+        return self.sensor.joints[self.channel.name]
+
+    @property
+    def read(self) -> Array:
+        return self.recording.observations[self.channel.name]
+
+    @property
+    def way(self) -> Array:
+        k = self.machine.mechanism.readings.index(self.joint)
+        gain = self.machine.mechanism.actuators[k].gain
+        return (self.machine.geometry[gain].nominal if gain else 1.0) * self.recording.q[:, k]
+
+    def left(self, read: Array) -> tuple[float, float]:
+        """Rms about the middle by which readings (n,) differ from the way, over the rows that differ least, and the middle; no
+        whole turns of angles."""
+        known = np.isfinite(self.read)
+        off = (read - self.way)[known]
+        if self.channel.unit == "rad":
+            about = float(np.angle(np.mean(np.exp(1j * off))))
+            off = about + (off - about + np.pi) % (2.0 * np.pi) - np.pi
+        middle = float(np.median(off))
+        each = np.sort(np.abs(off - middle))[: max(int(_KEPT * len(off)), 1)]
+        return float(np.sqrt(np.mean(each**2))), middle
 
 
 def encoders(machine: Machine, recording: Recording) -> Iterator[Found]:
     """Slips of columns that read a joint itself; what gear, play and load do to a joint is none."""
-    ways = _ways(machine, recording)
     for place, sensor in enumerate(machine.sensors):
         for channel, zero in zip(sensor.channels, sensor.parameters, strict=True) if sensor.joints else ():
-            way = ways[sensor.joints[channel.name]]
-            read = recording.observations[channel.name]
-            known = np.isfinite(read)
-            if not known.any() or np.ptp(way[known]) == 0.0:
+            column = _Column(machine, recording, sensor, channel)
+            way = column.way[np.isfinite(column.read)]
+            if not len(way) or np.ptp(way) == 0.0:
                 continue
-            before, middle = _left(read[known] - way[known], channel.unit)
-            if before > PHYSICS * float(np.std(way[known])):
-                yield _slip(machine, recording, sensor, channel, known, before)
+            before, middle = column.left(column.read)
+            if before > PHYSICS * float(np.std(way)):
+                yield _slip(column, before)
             else:
                 yield from _encoder_zero(machine, place, sensor, channel, zero, middle, before)
 
 
-def _ways(machine: Machine, recording: Recording) -> dict[str, Array]:
-    """(n,) way of every joint by its reading alone, mm or rad."""
-    actuators = machine.mechanism.actuators
-    gains = [machine.geometry[a.gain].nominal if a.gain else 1.0 for a in actuators]
-    return {a.reading: gains[k] * recording.q[:, k] for k, a in enumerate(actuators)}
-
-
-def _left(off: Array, unit: str) -> tuple[float, float]:
-    """Rms about the middle of what differs (k,), over the rows that differ least, and the middle; no whole turns of angles."""
-    if unit == "rad":
-        about = float(np.angle(np.mean(np.exp(1j * off))))
-        off = about + (off - about + np.pi) % (2.0 * np.pi) - np.pi
-    middle = float(np.median(off))
-    each = np.sort(np.abs(off - middle))[: max(int(_KEPT * len(off)), 1)]
-    return float(np.sqrt(np.mean(each**2))), middle
-
-
-def _slip(
-    machine: Machine,
-    recording: Recording,
-    sensor: Sensor,
-    channel: Channel,
-    known: NDArray[np.bool_],
-    before: float,
-) -> Found:
+def _slip(column: _Column, before: float) -> Found:
     """What a column that does not follow its joint is likely to be."""
-    joint, name, unit = sensor.joints[channel.name], channel.name, channel.unit
-    way = _ways(machine, recording)[joint][known]
-    every = list(_meanings(machine, recording, sensor, channel))
-    left = [_left(m.readings[known] - way, unit)[0] for m in every]
-    best = int(np.argmin(left)) if left else -1
-    shown = machine.units.written(unit)
+    name, unit = column.channel.name, column.channel.unit
+    every = [(column.left(read)[0], slip) for read, slip in _meanings(column)]
+    left, slip = min(every, key=lambda one: one[0], default=(np.inf, None))
+    shown = column.machine.units.written(unit)
     size = convert(before, unit, shown)
-    if best < 0 or SURE * left[best] > before:
-        return Found(
-            "unexplained",
-            (name,),
-            f"{name} does not follow {joint}: they differ by {size:.3g} {shown} rms, and no slip that was tried explains it",
-            f"compare the columns {name} and {joint}, their units and their rows with their source",
-            "wrong",
-            size,
-            unit=shown,
+    if slip is None or SURE * left > before:
+        says = (
+            f"{name} does not follow {column.joint}: they differ by {size:.3g} {shown} rms, and no slip that was tried "
+            "explains it"
         )
-    m, after = every[best], convert(left[best], unit, shown)
-    return Found(m.kind, (name,), m.says, m.fix, "wrong", size, after, shown, m.mend)
+        fix = f"compare the columns {name} and {column.joint}, their units and their rows with their source"
+        return Found("unexplained", (name,), says, fix, "wrong", size, unit=shown)
+    kind, says, fix, mend = slip
+    return Found(kind, (name,), says, fix, "wrong", size, convert(left, unit, shown), shown, mend)
 
 
-def _meanings(machine: Machine, recording: Recording, sensor: Sensor, channel: Channel) -> Iterator[_Meant]:
-    joint, name, unit = sensor.joints[channel.name], channel.name, channel.unit
-    read = recording.observations[name]
-    said = recording.said.get(name, machine.units.written(unit))
+def _meanings(column: _Column) -> Iterator[tuple[Array, tuple[str, str, str, Mend]]]:
+    """Yield what a column may be: its readings (n,) if so, the kind of slip, its words, the fix, and how to mend the files."""
+    name, unit, read, sensor = column.channel.name, column.channel.unit, column.read, column.sensor
+    said = column.recording.said.get(name, column.machine.units.written(unit))
     for other in ANGLES if unit == "rad" else LENGTHS:
         factor = convert(1.0, other, said)
         if abs(factor - 1.0) > 1e-9:
             fix = f"write the unit in the header: {name} [{other}]"
             kind = "unit-angle" if unit == "rad" else "unit-length"
             mend = partial(Pair.in_unit, names=[name], unit=other)
-            yield _Meant(kind, factor * read, f"{name} in {other}", fix, mend)
-    fix = f"change the sign of column {name}"
-    says = f"{name} counts the other way than {joint}"
-    yield _Meant("sign", -read, says, fix, partial(Pair.negated, names=[name]))
+            yield factor * read, (kind, f"{name} in {other}", fix, mend)
+    says = f"{name} counts the other way than {column.joint}"
+    yield -read, ("sign", says, f"change the sign of column {name}", partial(Pair.negated, names=[name]))
     for beside in sensor.joints:
         if beside != name and sensor.columns[beside] == unit:
             fix = f"exchange the headers of columns {name} and {beside}"
-            says = f"{name} and {beside} exchanged"
             # once: the finding of the other column says the same
             names = {name: beside, beside: name} if name < beside else {}
-            mend = partial(Pair.renamed, names=names)
-            yield _Meant("permutation", recording.observations[beside], says, fix, mend)
+            other_read = column.recording.observations[beside]
+            yield (
+                other_read,
+                ("permutation", f"{name} and {beside} exchanged", fix, partial(Pair.renamed, names=names)),
+            )
 
 
 def _encoder_zero(

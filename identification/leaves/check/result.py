@@ -38,17 +38,9 @@ class Found:
 
     def document(self) -> dict[str, Any]:
         """As in ``check --json``."""
-        return {
-            "kind": self.kind,
-            "where": list(self.where),
-            "before": self.before,
-            "after": self.after,
-            "unit": self.unit,
-            "verdict": self.verdict,
-            "says": self.says,
-            "fix": self.fix,
-            "instead": list(self.instead),
-        }
+        names = ("kind", "where", "before", "after", "unit", "verdict", "says", "fix", "instead")
+        told = {name: getattr(self, name) for name in names}
+        return {**told, "where": list(self.where), "instead": list(self.instead)}
 
 
 @dataclass(frozen=True, repr=False)

@@ -7,7 +7,7 @@ damped Gauss-Newton steps over a few dozen rows.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from truepose.identification.fit.align import ZEROS, transform, unknown_zeros
 from truepose.identification.leaves.check.alignment import Frames, frames_from_poses, starts, tools
 from truepose.identification.leaves.check.pair import Array, Mask, Scene, Stand, chosen, differs
 from truepose.identification.prediction.predictor import Predictor, lost_of
-from truepose.identification.prediction.sensor_rows import SensorFunctions, Sight, joined, sights
+from truepose.identification.prediction.sensor_rows import Sight, joined, sights
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
 from truepose.models.machine.machine import FRAME_OF, FRAMES, Machine
@@ -34,55 +34,39 @@ STEPS, FEW = 12, 4
 _ENOUGH = 1e-3
 
 
-@dataclass(frozen=True)
-class Ends:
-    """What lies between the flange and a reading: the only constants that the cheap fit moves.
-
-    names (nt,): six of the base, six of the tool, then the instrument's; places (nt,) and tolerance (nt,) of them among all
-    constants; sensors: their functions of these; long (m,): which channels are lengths.
-    """
-
-    machine: Machine
-    names: Sequence[str]
-    places: NDArray[np.intp]
-    tolerance: Array
-    sensors: Sequence[SensorFunctions]
-    long: Mask
-
-
 class FrameFit:
     """The least-squares problem of the two frames (and the instrument's constants) for one hypothesis.
 
-    Its unknowns (nt,) are those of ``Ends``.
+    Its unknowns (nt,) are the rig's ``ends``, with tolerances (np,) of all constants.
     """
 
     def __init__(
-        self, ends: Ends, here: Predictor, flange: Array, good: Mask, scene: Scene, scale: Array
+        self, rig: Rig, tolerance: Array, here: Predictor, flange: Array, good: Mask, scene: Scene
     ) -> None:
-        self.ends, self.flange, self.good, self.scene = ends, flange, good, scene
+        self.rig, self.tolerance = rig, tolerance[rig.places]
+        self.flange, self.good, self.scene, self.scale = flange, good, scene, rig.scale(scene)
         self.rows, self.comparisons = here.recording, here.comparisons()
-        self.lost = [lost_of(sensor, here.recording) for sensor in ends.machine.sensors]
-        n, k = len(flange), sum(len(s.columns) for s in ends.machine.sensors)
-        self.scale = scale
-        self.shift, self.shift_by = np.zeros((n, k)), np.zeros((n, k, len(ends.names)))
+        self.lost = [lost_of(sensor, here.recording) for sensor in rig.machine.sensors]
+        n, k = len(flange), sum(len(s.columns) for s in rig.machine.sensors)
+        self.shift, self.shift_by = np.zeros((n, k)), np.zeros((n, k, len(rig.ends)))
 
     def cost(self, base: Array, tool: Array, p: Array) -> float:
         """Misfit with base and tool (4, 4) there, all else at constants (np,)."""
-        return _trimmed(self._seen(base, tool, p[self.ends.places])[self.good])
+        return _trimmed(self._seen(base, tool, p[self.rig.places])[self.good])
 
     def descended(
         self, p: Array, free: tuple[str, ...], rows: NDArray[np.intp], steps: int, held: tuple[str, ...] = ()
     ) -> Stand:
         """Return where damped steps from p (np,) end: frames ``free`` wherever, ``held`` nowhere, others as tolerances let."""
-        ends, t, drawn = self.ends, p[self.ends.places], self.scene.p[self.ends.places]
-        tolerance = ends.tolerance.copy()
+        rig, t, drawn = self.rig, p[self.rig.places], self.scene.p[self.rig.places]
+        tolerance = self.tolerance.copy()
         tolerance[:12] = [
             np.inf if FRAME_OF[name] in free else 0.0 if FRAME_OF[name] in held else tolerance[k]
-            for k, name in enumerate(ends.names[:12])
+            for k, name in enumerate(rig.ends[:12])
         ]
         moving = np.flatnonzero(tolerance > 0)
         size = np.array(
-            [100.0 if ends.machine.geometry[ends.names[k]].unit == "mm" else 1.0 for k in moving.tolist()]
+            [100.0 if rig.machine.geometry[rig.ends[k]].unit == "mm" else 1.0 for k in moving.tolist()]
         )
         weight = size / tolerance[moving]
         if not (steps and len(moving)):
@@ -109,7 +93,7 @@ class FrameFit:
             else:
                 damping *= 30
         out = p.copy()
-        out[ends.places] = t
+        out[rig.places] = t
         return self._stand(out, residual, rows)
 
     def _cost(self, residual: Array, off: Array) -> float:
@@ -127,19 +111,19 @@ class FrameFit:
         return Stand(p, misfit, length, residual * self.good[:, None], rows, self.scene)
 
     def _length(self, residual: Array) -> float | None:
-        ends = self.ends
-        if not ends.long.any():
+        channels, long = self.rig.machine.channels, self.rig.long
+        if not long.any():
             return None
-        sigma = np.array([c.sigma for c in ends.machine.channels])
-        points = {c.point for c in ends.machine.channels if c.unit == "mm"}
-        mm = (residual * sigma / self.scale)[self.good][:, ends.long]
+        sigma = np.array([c.sigma for c in channels])
+        points = {c.point for c in channels if c.unit == "mm"}
+        mm = (residual * sigma / self.scale)[self.good][:, long]
         each = np.sort(np.sum(mm**2, axis=1) / max(len(points), 1))
         return float(np.sqrt(np.mean(each[: max(int(KEPT * len(each)), 1)])))
 
     def _seen(self, base: Array, tool: Array, t: Array) -> Array:
         """Residuals (n, m) alone."""
         pose = base @ self.flange @ tool
-        every = zip(self.ends.sensors, self.comparisons, self.lost, strict=True)
+        every = zip(self.rig.sensors, self.comparisons, self.lost, strict=True)
         residual = np.hstack([f.residual(pose, t, self.rows, c, gone) for f, c, gone in every])
         return np.nan_to_num(residual, nan=1e12) * self.scale
 
@@ -158,7 +142,7 @@ class FrameFit:
         twist[:, :3, 6:9] = carried
         twist[:, 3:, 9:12] = carried @ _turning(t[9:12])
         sight, rows = Sight(pose, twist, self.shift, self.shift_by), slice(0, len(pose))
-        every = zip(self.ends.sensors, self.comparisons, self.lost, strict=True)
+        every = zip(self.rig.sensors, self.comparisons, self.lost, strict=True)
         block = joined(rows, [f.block(sight, t, self.rows, rows, c, gone) for f, c, gone in every])
         return np.nan_to_num(block.residual, nan=1e12) * self.scale, block.jacobian * self.scale[:, None]
 
@@ -207,7 +191,9 @@ _STARTS = 4
 class Rig:
     """One machine and the rows that hypotheses about it are judged by.
 
-    long (m,): which channels are lengths; lengths (np,): which constants grow with the machine, mm or mm a turn.
+    long (m,): which channels are lengths; lengths (np,): which constants grow with the machine, mm or mm a turn; ends: names of
+    the constants between the flange and a reading, the only ones that the cheap fit moves: six of the base, six of the tool,
+    then the instrument's; places (nt,): where these are among all; sensors: their functions of these.
     """
 
     def __init__(self, machine: Machine, recording: Recording) -> None:
@@ -226,9 +212,9 @@ class Rig:
         self.lengths = np.array([unit.partition("/")[0] == "mm" for unit in units])
         self.angles = np.array([unit == "rad" for unit in units])
         self.wide = np.array([c.unit == "rad" for c in machine.channels])
-        seen = [*FRAME_OF, *(p.name for s in machine.sensors for p in s.parameters)]
-        places = np.array([self.names.index(name) for name in seen])
-        self.ends = Ends(machine, seen, places, self.tolerance[places], sights(machine, seen, 1), self.long)
+        self.ends = [*FRAME_OF, *(p.name for s in machine.sensors for p in s.parameters)]
+        self.places = np.array([self.names.index(name) for name in self.ends])
+        self.sensors = sights(machine, self.ends, 1)
         self.scene = Scene(recording, self.predictor.model.p_home.copy())
         self.closed_form = any(
             isinstance(s, Pose) or (isinstance(s, Targets) and len(s.parameters) >= 9)
@@ -309,10 +295,8 @@ class Rig:
         nothing = Stand(scene.p, float("inf"), None, np.zeros((0, len(self.long))), rows, scene)
         if len(rows) == 0 or good.mean() < 0.5:
             return nothing
-        ends = replace(self.ends, tolerance=self.tolerances(scene)[self.ends.places])
-        fit = FrameFit(ends, here, flange, good, scene, self.scale(scene))
-        stated = self.frames_of(scene.p)
-        tolerance = self.tolerances(scene)
+        stated, tolerance = self.frames_of(scene.p), self.tolerances(scene)
+        fit = FrameFit(self, tolerance, here, flange, good, scene)
         loose = [f for f in FRAMES if f in free or not np.isfinite(tolerance[self.at[f]]).all()]
         wide = [f for f in loose if f not in held]
         points, begins = self._points(scene.p), [stated]

@@ -25,7 +25,7 @@ from truepose.identification.leaves.check.bare import (
     standing_out,
 )
 from truepose.identification.leaves.check.kinds.frames import frame_unknown
-from truepose.identification.leaves.check.pair import Pair, Stand
+from truepose.identification.leaves.check.pair import Pair, Slip, Stand
 from truepose.identification.leaves.check.result import Check, Found, Verdict
 from truepose.identification.leaves.check.rig import Rig, motion
 from truepose.identification.leaves.check.search import Search, search, still_columns
@@ -110,8 +110,7 @@ def _advice(rig: Rig, search: Search, members: Sequence[Weighed]) -> Iterator[Fo
     before, after, unit = shown(search.as_it_stands.stand, best.stand)
     alike = dict.fromkeys(_words(rig, w) for w in members[1:] if w.near)
     others = tuple(words for words in alike if words != _words(rig, best))[:_LEADS]
-    elsewhere = (frame_unknown(rig, frame, best.stand.p) for frame in best.free)
-    for slip in (*best.hypothesis.slips, *elsewhere):
+    for slip in _slips(rig, best):
         yield Found(
             slip.kind, slip.where, slip.says, slip.fix, "wrong", before, after, unit, slip.mend, others
         )
@@ -121,30 +120,25 @@ def _question(rig: Rig, as_it_stands: Weighed, leads: Sequence[Weighed]) -> Foun
     """What leads and is not certain, or leaves more than drawing and noise: to be looked at, never to be mended unseen."""
     best = leads[0]
     before, after, unit = shown(as_it_stands.stand, best.stand)
-    slips = best.hypothesis.slips or (frame_unknown(rig, best.free[0], best.stand.p),)
-    left = (
-        ""
-        if best.near
-        else "; more would be left than drawing and noise make, so that something else is wrong too"
-    )
-    return Found(
-        slips[0].kind,
-        slips[0].where,
-        f"it may be: {_words(rig, best)}{left}",
-        f"compare with the source: {'; '.join(slip.fix for slip in slips)}",
-        "wrong" if as_it_stands.stand.bad else "suspect",
-        before,
-        after,
-        unit,
-        None,
-        tuple(dict.fromkeys(_words(rig, w) for w in leads[1:]))[:_LEADS],
-    )
+    slips = best.hypothesis.slips or _slips(rig, best)[:1]
+    more = "; more would be left than drawing and noise make, so that something else is wrong too"
+    says = f"it may be: {_words(rig, best)}{'' if best.near else more}"
+    fix = f"compare with the source: {'; '.join(slip.fix for slip in slips)}"
+    verdict: Verdict = "wrong" if as_it_stands.stand.bad else "suspect"
+    others = tuple(dict.fromkeys(_words(rig, w) for w in leads[1:]))[:_LEADS]
+    first = slips[0]
+    return Found(first.kind, first.where, says, fix, verdict, before, after, unit, instead=others)
+
+
+def _slips(rig: Rig, weighed: Weighed) -> tuple[Slip, ...]:
+    """Return the slips of a hypothesis, and the frames that stand elsewhere for it."""
+    elsewhere = (frame_unknown(rig, frame, weighed.stand.p) for frame in weighed.free)
+    return (*weighed.hypothesis.slips, *elsewhere)
 
 
 def _words(rig: Rig, weighed: Weighed) -> str:
     """What a hypothesis says, in one line."""
-    said = [slip.says for slip in weighed.hypothesis.slips]
-    said += [frame_unknown(rig, frame, weighed.stand.p).says for frame in weighed.free]
+    said = [slip.says for slip in _slips(rig, weighed)]
     return joined(said) if said else "all is as the files say"
 
 
@@ -194,49 +188,15 @@ def shown(before: Stand, after: Stand) -> tuple[float | None, float | None, str]
     return before.misfit, after.misfit, "sigma"
 
 
-_XYZ, _ROT = ("x", "y", "z"), ("rx", "ry", "rz")
-
-
-# -- A machine file without a sensor: the one that the columns of its recording speak of
+# -- A machine file without a sensor
 
 
 def without_sensor(pair: Pair) -> Check:
-    """What to say of a file without ``sensor``: the block to add."""
-    names = [str(n) for n in pair.sheets[0].cells.columns] if pair.sheets else []
-    block, words = _meant(pair, names)
-    found = Found(
-        "no-sensor",
-        ("sensor",),
-        "no sensor is stated: nothing says what the readings are",
-        f"add '{words}' to the machine file (sigma as the instrument's maker states it)"
-        if block
-        else "add a block 'sensor' to the machine file: type, sigma and what its type needs",
-        "wrong",
-        mend=(lambda pair: pair.with_field(("sensor",), block)) if block else None,
-    )
+    """What to say of a file without ``sensor``."""
+    says = "no sensor is stated: nothing says what the readings are"
+    fix = "add a block 'sensor' to the machine file: type, sigma and what its type needs"
     rows = len(pair.sheets[0].cells) if pair.sheets else 0
-    return Check((found,), rows, None)
-
-
-def _meant(pair: Pair, names: list[str]) -> tuple[Mapping[str, Any] | None, str]:
-    """The block, and how to write it; sigma is 1e-5 of what was seen, or 1e-3 deg."""
-    if set(_XYZ) <= set(names):
-        sigma: dict[str, float] = {"xyz": _sigma(pair, _XYZ)}
-        kind = "position"
-        if set(_ROT) <= set(names):
-            sigma["rot"], kind = 0.005, "pose"
-        text = ", ".join(f"{k}: {v:g}" for k, v in sigma.items())
-        return {"type": kind, "sigma": sigma}, f"sensor: {{type: {kind}, sigma: {{{text}}}}}"
-    targets = [n[:-2] for n in names if n.endswith(".x") and {f"{n[:-2]}.y", f"{n[:-2]}.z"} <= set(names)]
-    if targets:
-        points = ", ".join(f"{t}: [x, y, z]" for t in targets)
-        return None, f"sensor: {{type: targets, points: {{{points}}}, sigma: {{xyz: ...}}}}"
-    return None, ""
-
-
-def _sigma(pair: Pair, names: tuple[str, ...]) -> float:
-    spread = max(float(np.nanmax(s.numbers(n)) - np.nanmin(s.numbers(n))) for s in pair.sheets for n in names)
-    return float(f"{max(spread, 1e-6) * 2e-5:.1g}")
+    return Check((Found("no-sensor", ("sensor",), says, fix, "wrong"),), rows, None)
 
 
 # -- A serial table that cannot be read because its fields are those of a data sheet: which convention fits the readings?

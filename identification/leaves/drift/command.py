@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,15 +10,16 @@ from typing import Annotated
 import typer
 
 from truepose.commands.common import (
+    GateOption,
     JsonOption,
     MachineArg,
     RecordingsArg,
     ShuffledOption,
     finish,
+    gated,
     progress,
     written,
 )
-from truepose.commands.gate import GateOption, gated
 from truepose.commands.results import DRIFT, check_directory, check_machine
 from truepose.errors import InputError
 
@@ -34,7 +34,6 @@ AccuracyOption = Annotated[
         help='Residuals that are good enough, such as "50 nm" or "0.01 deg"; repeatable.',
     ),
 ]
-_QUANTITY = re.compile(r"^\s*(?P<value>\d*\.?\d+(?:[eE][-+]?\d+)?)\s*(?P<unit>[^\d\s].*)$")
 
 
 def drift(
@@ -77,16 +76,15 @@ def drift(
 
 def _wanted(texts: Sequence[str]) -> dict[str, float]:
     """Residuals that are good enough, by their unit (mm, rad)."""
-    from truepose.models.units import compatible, convert, parse_unit
+    from truepose.models.file.fields import quantity
 
     out: dict[str, float] = {}
     for text in texts:
-        match = _QUANTITY.match(text)
-        unit = parse_unit(match["unit"], "any", f"--accuracy {text}") if match else ""
-        internal = next((known for known in ("mm", "rad") if compatible(unit, known)), None)
-        if match is None or internal is None:
+        known = {unit: quantity(text, unit) for unit in ("mm", "rad")}
+        found = {unit: value for unit, value in known.items() if value is not None and value >= 0.0}
+        if not found:
             raise InputError(f"--accuracy: found {text!r}, expected a length or an angle such as '50 nm'")
-        out[internal] = convert(float(match["value"]), unit, internal)
+        out |= found
     return out
 
 

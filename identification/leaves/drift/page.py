@@ -29,34 +29,23 @@ from truepose.identification.report.numbers import (
     uncertain,
     unit_symbol,
 )
-from truepose.identification.report.scene.scene import scene_of
 from truepose.identification.report.steps import machine_name, recording_names
-from truepose.shown.chart import Axis, Chart, Layer, Level, Line, Marks
+from truepose.shown.chart import Axis, Band, Chart, Layer, Level, Line, Marks
 from truepose.shown.document import (
     Block,
     Charts,
     Command,
     Document,
     Gain,
-    Guilty,
     Items,
-    Scene,
     Section,
     Table,
     Text,
 )
 from truepose.shown.result import document
 
-MOST_PANELS, GUILTY = 12, 4
+MOST_PANELS = 12
 _ORDER = ("moved", "perhaps", "anew", "still", "masked", "unseen")
-_HEAD = (
-    "parameter",
-    "status",
-    "change to the last session",
-    "probability",
-    "log Bayes factor",
-    "would show from",
-)
 
 
 @document.register
@@ -79,9 +68,7 @@ def drift_document(found: Drift) -> Document:
         _steps(found),
         drift_notes(found),
         more="to_frame(), drift.json and report.html have all",
-        charts=lambda: _change_charts(found, [m for m in shown if m.change][:MOST_PANELS]),
         sections=lambda: _sections(found, shown),
-        scene=lambda: _scene(found, shown[:GUILTY]),
     )
 
 
@@ -91,14 +78,6 @@ def _steps(found: Drift) -> list[Command | Text]:
     machine, files = machine_name(found.fits[0].nominal), recording_names(found.recording.files)
     line = f"truepose calibrate {machine} {files.split()[-1]} -o fit"
     return [Command(line, "calibrate on the last session:")]
-
-
-def _scene(found: Drift, moved: Sequence[Movement]) -> Scene | None:
-    if not found.fits or found.recording is None:
-        return None
-    first = found.recording.subset(found.recording.session == found.recording.session[0])
-    guilty = [Guilty(f"{m.name} {m.status}", "", percent(m.probability), (m.name,)) for m in moved]
-    return scene_of(found.fits[0], None, first, guilty) if len(first) == len(found.fits[0].residual) else None
 
 
 def _gains(found: Drift) -> list[Gain]:
@@ -152,10 +131,11 @@ def _change_charts(found: Drift, shown: Sequence[Movement]) -> list[Chart]:
         layers: list[Layer] = [
             Level(0.0, "y", dashed=False),
             Line(np.array(x), change, "after"),
-            Marks(np.array(x), change, "after", error=std),
+            Band(np.array(x), change - std, change + std, "after"),
+            Marks(np.array(x), change, "after"),
         ]
         y = Axis(f"change [{unit_symbol(name) or '1'}]")
-        out.append(Chart(movement.name, Axis(unit), y, layers, told=movement_sentence(found, movement)))
+        out.append(Chart(movement.name, Axis(unit), y, layers))
     return out
 
 
@@ -203,4 +183,5 @@ def _parameter_table(found: Drift) -> Table:
     caption = (
         "The last column: two sigmas of a movement from the first session to the last, if it moved alone."
     )
-    return Table(_HEAD, rows, caption=caption, text_columns=2)
+    head = ["parameter", "status", "change to the last session", "probability", "log Bayes factor"]
+    return Table([*head, "would show from"], rows, caption=caption, text_columns=2)

@@ -241,22 +241,15 @@ def drift_json(found: Drift) -> Json:
     return dict(finite(out))
 
 
+_OF_MOVEMENTS = (
+    "status", "probability", "extrinsic", "log_bayes_factor", "unit", "change", "std", "rate", "steady", "hidden", "alike",
+)  # fmt: skip
+
+
 def _movement(found: Drift, m: Movement) -> Json:
     per = "s" if found.times else "session"
     rate = None if m.rate is None else {"value": m.rate, "std": m.rate_std, "unit": f"{m.unit}/{per}"}
-    return {
-        "status": m.status,
-        "probability": m.probability,
-        "extrinsic": m.extrinsic,
-        "log_bayes_factor": m.log_bayes_factor,
-        "unit": m.unit,
-        "change": list(m.change),
-        "std": list(m.std),
-        "rate": rate,
-        "steady": m.steady,
-        "hidden": m.hidden,
-        "alike": dict(m.alike),
-    }
+    return {**{name: getattr(m, name) for name in _OF_MOVEMENTS}, "rate": rate}
 
 
 def _check(check: Check | None) -> Json | None:

@@ -12,6 +12,7 @@ import typer
 from truepose.commands.common import (
     BAD_INPUT,
     DirectoryOption,
+    GateOption,
     JsonOption,
     PluginOption,
     ShuffledOption,
@@ -19,7 +20,6 @@ from truepose.commands.common import (
     finish,
     written,
 )
-from truepose.commands.gate import GateOption
 from truepose.commands.identify import PriorOption
 from truepose.commands.progress import counted
 from truepose.commands.results import FLEET, check_directory
@@ -52,10 +52,6 @@ DaskOption = Annotated[
     ),
 ]
 BriefOption = Annotated[bool, typer.Option("--brief", help="Without the report.html of each machine.")]
-LimitOption = Annotated[
-    float | None,
-    typer.Option("--limit", metavar="MINUTES", help="Give up a machine after so long; its row says so."),
-]
 
 
 def fleet(
@@ -64,7 +60,6 @@ def fleet(
     workers: WorkersOption = 0,
     dask: DaskOption = "",
     brief: BriefOption = False,
-    limit: LimitOption = None,
     prior: PriorOption = None,
     shuffled: ShuffledOption = False,
     anyway: GateOption = False,
@@ -84,25 +79,19 @@ def fleet(
 
     Example: truepose fleet line1 -o line1-results
 
-    Example: truepose fleet line1 -o line1-results --workers 2 --brief --limit 30
+    Example: truepose fleet line1 -o line1-results --workers 2 --brief
     """
-    from truepose.identification.leaves.fleet.ending import FILES, Folders
-    from truepose.identification.leaves.fleet.files import PAGE
     from truepose.identification.leaves.fleet.page import fleet_document
-    from truepose.identification.leaves.fleet.run import run_fleet
+    from truepose.identification.leaves.fleet.run import FILES, PAGE, run_fleet
     from truepose.identification.leaves.fleet.words import fleet_json, headline
     from truepose.identification.leaves.fleet.work import Options
     from truepose.shown.text import LINES, first_screen
 
     check_directory(output, FLEET)
-    if limit is not None and not limit > 0:
-        raise InputError(f"--limit: found {limit:g}, expected minutes above 0")
     plugins = tuple(path.resolve() for path in plugin or ())
-    known = None if prior is None else prior.resolve()
-    options = Options(anyway, shuffled, brief, plugins, limit, known)
-    folders = Folders.of(folder, output)
+    options = Options(anyway, shuffled, brief, plugins, None if prior is None else prior.resolve())
     with counted("fleet") as hear, _pool(workers, dask) as pool:
-        found = run_fleet(folders, pool, options, progress=hear)
+        found = run_fleet(folder, output, pool, options, progress=hear)
     summary = {"command": "fleet", **fleet_json(found), "files": written(output, FILES)}
     lines = [*first_screen(fleet_document(found), 2 * LINES), f"report: {output / PAGE}"]
     finish(summary, lines, (), as_json=as_json)

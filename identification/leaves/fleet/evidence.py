@@ -14,9 +14,9 @@ import numpy as np
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.tolerance_classes import part_classes
-from truepose.identification.leaves.fleet.columns import KEPT
 from truepose.identification.leaves.fleet.place_evidence import PlaceEvidence
 
+KEPT = "truepose/kept/1"
 DETERMINED = 3.0
 """1-sigma of what the readings alone say of a constant, in its tolerances, beyond which they say nothing of it."""
 FINEST = 1e-3

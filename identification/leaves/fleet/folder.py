@@ -42,8 +42,13 @@ class Member:
     why: str = ""
 
     @property
+    def inputs(self) -> tuple[Path, ...]:
+        """The machine file, then the recordings."""
+        return self.recordings if self.machine is None else (self.machine, *self.recordings)
+
+    @property
     def files(self) -> tuple[Path, ...]:
-        """Everything that is read for it."""
+        """Everything that is read for it, what its machine file names as well."""
         if self.machine is None:
             return self.recordings
         text = self.machine.read_text(encoding="utf-8", errors="replace")

@@ -46,6 +46,11 @@ class Posterior:
         return float(self.shares @ expit(FINE))
 
     @property
+    def usual_frequency(self) -> float:
+        """Frequency expected before any machine."""
+        return float(1.0 / (1.0 + np.exp(-self.usual)))
+
+    @property
     def interval(self) -> tuple[float, float]:
         """90 % credible."""
         low, high = quantiles(FINE, self.shares, [TAIL, 1.0 - TAIL])
@@ -151,11 +156,3 @@ def quantiles(values: Array, shares: Array, at: Sequence[float]) -> list[float]:
     """Of a distribution on a grid, each share spread evenly around its value."""
     middle = np.cumsum(shares) - 0.5 * shares
     return [float(value) for value in np.interp(at, middle, values)]
-
-
-def joined(parts: Sequence[tuple[float, Array]]) -> Hierarchy:
-    """From log prior odds and log likelihoods (j, g), a place each."""
-    return Hierarchy(np.array([usual for usual, _ in parts]), np.array([likely for _, likely in parts]))
-
-
-__all__ = ["FINE", "STEPS", "Hierarchy", "Posterior", "effect_steps", "joined", "quantiles", "single"]

@@ -17,6 +17,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from scipy.special import expit
 
 from truepose.arrays import Array
@@ -56,9 +57,10 @@ class Told:
     rival: Array
 
     @classmethod
-    def of(cls, numbers: Array) -> Told:
-        """From rows (p, 5): probability, prior, log Bayes factor, unseen, credit."""
-        p, _, log_factor, unseen, credit = numbers.T
+    def of(cls, rows: pd.DataFrame) -> Told:
+        """From rows of a table of ``Pooled``."""
+        columns = ("probability", "log_factor", "unseen", "credit")
+        p, log_factor, unseen, credit = (rows[name].to_numpy() for name in columns)
         rival = np.minimum(p * (1.0 - credit) / np.maximum(credit, 1e-9), 1.0 - p)
         nothing = np.maximum(1.0 - p - rival, np.exp(-LARGEST))
         against = log_factor + np.log(np.maximum(1.0 - p, np.exp(-LARGEST))) - np.log(nothing)
@@ -112,16 +114,3 @@ def of_spread(deviation: Array, std: Array) -> Array:
     """(p, r) log likelihood of a spread from each deviation (p,) with its 1-sigma, in tolerances; those of a class add."""
     variance = RATIOS**2 + std[:, None] ** 2
     return np.asarray(-0.5 * (np.log(variance) + deviation[:, None] ** 2 / variance))
-
-
-__all__ = [
-    "KERNEL",
-    "LOG_ODDS",
-    "RATIOS",
-    "SLAB",
-    "Told",
-    "by_size",
-    "of_frequency",
-    "of_presence",
-    "of_spread",
-]

@@ -7,23 +7,21 @@ nothing odd); a machine is odd when the smallest is so small that no more than o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from scipy.special import expit, stdtr
 
-from truepose.arrays import Array, Index
-from truepose.identification.leaves.fleet.columns import (
-    UNIT,
-    Columns,
-    Said,
-    Whole,
+from truepose.arrays import Array
+from truepose.identification.leaves.fleet.pooled import (
+    Pooled,
     constant_moments,
     effect_moments,
+    others,
+    rows_of,
     size_moments,
 )
-from truepose.identification.leaves.fleet.summary import Summary
 from truepose.identification.prior import URN
 
 ODD = 0.05
@@ -55,109 +53,87 @@ class Oddness:
     reasons: tuple[Reason, ...]
 
 
-@dataclass(frozen=True)
-class _Looked:
-    """Things that were looked at (n,): in which machine, their share, and what makes the reason of the k-th."""
-
-    machine: Index
-    share: Array
-    reason: Callable[[int], Reason]
-
-
-def oddness(columns: Columns, summary: Summary) -> list[Oddness]:
-    """Of machines that were gathered and are part of the summary, in their order."""
-    number = np.zeros(columns.machines, dtype=np.intp)
-    reasons: list[list[Reason]] = [[] for _ in range(columns.machines)]
-    for looked in (_effects(columns, summary), _sizes(columns, summary), _constants(columns, summary)):
-        number += np.bincount(looked.machine, minlength=columns.machines)
-        for k in np.flatnonzero(looked.share < ODD).tolist():
-            reasons[looked.machine[k]].append(looked.reason(k))
+def oddness(pooled: Pooled) -> list[Oddness]:
+    """Judge each machine by all others, in their order."""
+    looked = pd.concat([_effects(pooled), _sizes(pooled), _constants(pooled)])
+    number = np.bincount(looked["machine"].to_numpy(dtype=int), minlength=pooled.machines)
+    reasons: list[list[Reason]] = [[] for _ in range(pooled.machines)]
+    rare = looked[looked["share"] < ODD].sort_values(["share", "name"], kind="stable")
+    for one in rows_of(rare):
+        reasons[one.machine].append(Reason(one.kind, one.name, float(one.share), one.text))
     return [_oddness(*one) for one in zip(number.tolist(), reasons, strict=True)]
 
 
-def _oddness(looked: int, reasons: Sequence[Reason]) -> Oddness:
-    found = tuple(sorted(reasons, key=lambda one: (one.share, one.name)))
-    least = min(1.0, looked * found[0].share) if found else 1.0
-    return Oddness(float(-np.log10(max(least, 1e-300))) + 0.0, least < ODD, found)
+def _oddness(looked: int, reasons: list[Reason]) -> Oddness:
+    least = min(1.0, looked * reasons[0].share) if reasons else 1.0
+    return Oddness(float(-np.log10(max(least, 1e-300))) + 0.0, least < ODD, tuple(reasons))
 
 
-def _others(kind: str, said: Said, own: Whole, summary: Summary) -> Array:
-    """(r, c) sums of the others about what each row is about: exact, for sums are whole numbers."""
-    there, columns = summary.sums, own.shape[1]
-    nothing = np.zeros(columns, dtype=np.int64)
-    sums = np.array([there.get(f"{kind}|{key}", nothing)[:columns] for key in said.keys], dtype=np.int64)
-    return np.asarray((sums.reshape(-1, columns)[said.thing] - own) * UNIT)
-
-
-def _effects(columns: Columns, summary: Summary) -> _Looked:
-    """What is surely there, or surely not although it would have been seen; the frequency of others beside today's prior."""
-    said = columns.places
-    p, unseen = said.numbers[:, 0], said.numbers[:, 3]
-    others = _others("place", said, effect_moments(said), summary)
-    present, absent = p >= SURE, (p <= 1.0 - SURE) & (unseen < 1.0 - SURE)
-    at = np.flatnonzero((others[:, 0] > 0.5) & (present | absent))
-    (n, odds, found), there = others[at].T, present[at]
+def _effects(pooled: Pooled) -> pd.DataFrame:
+    """Judge what is surely there, or surely not although it would have been seen, by how many others have it."""
+    rows = pooled.places
+    theirs = others(rows, ["mechanism", "effect", "place"], effect_moments(rows))
+    is_present = rows["probability"] >= SURE
+    is_absent = (rows["probability"] <= 1.0 - SURE) & (rows["unseen"] < 1.0 - SURE)
+    judged = (theirs[:, 0] > 0.5) & (is_present | is_absent)
+    rows, is_present, (n, odds, found) = rows[judged], is_present[judged], theirs[judged].T
     share = (found + URN * expit(odds / n)) / (n + URN)
-    share = np.where(there, share, 1.0 - share)
-
-    def reason(k: int) -> Reason:
-        _, effect, place = said.keys[said.thing[at[k]]].split("|")
-        what, kind = ("no ", "absent") if not there[k] else ("", "present")
-        text = f"{what}{effect} at {place}, which {found[k]:.0f} of {n[k]:.0f} others have"
-        return Reason(kind, f"{effect}@{place}", float(share[k]), text)
-
-    return _Looked(said.machine[at], share, reason)
+    what = np.where(is_present, "", "no ")
+    texts = [
+        f"{no}{effect} at {place}, which {some:.0f} of {of:.0f} others have"
+        for no, effect, place, some, of in zip(what, rows["effect"], rows["place"], found, n, strict=True)
+    ]
+    kind = np.where(is_present, "present", "absent")
+    return _looked(rows, kind, _names(rows), np.where(is_present, share, 1.0 - share), texts)
 
 
-def _sizes(columns: Columns, summary: Summary) -> _Looked:
-    """Sizes of effects that are surely there, by those of others that have them."""
-    said = columns.sizes
-    moments = size_moments(said)
-    own, others = moments * UNIT, _others("size", said, moments, summary)
-    at = np.flatnonzero((own[:, 0] >= SURE) & (others[:, 0] >= OTHERS))
-    n, mean, variance = _normal(*others[at, :3].T)
-    away = own[at, 1] / own[at, 0] - mean
-    share, _ = _tail(away, variance, n)
-
-    def reason(k: int) -> Reason:
-        _, effect, place, _ = said.keys[said.thing[at[k]]].split("|")
-        text = f"{effect} at {place} is {np.exp(away[k]):.2g} times the median of {n[k]:.0f} others"
-        return Reason("size", f"{effect}@{place}", float(share[k]), text)
-
-    return _Looked(said.machine[at], share, reason)
+def _sizes(pooled: Pooled) -> pd.DataFrame:
+    """Judge sizes of effects that are surely there by those of others that have them."""
+    rows = pooled.sizes
+    own = size_moments(rows)
+    theirs = others(rows, ["mechanism", "effect", "place", "unit"], own)
+    judged = (rows["probability"] >= SURE) & (theirs[:, 0] >= OTHERS)
+    rows = rows[judged]
+    share, away, _ = _tail(rows["log_size"].to_numpy(), *theirs[judged, :3].T)
+    texts = [
+        f"{effect} at {place} is {np.exp(log):.2g} times the median of {n:.0f} others"
+        for effect, place, log, n in zip(rows["effect"], rows["place"], away, theirs[judged, 0], strict=True)
+    ]
+    return _looked(rows, "size", _names(rows), share, texts)
 
 
-def _constants(columns: Columns, summary: Summary) -> _Looked:
-    """Deviations from the drawing, by those of others."""
-    said = columns.constants
-    others = _others("constant", said, constant_moments(said), summary)
-    at = np.flatnonzero(others[:, 0] >= OTHERS)
-    n, mean, variance = _normal(*others[at, :3].T)
-    x = said.numbers[at, 0]
-    share, far = _tail(x - mean, variance, n)
-
-    def reason(k: int) -> Reason:
-        _, name = said.keys[said.thing[at[k]]].split("|")
-        text = (
-            f"{name} is {x[k]:+.1f} tolerances off its drawing, {far[k]:.1f} times the spread of {n[k]:.0f} others"
-            " from their mean"
-        )
-        return Reason("parameter", name, float(share[k]), text)
-
-    return _Looked(said.machine[at], share, reason)
+def _constants(pooled: Pooled) -> pd.DataFrame:
+    """Judge deviations from the drawing by those of others."""
+    rows = pooled.constants
+    theirs = others(rows, ["mechanism", "name"], constant_moments(rows))
+    judged = theirs[:, 0] >= OTHERS
+    rows, n = rows[judged], theirs[judged, 0]
+    share, _, far = _tail(rows["deviation"].to_numpy(), *theirs[judged, :3].T)
+    texts = [
+        f"{name} is {x:+.1f} tolerances off its drawing, {spreads:.1f} times the spread of {count:.0f} others"
+        " from their mean"
+        for name, x, spreads, count in zip(rows["name"], rows["deviation"], far, n, strict=True)
+    ]
+    return _looked(rows, "parameter", rows["name"], share, texts)
 
 
-def _normal(n: Array, value: Array, square: Array) -> tuple[Array, Array, Array]:
-    """Number, mean and variance about the mean, from sums."""
-    mean = value / n
-    return n, mean, square / n - mean**2
+def _names(rows: pd.DataFrame) -> pd.Series[str]:
+    return rows["effect"] + "@" + rows["place"]
 
 
-def _tail(away: Array, variance: Array, n: Array) -> tuple[Array, Array]:
-    """Two-sided probability of a next value as far from the mean of n as this (normal, both moments estimated), and how many
-    1-sigmas of theirs it is away. variance: of theirs about their mean, over n."""
-    far = np.abs(away) / np.sqrt(np.maximum(variance, 1e-12) * n / (n - 1.0))
-    return np.asarray(2.0 * stdtr(n - 1.0, -far / np.sqrt(1.0 + 1.0 / n))), far
+def _looked(rows: pd.DataFrame, kind: object, name: object, share: Array, text: list[str]) -> pd.DataFrame:
+    """Return what was looked at, a row each."""
+    return pd.DataFrame(
+        {"machine": rows["machine"], "kind": kind, "name": name, "share": share, "text": text}
+    )
 
 
-__all__ = ["Oddness", "Reason", "oddness"]
+def _tail(value: Array, n: Array, total: Array, squares: Array) -> tuple[Array, Array, Array]:
+    """Return how a next value stands to n others, of which the sums of values and of squares are known.
+
+    Its two-sided probability (normal, both moments estimated), how far it is from their mean, and in 1-sigmas of theirs.
+    """
+    mean = total / n
+    variance = np.maximum(squares / n - mean**2, 1e-12) * n / (n - 1.0)
+    far = np.abs(value - mean) / np.sqrt(variance)
+    return np.asarray(2.0 * stdtr(n - 1.0, -far / np.sqrt(1.0 + 1.0 / n))), value - mean, far

@@ -67,14 +67,6 @@ class PlaceEvidence:
     size: Amount | None = None
 
 
-@dataclass(frozen=True)
-class _Odds:
-    """Log prior odds (n,) of each cause beside a state's other members: at any size, and at sizes that would be noticed."""
-
-    whole: Array
-    noticed: Array
-
-
 def evidence(found: Found, said: Inclusion) -> tuple[tuple[PlaceEvidence, ...], tuple[PlaceEvidence, ...]]:
     """Of each effect at each place, and of each effect at any of its places."""
     problem = found.problem
@@ -84,33 +76,26 @@ def evidence(found: Found, said: Inclusion) -> tuple[tuple[PlaceEvidence, ...], 
     sizes, amounts = _sizes(found), _amounts(found)
     slugs = list(dict.fromkeys(c.effect for c in causes))
     slug = np.array([slugs.index(c.effect) for c in causes], dtype=np.intp)
-    prior, noticed, any_prior, any_noticed = np.zeros((4, len(causes)))
+    prior, any_prior = np.zeros((2, len(causes))), np.zeros((2, len(slugs)))
     for state, share in states:
         beside = _Beside(found, state)
-        alone = [beside.without({k}) for k in range(len(causes))]
-        prior += share * expit([odds.whole[k] for k, odds in enumerate(alone)])
-        noticed += share * expit([odds.noticed[k] for k, odds in enumerate(alone)])
+        for k in range(len(causes)):
+            prior[:, k] += share * expit(beside.without({k})[:, k])
         for j in range(len(slugs)):
             at = np.flatnonzero(slug == j)
-            odds = beside.without(set(at.tolist()))
-            any_prior[j] += share * _any(odds.whole[at])
-            any_noticed[j] += share * _any(odds.noticed[at])
+            none = np.sum(np.logaddexp(0.0, beside.without(set(at.tolist()))[:, at]), axis=1)
+            any_prior[:, j] -= share * np.expm1(-none)
     credit, any_credit = _credits(found, slug, own)
     present = _present(found, slug, len(slugs), own, raw)
     places = tuple(
-        _told(*causes[k], (own[k], prior[k], noticed[k]), credit[k], sizes[k], amounts.get(k))
+        _told(*causes[k], (own[k], *prior[:, k]), credit[k], sizes[k], amounts.get(k))
         for k in range(len(causes))
     )
     anywhere = tuple(
-        _told(name, (), (present[j], any_prior[j], any_noticed[j]), any_credit[j], np.zeros(0), None)
+        _told(name, (), (present[j], *any_prior[:, j]), any_credit[j], np.zeros(0), None)
         for j, name in enumerate(slugs)
     )
     return places, anywhere
-
-
-def _any(log_odds: Array) -> float:
-    """Probability of one at least."""
-    return float(-np.expm1(-np.sum(np.logaddexp(0.0, log_odds))))
 
 
 def _told(
@@ -151,28 +136,27 @@ def _credits(found: Found, slug: Index, own: Array) -> tuple[Array, Array]:
 
 
 class _Beside:
-    """Prior odds of causes beside the members of a state, without some of them."""
+    """Prior log odds (2, n) of causes beside the members of a state: at any size, and at sizes that would be noticed."""
 
     def __init__(self, found: Found, state: State) -> None:
         self._problem, self._members = found.problem, state.members
         self._cause = found.problem.spike_slab.terms.cause
-        self._known = dict[Members, _Odds]()
+        self._known = dict[Members, Array]()
 
-    def without(self, causes: set[int]) -> _Odds:
+    def without(self, causes: set[int]) -> Array:
         """Beside the members that are of no such cause."""
         rest = tuple(m for m in self._members if int(self._cause[m[0]]) not in causes)
         if rest not in self._known:
             self._known[rest] = self._odds(rest)
         return self._known[rest]
 
-    def _odds(self, rest: Members) -> _Odds:
+    def _odds(self, rest: Members) -> Array:
         spike_slab = self._problem.spike_slab
         by_size = spike_slab.terms.log_prior(rest) + slot_odds(self._problem.richness, len(rest))
-        return _Odds(self._summed(by_size), self._summed(np.where(spike_slab.noticeable, by_size, -np.inf)))
-
-    def _summed(self, by_size: Array) -> Array:
-        out = np.full(len(self._problem.causes), -np.inf)
-        np.logaddexp.at(out, self._cause, np.logaddexp.reduce(by_size, axis=0))
+        out = np.full((2, len(self._problem.causes)), -np.inf)
+        noticed = np.where(spike_slab.noticeable, by_size, -np.inf)
+        for odds, sizes in zip(out, (by_size, noticed), strict=True):
+            np.logaddexp.at(odds, self._cause, np.logaddexp.reduce(sizes, axis=0))
         return out
 
 
@@ -199,41 +183,40 @@ def _sizes(found: Found) -> Array:
 
 
 def _amounts(found: Found) -> Mapping[int, Amount]:
-    """Size of each cause that is in one of some typical states, averaged over these."""
-    drawn: dict[int, list[tuple[float, float, float, float, str]]] = {}
+    """Size of each cause that is in one of some typical states: a mixture of what these say."""
+    drawn: dict[int, list[tuple[float, Amount]]] = {}
     for state, share in typical(found.posterior.states, MOMENTS):
         for cause, size in _of_state(found, state):
-            drawn.setdefault(cause, []).append((share, *size))
+            drawn.setdefault(cause, []).append((share, size))
     return {cause: _averaged(every) for cause, every in drawn.items()}
 
 
-def _averaged(every: list[tuple[float, float, float, float, str]]) -> Amount:
-    weight, mean, std, amount = (np.array([one[k] for one in every], dtype=float) for k in range(4))
+def _averaged(every: list[tuple[float, Amount]]) -> Amount:
+    weight = np.array([share for share, _ in every])
     weight /= weight.sum()
+    mean, std, amount = np.array([(one.log_mean, one.log_std, one.log_amount) for _, one in every]).T
     centre = float(weight @ mean)
     spread = float(np.sqrt(weight @ (std**2 + (mean - centre) ** 2)))
-    return Amount(centre, spread, float(weight @ amount), every[0][4])
+    return Amount(centre, spread, float(weight @ amount), every[0][1].unit)
 
 
-def _of_state(found: Found, state: State) -> Iterator[tuple[int, tuple[float, float, float, str]]]:
-    """Of each cause of a state, the fields of its ``Amount``."""
+def _of_state(found: Found, state: State) -> Iterator[tuple[int, Amount]]:
+    """Yield each cause of a state with its size."""
     problem, spike_slab = found.problem, found.problem.spike_slab
     if not state.members:
         return
     known = moments(spike_slab, state)
-    columns, _ = spike_slab.columns(state.members)
-    first = len(known.at) - len(columns)
-    term = np.repeat(
-        [t for t, _ in state.members], [len(spike_slab.terms.columns[t]) for t, _ in state.members]
-    )
-    owner = spike_slab.terms.cause[term]
+    terms = [t for t, _ in state.members for _ in spike_slab.terms.columns[t]]
     coefficients = [
         c
         for t, _ in state.members
-        for c in found.catalogue.candidates[problem.candidates[t]].coefficients[
-            : len(spike_slab.terms.columns[t])
-        ]
+        for _, c in zip(
+            spike_slab.terms.columns[t],
+            found.catalogue.candidates[problem.candidates[t]].coefficients,
+            strict=False,
+        )
     ]
+    owner, first = spike_slab.terms.cause[terms], len(known.at) - len(terms)
     for cause in np.unique(owner):
         at = np.flatnonzero(owner == cause)
         mean, variance = known.mean[first + at], np.diag(known.covariance)[first + at]
@@ -243,7 +226,5 @@ def _of_state(found: Found, state: State) -> Iterator[tuple[int, tuple[float, fl
         scale = np.array([coefficients[k].scale for k in at])
         rms = 0.5 * np.log(np.mean(square + variance))
         amount = 0.5 * np.log(np.mean((square + variance) * scale**2))
-        yield (
-            int(cause),
-            (float(rms), float(min(std, 3.0)), float(amount), units.pop() if len(units) == 1 else ""),
-        )
+        unit = units.pop() if len(units) == 1 else ""
+        yield int(cause), Amount(float(rms), float(min(std, 3.0)), float(amount), unit)

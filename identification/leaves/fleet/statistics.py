@@ -1,21 +1,37 @@
-"""What a summary says of a fleet: frequencies and sizes of effects, and which tolerances are met, with their intervals.
+"""What machines say together: frequencies and sizes of effects, and which tolerances are met, with their intervals.
 
-Use ``statistics(summary)`` for tables and pages.
+Use ``statistics(pooled)`` for tables and pages.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from scipy.interpolate import CubicSpline
 from scipy.stats import t as student
 
 from truepose.arrays import Array
-from truepose.identification.leaves.fleet.hierarchy import Hierarchy, Posterior, joined, quantiles, single
-from truepose.identification.leaves.fleet.likelihood import LOG_ODDS, RATIOS, SLAB
-from truepose.identification.leaves.fleet.summary import Summary
+from truepose.identification.leaves.fleet.hierarchy import Hierarchy, Posterior, quantiles, single
+from truepose.identification.leaves.fleet.likelihood import (
+    RATIOS,
+    SLAB,
+    Told,
+    of_frequency,
+    of_presence,
+    of_spread,
+)
+from truepose.identification.leaves.fleet.pooled import (
+    Pooled,
+    constant_moments,
+    effect_moments,
+    grouped,
+    size_moments,
+    summed,
+)
 from truepose.identification.prior import TOLERANCE_DOUBT
 
 LEVEL = 0.9
@@ -24,6 +40,8 @@ MET = 1.1
 """Times the stated tolerance up to which it counts as met."""
 STEPS: Array = np.linspace(np.log(RATIOS[0]), np.log(RATIOS[-1]), 2001)
 """(k,) grid of the log of a ratio, on which a posterior is summed."""
+UNKNOWN = np.full(len(SLAB), np.nan)
+"""Shares of sizes of which nothing is kept."""
 FEW = 0.5
 """Expected machines with an effect below which nothing is said of its size."""
 
@@ -98,15 +116,15 @@ class FleetStatistics:
     constants: tuple[ConstantInFleet, ...]
 
 
-def statistics(summary: Summary) -> FleetStatistics:
-    """Everything that a table of the fleet says."""
-    places = [one for tree in trees(summary).values() for one in _places(summary, tree)]
+def statistics(pooled: Pooled) -> FleetStatistics:
+    """Return everything that a table of the fleet says."""
+    constants = sorted(_constants(pooled), key=lambda one: (-_away(one.mean), one.mechanism, one.name))
     return FleetStatistics(
-        summary.machines,
-        tuple(sorted(_anywhere(summary), key=_rank)),
-        tuple(sorted(places, key=_rank)),
-        tuple(sorted(_tolerances(summary), key=lambda one: (-one.ratio.value, one.mechanism, one.parts))),
-        tuple(sorted(_constants(summary), key=lambda one: (-_away(one.mean), one.mechanism, one.name))),
+        pooled.machines,
+        tuple(sorted(_anywhere(pooled), key=_rank)),
+        tuple(sorted(_places(pooled), key=_rank)),
+        tuple(tolerances(pooled)),
+        tuple(constants),
     )
 
 
@@ -115,7 +133,7 @@ def _rank(one: EffectInFleet) -> tuple[float, str, str, tuple[str, ...]]:
 
 
 def _away(mean: Interval) -> float:
-    """How far an interval is from 0."""
+    """Return how far an interval is from 0."""
     return max(mean.low, -mean.high, 0.0)
 
 
@@ -123,71 +141,76 @@ def _away(mean: Interval) -> float:
 class Tree:
     """An effect with its places: type of mechanism and place, machines and sum of probabilities of each."""
 
-    effect: str
     places: tuple[tuple[str, str], ...]
     machines: tuple[int, ...]
     found: tuple[float, ...]
     hierarchy: Hierarchy
 
 
-def trees(summary: Summary) -> dict[str, Tree]:
-    """Each effect with all of its places, of machines of whatever type."""
-    by_effect: dict[str, list[tuple[tuple[str, str], Array]]] = {}
-    for (mechanism, effect, place), sums in summary.among("place").items():
-        by_effect.setdefault(effect, []).append(((mechanism, place), sums))
+def trees(pooled: Pooled) -> dict[str, Tree]:
+    """Return each effect with all of its places, of machines of whatever type."""
+    by_effect: dict[str, list[tuple[tuple[str, str], Array, Array]]] = {}
+    for (mechanism, effect, place), rows in grouped(pooled.places, "mechanism", "effect", "place"):
+        sizes = np.array([UNKNOWN if one is None else one for one in rows["sizes"]], dtype=float)
+        likely = summed(of_frequency(Told.of(rows), sizes))
+        by_effect.setdefault(effect, []).append(((mechanism, place), summed(effect_moments(rows)), likely))
     out = {}
     for effect, own in by_effect.items():
-        shape = len(SLAB), len(LOG_ODDS)
-        parts = [(sums[1] / sums[0], sums[3:].reshape(shape)) for _, sums in own]
-        machines, found = tuple(round(sums[0]) for _, sums in own), tuple(float(sums[2]) for _, sums in own)
-        out[effect] = Tree(effect, tuple(name for name, _ in own), machines, found, joined(parts))
+        places, moments, likelihoods = zip(*own, strict=True)
+        n, odds, found = np.array(moments).T
+        hierarchy = Hierarchy(odds / n, np.array(likelihoods))
+        out[effect] = Tree(places, tuple(n.astype(int).tolist()), tuple(found.tolist()), hierarchy)
     return out
 
 
-def _told(
-    mechanism: str, effect: str, place: str, machines: int, found: float, of: Posterior
-) -> EffectInFleet:
-    frequency = Interval(of.mean, *of.interval)
-    parts = tuple(place.split("+")) if place else ()
-    usual = float(1.0 / (1.0 + np.exp(-of.usual)))
+def _places(pooled: Pooled) -> Iterator[EffectInFleet]:
+    """Yield each effect at each of its places."""
+    sized = dict(grouped(pooled.sizes, "mechanism", "effect", "place"))
+    for effect, tree in trees(pooled).items():
+        for k, (mechanism, place) in enumerate(tree.places):
+            key, parts = (mechanism, effect, place), tuple(place.split("+"))
+            sizes = _sizes(sized[key]) if key in sized else {}
+            counts = tree.machines[k], tree.found[k]
+            yield _in_fleet(mechanism, effect, parts, counts, tree.hierarchy.place(k), sizes)
+
+
+def _anywhere(pooled: Pooled) -> Iterator[EffectInFleet]:
+    """Yield each effect at any of its places."""
+    sized = dict(grouped(pooled.sizes, "mechanism", "effect"))
+    for (mechanism, effect), rows in grouped(pooled.anywhere, "mechanism", "effect"):
+        n, odds, found = summed(effect_moments(rows)).tolist()
+        posterior = single(odds / n, summed(of_presence(Told.of(rows))))
+        key = mechanism, effect
+        sizes = _sizes(sized[key]) if key in sized else {}
+        yield _in_fleet(mechanism, effect, (), (round(n), found), posterior, sizes)
+
+
+def _in_fleet(
+    mechanism: str, effect: str, place: tuple[str, ...], counts: tuple[int, float], of: Posterior,
+    sizes: dict[str, Any],
+) -> EffectInFleet:  # fmt: skip
+    """Return what a posterior says; ``counts``: machines, and the sum of their probabilities."""
+    machines, found = counts
+    frequency, odds = Interval(of.mean, *of.interval), float(np.exp(of.log_factor))
     return EffectInFleet(
-        mechanism, effect, parts, machines, frequency, usual, found, float(np.exp(of.log_factor))
+        mechanism, effect, place, machines, frequency, of.usual_frequency, found, odds, **sizes
     )
 
 
-def _places(summary: Summary, tree: Tree) -> Iterator[EffectInFleet]:
-    sizes = summary.among("size")
-    for k, (mechanism, place) in enumerate(tree.places):
-        one = _told(mechanism, tree.effect, place, tree.machines[k], tree.found[k], tree.hierarchy.place(k))
-        own = {key[-1]: sums for key, sums in sizes.items() if key[:3] == (mechanism, tree.effect, place)}
-        yield _sized(one, own)
-
-
-def _anywhere(summary: Summary) -> Iterator[EffectInFleet]:
-    sizes = summary.among("size")
-    for (mechanism, effect), sums in summary.among("anywhere").items():
-        of = single(float(sums[1] / sums[0]), sums[3:])
-        own = dict[str, Array]()
-        for key, more in sizes.items():
-            if key[:2] == (mechanism, effect):
-                own[key[-1]] = own.get(key[-1], 0.0) + more
-        yield _sized(_told(mechanism, effect, "", round(sums[0]), float(sums[2]), of), own)
-
-
-def _sized(one: EffectInFleet, sums: Mapping[str, Array]) -> EffectInFleet:
-    """With sizes of machines that have it: log-normal, noise of each measurement taken off the spread between machines."""
-    if not sums:
-        return one
-    whole = np.sum(list(sums.values()), axis=0)
-    if whole[0] < FEW:
-        return one
-    mean, spread, error = log_normal(whole)
-    unit, own = max(sums.items(), key=lambda item: float(item[1][0]))
-    amount = None
-    if unit and len(sums) == 1:
-        amount = _exp(float(own[4] / own[0]), error)
-    size = _exp(mean, error)
-    return replace(one, size=size, spread=float(np.exp(spread)), amount=amount, unit=unit if amount else "")
+def _sizes(rows: pd.DataFrame) -> dict[str, Any]:
+    """Return the size of machines that have it: log-normal, noise of each measurement taken off the spread between machines."""
+    sums = summed(size_moments(rows))
+    if sums[0] < FEW:
+        return {}
+    mean, spread, error = log_normal(sums)
+    unit, *more = rows["unit"].unique()
+    amount = _exp(float(sums[4] / sums[0]), error) if unit and not more else None
+    return {
+        "size": _exp(mean, error),
+        "spread": float(np.exp(spread)),
+        "amount": amount,
+        "unit": unit if amount else "",
+    }
 
 
 def log_normal(sums: Array) -> tuple[float, float, float]:
@@ -205,19 +228,26 @@ def _exp(centre: float, half: float) -> Interval:
     return Interval(*(float(np.exp(np.clip(centre + k * half, -50.0, 50.0))) for k in (0, -1, 1)))
 
 
-def _tolerances(summary: Summary) -> Iterator[ToleranceInFleet]:
-    for (mechanism, parts), sums in summary.among("class").items():
-        log = CubicSpline(np.log(RATIOS), sums[1:])(STEPS) - 0.5 * (STEPS / TOLERANCE_DOUBT) ** 2
+def tolerances(pooled: Pooled) -> list[ToleranceInFleet]:
+    """Return the spread of each class of parts, the widest first."""
+    out = []
+    for (mechanism, parts), rows in grouped(pooled.constants, "mechanism", "parts"):
+        likely = of_spread(rows["deviation"].to_numpy(), rows["std"].to_numpy())
+        by_machine = pd.DataFrame(likely).groupby(rows["machine"].to_numpy()).sum().to_numpy()
+        log = CubicSpline(np.log(RATIOS), summed(by_machine))(STEPS) - 0.5 * (STEPS / TOLERANCE_DOUBT) ** 2
         shares = np.exp(log - log.max())
         shares /= shares.sum()
         low, high = np.exp(quantiles(STEPS, shares, [0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0])).tolist()
         met = float(shares[np.log(MET) >= STEPS].sum())
         ratio = Interval(float(np.exp(shares @ STEPS)), low, high)
-        yield ToleranceInFleet(mechanism, parts, round(sums[0]), ratio, met)
+        out.append(ToleranceInFleet(mechanism, parts, len(rows), ratio, met))
+    return sorted(out, key=lambda one: (-one.ratio.value, one.mechanism, one.parts))
 
 
-def _constants(summary: Summary) -> Iterator[ConstantInFleet]:
-    for (mechanism, name), (n, x, square, noise) in summary.among("constant").items():
+def _constants(pooled: Pooled) -> Iterator[ConstantInFleet]:
+    """Yield each constant that two machines tell at least."""
+    for (mechanism, name), rows in grouped(pooled.constants, "mechanism", "name"):
+        n, x, square, noise = summed(constant_moments(rows))
         count, mean = round(n), float(x / n)
         if count < 2:
             continue
@@ -225,21 +255,3 @@ def _constants(summary: Summary) -> Iterator[ConstantInFleet]:
         half = float(student.ppf(0.5 + LEVEL / 2.0, count - 1) * np.sqrt(total / count))
         spread = float(np.sqrt(max(total - noise / n, 0.0)))
         yield ConstantInFleet(mechanism, name, count, Interval(mean, mean - half, mean + half), spread)
-
-
-def most_frequent(effects: Iterable[EffectInFleet], least: float) -> list[EffectInFleet]:
-    """Those that so many machines are expected to have at least."""
-    return [one for one in effects if one.frequency.value * one.machines >= least]
-
-
-__all__ = [
-    "ConstantInFleet",
-    "EffectInFleet",
-    "FleetStatistics",
-    "Interval",
-    "ToleranceInFleet",
-    "log_normal",
-    "most_frequent",
-    "statistics",
-    "trees",
-]

@@ -1,95 +1,83 @@
-"""The table of a fleet, ``fleet.csv``: a row a machine."""
+"""The table of a fleet, ``fleet.csv``, and what a run says as data: all that fleet.json and the page are written from."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
 
-from truepose.files import atomic_file
-from truepose.identification.leaves.fleet.changes import findings_text
+from truepose.identification.leaves.fleet.changes import Changes
 from truepose.identification.leaves.fleet.odd import Oddness
 from truepose.identification.leaves.fleet.record import Record
+from truepose.identification.leaves.fleet.statistics import FleetStatistics
+
+SHOWN = 500
+"""Rows that a page shows; the table has all. A browser sorts so many without delay."""
+COLUMNS = [
+    "name", "status", "why", "machine", "check", "verdict", "concealed", "chi2_before", "chi2_after", "reading",
+    "rms_before", "rms_after", "unit", "held_out", "ratio", "noise", "findings", "remainder", "odd", "oddness",
+    "odd_because",
+]  # fmt: skip
+"""machine: the name in its file; reading: the kind that rms is of (the first of its sensor), in ``unit``; held_out: whether on
+rows that were not fitted; ratio: of rms after over before on rows held out in turn; noise: in stated sigmas; remainder: the
+driver of what is left; oddness: minus log10 of how probable anything as unusual is in this fleet."""
 
 
 @dataclass(frozen=True)
-class Row:
-    """A machine in the table.
+class Fleet:
+    """The whole outcome.
 
-    machine: the name in its file; reading: the kind that rms is of (the first of its sensor), in ``unit``; held_out: whether on
-    rows that were not fitted; ratio: of rms after over before on rows held out in turn; noise: in stated sigmas; remainder:
-    the driver of what is left; oddness: minus log10 of how probable anything as unusual is in this fleet.
+    name: of its folder; table: a row a machine, None where a cell is empty; changes: since the last run that ended, None for
+    the first; brief: machines have no reports of their own.
     """
 
     name: str
-    status: str
-    why: str = ""
-    machine: str = ""
-    check: str = ""
-    verdict: str = ""
-    concealed: bool | None = None
-    chi2_before: float | None = None
-    chi2_after: float | None = None
-    reading: str = ""
-    rms_before: float | None = None
-    rms_after: float | None = None
-    unit: str = ""
-    held_out: bool | None = None
-    ratio: float | None = None
-    noise: float | None = None
-    findings: str = ""
-    remainder: str = ""
-    odd: bool | None = None
-    oddness: float | None = None
-    odd_because: str = ""
+    table: pd.DataFrame
+    statistics: FleetStatistics
+    changes: Changes | None
+    brief: bool = False
 
-    def with_oddness(self, odd: Oddness) -> Row:
-        """With how unlike its fleet the machine is."""
-        because = "; ".join(reason.text for reason in odd.reasons)
-        return replace(self, odd=odd.odd, oddness=round(odd.score, 3), odd_because=because)
+    @property
+    def diagnosed(self) -> int:
+        """Machines with a diagnosis."""
+        return int(self.table["status"].isin(["done", "refused"]).sum())
 
+    @property
+    def odd(self) -> pd.DataFrame:
+        """Odd machines, the oddest first."""
+        odd = self.table[self.table["odd"].eq(True)]
+        return odd.assign(score=-odd["oddness"].astype(float)).sort_values(["score", "name"])
 
-def row(record: Record) -> Row:
-    """The row of a record, of whose oddness nothing is known yet."""
-    if not record.diagnosed:
-        return Row(record.name, record.status, record.why)
-    told = record.figures
-    every: Mapping[str, Mapping[str, Any]] = told["rms"]
-    kind = next(iter(every), "")
-    rms = every.get(kind, {})
-    return Row(
-        record.name,
-        record.status,
-        record.why,
-        machine=told["machine"],
-        check=told["check"],
-        verdict=told["verdict"],
-        concealed=told["concealed"],
-        chi2_before=told["chi2"][0],
-        chi2_after=told["chi2"][1],
-        reading=kind,
-        rms_before=rms.get("before"),
-        rms_after=rms.get("after"),
-        unit=rms.get("unit", ""),
-        held_out=rms.get("held_out"),
-        ratio=told["ratio"],
-        noise=told["noise"],
-        findings=findings_text(record),
-        remainder=told["remainder"] or "",
-    )
+    @property
+    def undone(self) -> pd.DataFrame:
+        """Machines without a diagnosis."""
+        return self.table[~self.table["status"].isin(["done", "refused"])]
+
+    def count(self, column: str) -> dict[str, int]:
+        """Return how many machines there are of each status or verdict, by name."""
+        counts = self.table[column].value_counts()
+        return {str(name): int(count) for name, count in sorted(counts.items())}
 
 
-def table(rows: Iterable[Row]) -> pd.DataFrame:
-    """One row a machine; cells of a machine without a diagnosis are empty."""
-    return pd.DataFrame([vars(one) for one in rows], columns=[field.name for field in fields(Row)])
+def counts(record: Record) -> bool:
+    """Whether statistics have a machine: one that is no calibration would say of parts what is not so."""
+    return record.status == "done"
 
 
-def write_rows(path: Path, groups: Iterable[Sequence[Row]]) -> None:
-    """The table as CSV, whole or not at all; only a group of rows is held in memory."""
-    with atomic_file(path) as unfinished, unfinished.open("w", encoding="utf-8", newline="") as stream:
-        table(()).to_csv(stream, index=False, lineterminator="\n")
-        for rows in groups:
-            table(rows).to_csv(stream, index=False, lineterminator="\n", header=False)
+def fleet_table(records: Sequence[Record], odd: Sequence[Oddness]) -> pd.DataFrame:
+    """Return a row a machine; ``odd``: of those that count, in their order."""
+    left = iter(odd)
+    rows = [
+        {"name": one.name, "status": one.status, "why": one.why, **one.figures}
+        | (_oddness(next(left)) if counts(one) else {})
+        for one in records
+    ]
+    table = pd.DataFrame(rows, columns=COLUMNS, dtype=object)
+    return table.where(table.notna(), None)
+
+
+def _oddness(one: Oddness) -> dict[str, Any]:
+    because = "; ".join(reason.text for reason in one.reasons)
+    return {"odd": one.odd, "oddness": round(one.score, 3), "odd_because": because}

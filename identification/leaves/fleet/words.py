@@ -5,15 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict
 
-from truepose.identification.leaves.fleet.changes import Change, Changes, Moved
-from truepose.identification.leaves.fleet.result import Fleet
-from truepose.identification.leaves.fleet.statistics import (
-    ConstantInFleet,
-    EffectInFleet,
-    Interval,
-    ToleranceInFleet,
-)
-from truepose.identification.leaves.fleet.table import Row
+from truepose.identification.leaves.fleet.changes import Changes
+from truepose.identification.leaves.fleet.statistics import EffectInFleet, Interval, ToleranceInFleet
+from truepose.identification.leaves.fleet.table import SHOWN, Fleet
 from truepose.identification.report.json_text import Json
 from truepose.identification.report.naming import title
 from truepose.identification.report.numbers import percent, significant, unit_symbol
@@ -28,51 +22,41 @@ _STATUSES: Mapping[str, str] = {
     "refused": "diagnosed, but no calibration",
     "wrong": "whose files do not belong together",
     "failed": "that could not be worked with",
-    "broken": "stopped by a fault or a limit (tried again next time)",
+    "broken": "stopped by a fault (tried again next time)",
 }
 
 
 def fleet_json(fleet: Fleet) -> Json:
     """The content of ``fleet.json``; the machines themselves are in ``fleet.csv``."""
-    told = fleet.statistics
+    told, statuses = fleet.statistics, fleet.count("status")
+    odd = fleet.odd.head(SHOWN)[["name", "oddness", "odd_because"]]
+    undone = fleet.undone.head(SHOWN)[["name", "status", "why"]]
     return {
         "schema": SCHEMA,
         "fleet": fleet.name,
-        "machines": fleet.machines,
-        "statuses": {name: fleet.statuses[name] for name in _STATUSES if name in fleet.statuses},
-        "verdicts": dict(sorted(fleet.verdicts.items())),
-        "effects": [_effect_json(one) for one in told.anywhere],
-        "places": [_effect_json(one) for one in told.places],
+        "machines": len(fleet.table),
+        "statuses": {name: statuses[name] for name in _STATUSES if name in statuses},
+        "verdicts": fleet.count("verdict"),
+        "effects": [asdict(one) for one in told.anywhere],
+        "places": [asdict(one) for one in told.places],
         "tolerances": [asdict(one) for one in told.tolerances],
         "constants": [asdict(one) for one in told.constants],
-        "odd": [_odd_json(one) for one in fleet.unusual],
-        "undone": [{"name": r.name, "status": r.status, "why": r.why} for r in fleet.undone],
-        "changes": fleet.changes and _changes_json(fleet.changes),
+        "odd": odd.rename(columns={"odd_because": "because"}).to_dict("records"),
+        "undone": undone.to_dict("records"),
+        "changes": fleet.changes and asdict(fleet.changes),
     }
-
-
-def _effect_json(one: EffectInFleet) -> Json:
-    return {**asdict(one), "place": list(one.place)}
-
-
-def _odd_json(one: Row) -> Json:
-    return {"name": one.name, "oddness": one.oddness, "because": one.odd_because}
-
-
-def _changes_json(changes: Changes) -> Json:
-    return {**asdict(changes), "limit": changes.limit}
 
 
 def headline(fleet: Fleet) -> str:
     """The result in one sentence."""
+    machines, verdicts = len(fleet.table), fleet.count("verdict")
     if not fleet.diagnosed:
-        return f"None of {fleet.machines} machines could be diagnosed."
-    missing = fleet.verdicts.get("missing-physics", 0)
-    unknown = fleet.verdicts.get("unknown", 0)
+        return f"None of {machines} machines could be diagnosed."
+    missing, unknown = verdicts.get("missing-physics", 0), verdicts.get("unknown", 0)
     parts = [f"physics is missing in {missing}"] if missing else []
     parts += [f"something unknown in {unknown}"] if unknown else []
     said = joined(parts) if parts else "the model is adequate in all"
-    return f"{fleet.diagnosed} of {fleet.machines} machines diagnosed: {said}."
+    return f"{fleet.diagnosed} of {machines} machines diagnosed: {said}."
 
 
 def effect_sentence(one: EffectInFleet) -> str:
@@ -100,11 +84,6 @@ def percent_range(interval: Interval) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def off_drawing(fleet: Fleet) -> list[ConstantInFleet]:
-    """Constants whose mean over the fleet is surely not the drawing's."""
-    return [one for one in fleet.statistics.constants if one.mean.low > 0.0 or one.mean.high < 0.0]
-
-
 def tolerance_sentence(one: ToleranceInFleet) -> str:
     """Whether a class of parts is built as its tolerances say."""
     if one.met >= MET:
@@ -118,7 +97,8 @@ def tolerance_sentence(one: ToleranceInFleet) -> str:
 
 def status_sentences(fleet: Fleet) -> list[str]:
     """Machines that are no plain success, by what became of them."""
-    counts = [(fleet.statuses.get(name, 0), words) for name, words in _STATUSES.items() if name != "done"]
+    statuses = fleet.count("status")
+    counts = [(statuses.get(name, 0), words) for name, words in _STATUSES.items() if name != "done"]
     return [f"{count} {'machine' if count == 1 else 'machines'} {words}." for count, words in counts if count]
 
 
@@ -143,34 +123,6 @@ def change_sentences(changes: Changes | None) -> list[str]:
     return [*out, f"{moved}: {shortened(names, NAMED)}."] if names else out
 
 
-def moved_words(one: Moved) -> tuple[str, str, str, str]:
-    """Machine, parameter, change (mm or rad) and how many times its 1-sigma."""
-    return one.machine, one.parameter, significant(one.change), significant(one.sigma)
-
-
-def said_words(one: Change) -> tuple[str, str, str, str]:
-    """Machine, what is said otherwise, before and after."""
-    return one.machine, one.what, one.before or "-", one.after or "-"
-
-
 def often(one: EffectInFleet) -> bool:
     """Whether an effect is there in a machine, rather than not: surely, or likelier than was expected of it."""
     return one.frequency.low * one.machines >= 0.5 or (one.found >= 0.5 and one.frequency.value > one.usual)
-
-
-__all__ = [
-    "MET",
-    "UNMET",
-    "change_sentences",
-    "effect_sentence",
-    "fleet_json",
-    "headline",
-    "moved_words",
-    "off_drawing",
-    "often",
-    "percent_range",
-    "said_words",
-    "size_words",
-    "status_sentences",
-    "tolerance_sentence",
-]

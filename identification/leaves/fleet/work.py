@@ -1,55 +1,52 @@
 """One machine of a fleet: checked, calibrated, diagnosed, and written down with its record, or with the reason why not.
 
-``done`` runs in whatever process the fleet has for it. Nothing that it writes depends on which one, or on where the fleet's
-folder lies: files are told as seen from there.
+``work_on`` runs in whatever process the fleet has for it, in the fleet's folder: files are told as seen from there, so that
+nothing depends on where it lies.
 """
 
 from __future__ import annotations
 
 import contextlib
-import html
+import os
 import threading
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from truepose.errors import TrueposeError
-from truepose.files import atomic_directory, atomic_write_text, mixed_files
+from truepose.errors import InputError, TrueposeError
+from truepose.files import atomic_directory, mixed_files
 from truepose.identification.leaves.fleet.folder import Member
-from truepose.identification.leaves.fleet.limit import OverdueError, within
-from truepose.identification.leaves.fleet.record import RECORD, Record, Status, figures_of, parameters_of
+from truepose.identification.leaves.fleet.record import (
+    Record,
+    Status,
+    figures_of,
+    parameters_of,
+    read_records,
+    write_records,
+)
 from truepose.models.load import DIAGNOSIS
 from truepose.models.registry import load_plugin
 from truepose.threads import one_thread
 
-if TYPE_CHECKING:
-    from truepose.identification.diagnosis.result import Diagnosis
-    from truepose.identification.fit.calibrate import Calibration
-    from truepose.identification.learned_prior import LearnedPrior
-    from truepose.identification.load import Caution
-    from truepose.identification.recording.recording import Recording
-    from truepose.models.machine.machine import Machine
-
+RECORD = "record.json"
+Write = Callable[[Path], object]
+"""What writes results into a folder."""
 RESULTS = ("calibrated.yaml", "fit.json", DIAGNOSIS, "improved.yaml", "report.html")
 """What is written for a machine beside its record."""
 _one_at_a_time = threading.Lock()
 """Workers of Dask may have several threads: a process takes one machine at a time all the same."""
+_load_once = cache(load_plugin)
 
 
 @dataclass(frozen=True)
 class Options:
-    """How every machine is worked with.
-
-    limit: minutes for each, None for as long as it takes; prior: what another fleet has taught; both paths absolute.
-    """
+    """How every machine is worked with; paths absolute. prior: what another fleet has taught."""
 
     anyway: bool = False
     shuffled: bool = False
     brief: bool = False
     plugins: tuple[Path, ...] = ()
-    limit: float | None = None
     prior: Path | None = None
 
 
@@ -64,130 +61,78 @@ class Task:
     options: Options
 
     def record(self, status: Status, why: str = "") -> Record:
-        """The record of a machine without a diagnosis."""
-        return Record(self.member.name, self.key, status, self.told(" ".join(why.split())))
+        """Return the record of a machine without a diagnosis."""
+        return Record(name=self.member.name, key=self.key, status=status, why=" ".join(why.split()))
 
-    def told(self, text: str) -> str:
-        """A text with files as seen from the fleet's folder."""
-        before = f"{self.folder}/"
-        return text.replace(before, "").replace(html.escape(before), "")
-
-
-@dataclass(frozen=True)
-class _Result:
-    caution: Caution
-    calibration: Calibration
-    diagnosis: Diagnosis
+    def kept(self) -> Record | None:
+        """Return the record of an earlier run, if the same files would give the same again and its results are whole."""
+        held = read_records(self.output / RECORD).get(self.member.name)
+        if held is None or held.key != self.key or held.status == "broken":
+            return None
+        return None if mixed_files(self.output / DIAGNOSIS) else held
 
 
-def done(task: Task) -> Record:
-    """The record of a machine, whose results are in its folder then.
+def work_on(task: Task) -> Record:
+    """Return the record of a machine, whose results are in its folder then: the record last, older ones removed before.
 
     Raises InputError where they cannot be written, and nothing else.
     """
-    held = Record.read(task.output)
-    if held is not None and held.key == task.key and held.final and not mixed_files(task.output / DIAGNOSIS):
-        return (
-            held  # of a run that was killed before it could note it, or of a worker that was lost afterwards
-        )
-    found = task.record("failed", task.member.why) if task.member.why else _tried(task)
-    record = found if isinstance(found, Record) else _record(task, found)
-    _write(task, record, None if isinstance(found, Record) else found)
+    with atomic_directory(task.output, last=RECORD) as partial:
+        with _one_at_a_time, one_thread(), contextlib.chdir(task.folder):
+            record, write = _tried(task)
+            write(partial)
+        write_records(partial / RECORD, [record])
+        for name in (RECORD, *RESULTS):
+            with contextlib.suppress(OSError):
+                (task.output / name).unlink()
     return record
 
 
-def _tried(task: Task) -> _Result | Record:
-    """What came out, or why nothing did."""
+def _tried(task: Task) -> tuple[Record, Write]:
+    """Return what came out, and what writes its files; or why nothing did."""
     try:
-        with _one_at_a_time, one_thread(), within(task.options.limit):
-            return _worked_out(task)
+        if task.member.why:
+            raise InputError(task.member.why)
+        return _worked_out(task)
     except TrueposeError as exc:
-        return task.record("failed", str(exc))
-    except OverdueError:
-        return task.record("broken", f"took longer than {task.options.limit:g} min")
+        return task.record("failed", str(exc)), _write_nothing
     except Exception as exc:  # a fault of the program on one machine must not stop the others: its row tells
-        return task.record("broken", f"unexpected {type(exc).__name__}: {exc}")
+        return task.record("broken", f"unexpected {type(exc).__name__}: {exc}"), _write_nothing
 
 
-def _worked_out(task: Task) -> _Result | Record:
+def _write_nothing(_: Path) -> None:
+    """Leave a machine's folder with its record alone."""
+
+
+def _worked_out(task: Task) -> tuple[Record, Write]:
     from truepose.identification.diagnosis.diagnose import diagnose
     from truepose.identification.fit.calibrate import calibrate
+    from truepose.identification.learned_prior import read_prior
+    from truepose.identification.leaves.fleet.evidence import kept
     from truepose.identification.leaves.fleet.place_evidence import evidence
     from truepose.identification.load import load_checked
-
-    for plugin in task.options.plugins:
-        _load(plugin)
-    member, options = task.member, task.options
-    assert member.machine is not None
-    caution, machine, rows = load_checked(member.machine, member.recordings, shuffled=options.shuffled)
-    if machine is None or rows is None or (caution.refusal and not options.anyway):
-        return task.record("wrong", caution.refusal)
-    machine, rows = _seen_from(task, machine, rows)
-    learned = None if options.prior is None else _prior(options.prior)
-    diagnosis = diagnose(machine, rows, prior=learned, examine=evidence)
-    return _Result(_told_caution(task, caution), calibrate(machine, rows), diagnosis)
-
-
-@cache
-def _load(plugin: Path) -> None:
-    """Once in a process."""
-    load_plugin(plugin)
-
-
-@cache
-def _prior(file: Path) -> LearnedPrior:
-    """Read once in a process."""
-    from truepose.identification.learned_prior import read_prior
-
-    return read_prior(file)
-
-
-def _seen_from(task: Task, machine: Machine, rows: Recording) -> tuple[Machine, Recording]:
-    """Both with files as seen from the fleet's folder."""
-    told = task.told
-    if machine.file is not None:
-        path = Path(told(str(machine.file.path)))
-        machine = replace(
-            machine, file=replace(machine.file, path=path), notes=tuple(map(told, machine.notes))
-        )
-    return machine, replace(rows, files=tuple(map(told, rows.files)), notes=tuple(map(told, rows.notes)))
-
-
-def _told_caution(task: Task, caution: Caution) -> Caution:
-    document = {name: _told(task, value) for name, value in caution.document.items()}
-    return replace(caution, sentences=tuple(map(task.told, caution.sentences)), document=document)
-
-
-def _told(task: Task, value: object) -> object:
-    if isinstance(value, Mapping):
-        return {name: _told(task, one) for name, one in value.items()}
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return [_told(task, one) for one in value]
-    return task.told(value) if isinstance(value, str) else value
-
-
-def _record(task: Task, result: _Result) -> Record:
-    from truepose.identification.leaves.fleet.evidence import kept
+    from truepose.identification.report.files import put_both
     from truepose.identification.report.json_text import finite
     from truepose.identification.report.results import diagnosis_json, diagnosis_judgement
 
-    document, judgement = diagnosis_json(result.diagnosis), diagnosis_judgement(result.diagnosis)
-    return replace(
-        task.record("done" if judgement.calibrated else "refused", "; ".join(judgement.why)),
-        figures=figures_of(document, result.caution.verdict),
+    options = task.options
+    for plugin in options.plugins:
+        _load_once(plugin)
+    machine_file, *recordings = (Path(os.path.relpath(path)) for path in task.member.inputs)
+    caution, machine, rows = load_checked(machine_file, recordings, shuffled=options.shuffled)
+    if machine is None or rows is None or (caution.refusal and not options.anyway):
+        return task.record("wrong", caution.refusal), _write_nothing
+    learned = None if options.prior is None else read_prior(options.prior)
+    diagnosis = diagnose(machine, rows, prior=learned, examine=evidence)
+    calibration = calibrate(machine, rows)
+    document, judgement = diagnosis_json(diagnosis), diagnosis_judgement(diagnosis)
+    record = Record(
+        name=task.member.name,
+        key=task.key,
+        status="done" if judgement.calibrated else "refused",
+        why="; ".join(judgement.why),
+        figures=figures_of(document, caution.verdict),
         parameters=parameters_of(document),
-        evidence=finite(kept(result.diagnosis)),
+        evidence=finite(kept(diagnosis)),
     )
-
-
-def _write(task: Task, record: Record, result: _Result | None) -> None:
-    """Write results, and the record last: where it is, they are whole. Remove older ones before."""
-    from truepose.identification.report.files import put_both
-
-    for name in (RECORD, *RESULTS):
-        with contextlib.suppress(OSError):
-            (task.output / name).unlink()
-    with atomic_directory(task.output, last=RECORD) as partial:
-        if result is not None:
-            put_both(result.calibration, result.diagnosis, result.caution, partial, brief=task.options.brief)
-        atomic_write_text(partial / RECORD, record.text() + "\n")
+    return record, lambda folder: put_both(calibration, diagnosis, caution, folder, brief=options.brief)

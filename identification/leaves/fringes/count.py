@@ -31,9 +31,8 @@ from truepose.identification.leaves.fringes.levels import (
     fitted_levels,
     noise_of,
     rough_levels,
-    tracked_levels,
 )
-from truepose.identification.leaves.fringes.turns import DECISIVE, Held, Verdict, Visit, judge
+from truepose.identification.leaves.fringes.turns import DECISIVE, Held, Light, Verdict, judge
 from truepose.models.sensors.irradiance import Reflectivities, coupling, folded_phase, fringe, phase_noise
 
 # -- Which excursions passed the end of their fringe: most at a glance, all at once; the others one by one
@@ -45,6 +44,8 @@ _LEVEL = 0.01  # of a fringe
 _LATE = 0.015  # of an excursion's duration
 _CROSSING = 0.05  # of an excursion's samples tell when it began
 _REST = 0.03  # rad: a polynomial follows the beginning of a motion so well
+_POINTS = 160  # groups of samples that a judgement takes
+_FLOOR = 0.0015  # of a fringe: motions are not polynomials
 _AROUND = 2  # excursions on either side of one that is judged
 _SLACK = 0.001  # of a fringe: levels may differ so much from place to place
 
@@ -74,7 +75,7 @@ def normalised(t: Array, signal: Array, levels: Levels, noise: Noise, g: float, 
 
 
 def passages(series: Series, *, everyone: bool = False) -> tuple[Array, list[tuple[int, Verdict]]] | None:
-    """(K + 1,) how sure each excursion passed (positive) or turned (negative), and the verdicts so far made.
+    """Return (K + 1,) how sure each excursion passed (positive) or turned (negative), and the verdicts so far made.
 
     The measure is chi2 of turning less chi2 of passing, infinite where the passage is plain. None when too many
     excursions would need judging; ``everyone`` is judged on request.
@@ -86,13 +87,14 @@ def passages(series: Series, *, everyone: bool = False) -> tuple[Array, list[tup
     doubtful = np.flatnonzero(~(even & in_time(series, even)) | everyone)
     if len(doubtful) > MOST_JUDGED:
         return None
-    verdicts = [(int(k), judge(visit_of(series, int(k), even))) for k in doubtful]
+    verdicts = [(int(k), judge(light_of(series, int(k), even))) for k in doubtful]
     for k, verdict in verdicts:
         out[k] = verdict.odds
     return out, verdicts
 
 
-def visit_of(series: Series, k: int, even: Mask) -> Visit:
+def light_of(series: Series, k: int, even: Mask) -> Light:
+    """Return the samples around excursion k, and where they lie from the end of the fringe that it visits."""
     found, last = series.found, len(series.found) - 1
     rows, high = window_of(series, k, even), bool(found.high[k])
     edges = (
@@ -100,15 +102,22 @@ def visit_of(series: Series, k: int, even: Mask) -> Visit:
         held_rest(series, series.rests[1], high) if k == last else None,
     )
     t = series.t[rows]
-    which = np.searchsorted(found.times, t, side="right")
+    groups = np.linspace(0, len(t), min(_POINTS, len(t)) + 1).astype(int)
+    sizes = np.diff(groups)
+    time, mean = (np.add.reduceat(values, groups[:-1]) / sizes for values in (t, series.v[rows]))
+    sigma = np.sqrt(series.noise.sigma**2 / sizes + series.noise.stuck**2 + _FLOOR**2)
+    # half fringes to the end that is next to each group's middle, and the phase from there
+    at = t[groups[:-1] + sizes // 2]
+    which = np.searchsorted(found.times, at, side="right")
     bounds = np.concatenate([[-np.inf], found.times, [np.inf]])
     with np.errstate(invalid="ignore"):
         middle = 0.5 * (bounds[which] + bounds[which + 1])
-    beyond = np.where(which == k, True, (t > middle) == (which > k))
-    kind = found.high[which]
-    return Visit(
-        t, series.v[rows], series.noise, high, series.g, series.slack, np.abs(which - k), beyond, kind, edges
-    )
+    beyond = (which == k) | ((at > middle) == (which > k))
+    phase = folded_phase(mean, series.g)
+    local = np.where(found.high[which], np.pi - phase, phase)
+    distance = np.pi * np.abs(which - k) + np.where(beyond, local, -local)
+    u = 2.0 * (time - t[0]) / max(float(t[-1] - t[0]), 1e-300) - 1.0
+    return Light(u, mean, sigma, distance, high, series.g, series.slack, edges)
 
 
 def held_rest(series: Series, rest: Rest, high: bool) -> Held:
@@ -213,8 +222,7 @@ def _half(found: Excursions, crossing: int, k: int, sign: float, own: float) -> 
 _WEAK = 0.06  # noise of a sample, in fringes, beyond which nothing is read
 _ROUGH = (0.05, 0.02)  # of a fringe: 1-sigma of levels from the range of the signal, and corrected once
 _FEW = 0.001  # of a fringe: levels from few passages are no better
-_TRACKED = 24  # excursions from which on levels that drift are followed
-_TRACKED_BY, _AGAIN = 0.1, 0.05  # of a fringe: changes of levels after which crossings are sought again
+_AGAIN = 0.05  # of a fringe: changes of levels after which crossings are sought again
 _NEAR = 0.4  # rad: nearer to the end of a fringe, the side of it is an error and no miscount
 
 
@@ -308,11 +316,6 @@ def own_levels(t: Array, signal: Array, rough: Levels, g: float, noise: Noise) -
     """Levels that a series of times and samples (n,) itself shows; None when it spans too few fringes."""
     levels = rough
     found = find_excursions(t, levels.normalise(t, signal), noise.sigma / levels.size, g)
-    if len(found) > _TRACKED:
-        tracked = tracked_levels(signal, levels, found)
-        if tracked.differs(levels, _TRACKED_BY):
-            levels = tracked
-            found = find_excursions(t, levels.normalise(t, signal), noise.sigma / levels.size, g)
     for _ in range(2):
         fitted = fitted_levels(t, signal, found, g, noise.sigma, levels.size)
         if fitted is None:

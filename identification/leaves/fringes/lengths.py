@@ -47,11 +47,9 @@ def miscounted(
     assert rows.from_row is not None
     length, variance, root = _lengths(rows, change, sigma, read)
     label, bad, notes = rows.replicates(), np.zeros(len(rows), dtype=bool), []
-    order = rows.order
     first: dict[tuple[int, int], int] = {}
-    for row in order.tolist():
-        place = int(label[row]), int(root[row])
-        before = first.setdefault(place, row)
+    for row in rows.order.tolist():
+        before = first.setdefault((int(label[row]), int(root[row])), row)
         if before == row:
             continue
         gap = float(length[row] - length[before])
@@ -158,41 +156,31 @@ def read_samples(path: Path | str, units: UnitSystem) -> SampleTable:
 def _series(
     table: Table, pose: NDArray[np.int64], values: Mapping[str, Array]
 ) -> dict[int, tuple[Series, ...]]:
-    """Unbroken runs of rows of one pose, by pose."""
-    bounds = np.concatenate([[0], np.flatnonzero(pose[1:] != pose[:-1]) + 1, [len(pose)]])
-    back = np.flatnonzero(np.diff(values["t"]) <= 0.0) + 1
-    back = back[~np.isin(back, bounds)]
-    if len(back):
-        row = int(back[0])
+    """Return unbroken runs of rows of one pose, by pose."""
+    new = np.append(True, pose[1:] != pose[:-1])
+    time, sign = values["t"], values.get("sign", np.zeros(len(pose)))
+    for row in (np.flatnonzero(~new[1:] & (np.diff(time) <= 0.0)) + 1).tolist():
         raise InputError(
-            f"{table.where('t', row)}: found {values['t'][row]:.9g} s after {values['t'][row - 1]:.9g} s in "
-            f"pose {pose[row]}, expected times that increase within a pose"
+            f"{table.where('t', row)}: found {time[row]:.9g} s after {time[row - 1]:.9g} s in pose {pose[row]}, expected "
+            "times that increase within a pose"
         )
-    out: dict[int, list[Series]] = {}
-    for first, last in itertools.pairwise(bounds.tolist()):
-        out.setdefault(int(pose[first]), []).append(_one(table, first, last, values))
-    return {number: tuple(found) for number, found in out.items()}
-
-
-def _one(table: Table, first: int, last: int, values: Mapping[str, Array]) -> Series:
-    rows = slice(first, last)
-    sign = None
-    if "sign" in values:
-        signs = values["sign"][rows]
-        other = np.flatnonzero(signs != signs[0])
-        if len(other):
-            row = first + int(other[0])
+    for row in (np.flatnonzero(~new[1:] & (np.diff(sign) != 0.0)) + 1).tolist():
+        raise InputError(
+            f"{table.where('sign', row)}: found {sign[row]:g} after {sign[row - 1]:g}, expected one sign in all rows of a "
+            "series"
+        )
+    out: dict[int, tuple[Series, ...]] = {}
+    for first, last in itertools.pairwise([*np.flatnonzero(new).tolist(), len(pose)]):
+        if last - first < _FEWEST:
             raise InputError(
-                f"{table.where('sign', row)}: found {values['sign'][row]:g} after {signs[0]:g}, expected one "
-                "sign in all rows of a series"
+                f"{table.where('I', first)}: found {last - first} samples in the series, expected at least {_FEWEST}"
             )
-        sign = int(signs[0]) or None
-    if last - first < _FEWEST:
-        raise InputError(
-            f"{table.where('I', first)}: found {last - first} samples in the series, expected at least {_FEWEST}"
+        wavelength = values["wavelength"][first:last] if "wavelength" in values else None
+        one = Series(
+            first + 1, time[first:last], values["I"][first:last], wavelength, int(sign[first]) or None
         )
-    wavelength = values["wavelength"][rows] if "wavelength" in values else None
-    return Series(first + 1, values["t"][rows], values["I"][rows], wavelength, sign)
+        out[int(pose[first])] = (*out.get(int(pose[first]), ()), one)
+    return out
 
 
 # -- Photocurrents of a recording's moves as its column ``dL``: counted, signed, checked, or left out with a note
@@ -200,37 +188,6 @@ def _one(table: Table, first: int, last: int, values: Mapping[str, Array]) -> Se
 _ODDS = 4.6  # log of the odds (99 to 1) from which on the model's sign is taken
 _COARSE = 3.0  # times the sensor's sigma: changes known less well are left out
 _SHOWN = 12
-
-
-@dataclass(frozen=True)
-class ReadLengths:
-    """``dL`` (n,) in mm with its 1-sigma; ``left_out`` (n,): rows that carry no reading; what there is to say."""
-
-    change: Array
-    sigma: Array
-    left_out: Mask
-    notes: tuple[str, ...]
-
-
-def read_fringes(
-    machine: Machine,
-    rows: Recording,
-    tables: dict[int, Path],
-    progress: Callable[[str], None] | None = None,
-) -> ReadLengths:
-    """ReadLengths of the rows whose source file (an index into ``rows.files``) has a table of samples.
-
-    The sign comes from the table's column ``sign``, from scans of the wavelength, or from the machine's nominal
-    constants where they leave little doubt. Rows of other files are 0 and not left out. Raises InputError naming
-    file, row and pose where samples are missing or are no series.
-    """
-    sensor = sensor_of(machine)
-    units = machine.units
-    work = Readings(machine, sensor, rows)
-    for index, path in tables.items():
-        work.read(index, read_samples(path, units), progress or (lambda _: None))
-    work.close()
-    return ReadLengths(work.change, work.sigma, work.left_out, tuple(work.notes))
 
 
 def sensor_of(machine: Machine) -> Irradiance:
@@ -244,7 +201,7 @@ def sensor_of(machine: Machine) -> Irradiance:
 
 
 class Readings:
-    """ReadLengths as they come in: change and its 1-sigma (n,) in mm, rows that are left out (n,), notes."""
+    """Changes of length as they come in: ``change`` and its 1-sigma (n,) in mm, rows ``left_out`` (n,), notes."""
 
     def __init__(self, machine: Machine, sensor: Irradiance, rows: Recording) -> None:
         self.machine, self.sensor, self.rows = machine, sensor, rows
@@ -253,7 +210,11 @@ class Readings:
         self.notes: list[str] = []
 
     def read(self, index: int, table: SampleTable, progress: Callable[[str], None]) -> None:
-        """All moves of one file."""
+        """Read all moves of one file.
+
+        The sign comes from the table's column ``sign``, from scans of the wavelength, or from the machine's nominal constants
+        where they leave little doubt. Raises InputError naming file, row and pose where samples are missing or are no series.
+        """
         series = paired_series(self.rows, index, table)
         self.notes += table.notes
         moves: dict[int, Move] = {}
@@ -267,10 +228,10 @@ class Readings:
                     moves[row] = self._move(series[row], shared)
         by_model = [row for row, move in moves.items() if self.take(row, series[row], move)]
         if by_model:
-            which = listed_rows([self.rows.source_row[row] for row in by_model])
+            numbers = shortened([str(self.rows.source_row[row]) for row in by_model], _SHOWN)
             self.notes.append(
-                f"{self.rows.files[index]}: the sign of dL in {which} is that of the nominal machine: {table.file} "
-                "has no scan of the wavelength there that tells"
+                f"{self.rows.files[index]}: the sign of dL in row{'s' * (len(by_model) > 1)} {numbers} is that of the nominal "
+                f"machine: {table.file} has no scan of the wavelength there that tells"
             )
 
     def close(self) -> None:
@@ -287,12 +248,11 @@ class Readings:
 
     def take(self, row: int, one: Series, move: Move) -> bool:
         """Keep a move as a reading, or leave it out with a note; whether the model gave the sign."""
-        where = f"{self.rows.where(row)}"
         why = [fault.value for fault in move.faults]
         coarse = _COARSE * self.sensor.sigma
         if not why and 0.0 < coarse < move.sigma:
             why.append(
-                f"dL is known to {1e6 * move.sigma:.1f} nm only, and sigma is {coarse / _COARSE * 1e6:.3g} nm"
+                f"dL is known to {1e6 * move.sigma:.1f} nm only, and sigma is {self.sensor.sigma * 1e6:.3g} nm"
             )
         sign, by_model = (0.0, False) if why else self.sign_of(row, one, move)
         if not why and sign == 0.0:
@@ -303,7 +263,7 @@ class Readings:
         self.change[row] = sign * abs(move.change)
         self.sigma[row] = max(move.sigma, 1e-12)
         for reason in why:
-            self.notes.append(f"{where}: left out (samples from row {one.row} on): {reason}")
+            self.notes.append(f"{self.rows.where(row)}: left out (samples from row {one.row} on): {reason}")
         return by_model and not why
 
     def sign_of(self, row: int, one: Series, move: Move) -> tuple[float, bool]:
@@ -361,23 +321,15 @@ def shared_levels(moves: Sequence[Move]) -> Levels | None:
     good = [move.count.levels for move in moves if not move.faults]
     if not good:
         return None
-    low, high = (
-        np.array([levels.low.mean() for levels in good]),
-        np.array([levels.high.mean() for levels in good]),
-    )
+    low, high = np.array([(levels.low.mean(), levels.high.mean()) for levels in good]).T
     size = float(np.median(high - low))
     spread = max(float(np.median(np.abs(end - np.median(end)))) for end in (low, high))
     sigma = max(1.4826 * spread / size, 0.001 if len(good) > 1 else 0.01)
     return Levels(np.zeros(1), np.array([np.median(low)]), np.array([np.median(high)]), sigma)
 
 
-def listed_rows(numbers: Sequence[int]) -> str:
-    """The first of some rows in words, and how many more there are."""
-    return f"row{'s' if len(numbers) > 1 else ''} {shortened([str(number) for number in numbers], _SHOWN)}"
-
-
-def with_lengths(rows: Recording, found: ReadLengths) -> Recording:
-    """The recording with dL; a row that was left out refers to itself, so that it says nothing."""
+def with_lengths(rows: Recording, found: Readings) -> Recording:
+    """Return the recording with dL; a row that was left out refers to itself, so that it says nothing."""
     assert rows.from_row is not None
     origin = np.where(found.left_out, np.arange(len(rows)), rows.from_row)
     for array in (origin, found.change):

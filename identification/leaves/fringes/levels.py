@@ -26,7 +26,7 @@ from truepose.models.sensors.irradiance import fringe, fringe_slope
 
 EVEN = 10
 """Excursions passed evenly that are enough to find levels."""
-_PER_KNOT, _MOST_KNOTS, _SAMPLES, _EXCURSIONS = 12, 9, 50_000, 20_000
+_PER_KNOT, _SAMPLES, _EXCURSIONS = 12, 50_000, 20_000
 _KNOTS = (1, 2, 3, 5, 9)
 _PRICE = 30.0  # in chi2, of a knot
 _EVENNESS = (1.15, 1.3)  # factors between neighbours' rates, the first that enough excursions meet
@@ -118,23 +118,6 @@ def rough_levels(signal: Array) -> Levels:
     sparse = signal[:: max(1, len(signal) // 1_000_000)]
     low, high = np.quantile(sparse, (1e-4, 1.0 - 1e-4))
     return Levels(np.zeros(1), np.array([low]), np.array([high]))
-
-
-def tracked_levels(signal: Array, levels: Levels, found: Excursions) -> Levels:
-    """Levels that follow the ends of many excursions: for a signal (n,) whose size changes along the series."""
-    ends = extremes(signal, found)[1:-1]
-    high, middle = found.high[1:-1], 0.5 * (found.times[1:] + found.times[:-1])
-    knots = min(_MOST_KNOTS, len(middle) // _PER_KNOT)
-    if knots < 2:
-        return levels
-    at = np.linspace(middle[0], middle[-1], knots)
-    half = (at[1] - at[0]) / 2.0
-    near = [np.abs(middle - time) <= half for time in at]
-    if not all((group & high).any() and (group & ~high).any() for group in near):
-        return levels
-    low = np.array([np.median(ends[group & ~high]) for group in near])
-    top = np.array([np.median(ends[group & high]) for group in near])
-    return Levels(at, low, top) if (top > low).all() else levels
 
 
 def evenly_passed(signal: Array, found: Excursions, size: float, within: float) -> Mask:

@@ -33,7 +33,6 @@ class Move:
     change: float
     sigma: float
     signed: bool
-    wavelength: float
     count: Count
     faults: tuple[Fault, ...]
 
@@ -94,7 +93,7 @@ def levels_of(scans: list[Scan | None], t: Array) -> Levels | None:
 def signed_move(count: Count, before: Scan | None, after: Scan | None, base: float) -> Move:
     """The sign that agrees with the scans, and with it the ends as they give them."""
     unit = base / (4.0 * np.pi)
-    plain = Move(abs(count.phase) * unit, count.sigma * unit, False, base, count, count.faults)
+    plain = Move(abs(count.phase) * unit, count.sigma * unit, False, count, count.faults)
     if before is None and after is None:
         return plain
     misfits = {sign: misfits_of(count, before, after, unit, sign) for sign in (1.0, -1.0)}
@@ -107,7 +106,7 @@ def signed_move(count: Count, before: Scan | None, after: Scan | None, base: flo
     faults = tuple(fault for fault in count.faults if not (fault is Fault.SIDE and sided))
     if max(misfits[best]) > _WRONG:
         faults = (*faults, Fault.COUNT)
-    return Move(best * placed.phase * unit, placed.sigma * unit, True, base, placed, faults)
+    return Move(best * placed.phase * unit, placed.sigma * unit, True, placed, faults)
 
 
 def misfits_of(

@@ -2,10 +2,7 @@
 
 At the end of a fringe the signal turns either way. Far from the end a turning point is seen by its level;
 near it only the motion tells: a smooth motion that passes, mirrored at the end, has a kink, and so has one that
-turns when it is taken for a passage. Both are fitted and chi2 weighs them. Where no smooth motion fits, motions
-that change suddenly, once, are tried; where none of those fits either, nothing is concluded.
-
-Motions of the mirror near the end of a fringe, fitted to the light: x(t) smooth, or with one sudden change.
+turns when it is taken for a passage. Both are fitted and chi2 weighs them. If no smooth motion fits, nothing is concluded.
 
 x is the phase from the end of the fringe, rad; v = low + size * fringe(x) with low and size near 0 and 1.
 """
@@ -18,12 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from truepose.arrays import Array, Index, Mask
+from truepose.arrays import Array
 from truepose.identification.fit.leastsquares import minimise
-from truepose.identification.leaves.fringes.levels import Noise
-from truepose.models.sensors.irradiance import folded_phase, fringe, fringe_slope
+from truepose.models.sensors.irradiance import fringe, fringe_slope
 
-# -- Motions of the mirror near the end of a fringe, fitted to the light: x(t) smooth, or with one sudden change
+# -- Motions of the mirror near the end of a fringe, fitted to the light: x(t) smooth
 
 _FAR = 0.6  # rad
 _STILL = 0.1  # rad a half of the samples: speed of a mirror that rests
@@ -71,30 +67,11 @@ class Motion:
     passes: bool
 
     def level(self) -> tuple[float, float]:
-        """v at the end of the fringe, and its 1-sigma."""
+        """Return v at the end of the fringe, and its 1-sigma."""
         jacobian, share = self.problem.rows(self.a)[:, :-1], np.array([1.0, float(self.problem.light.high)])
         covariance = np.linalg.pinv(jacobian.T @ jacobian)[-2:, -2:]
         variance = float(share @ covariance @ share)
         return float(share @ self.a[-2:] + share[1]), float(np.sqrt(max(variance, 0.0)))
-
-
-def basis(u: Array, degree: int, change: float | None) -> Array:
-    """(n, p) functions of time u (n,): polynomials, and from a sudden ``change`` on another speed and acceleration."""
-    rows = chebyshev.chebvander(u, degree)
-    if change is not None:
-        after = np.maximum(u - change, 0.0)
-        rows = np.column_stack([rows, after, after**2])
-    return np.asarray(rows, dtype=np.float64)
-
-
-def speed(u: Array, degree: int, change: float | None) -> Array:
-    """(n, p) derivative of `basis` by u (n,), which may be -1 or 1 only."""
-    power = np.arange(degree + 1)
-    rows = u[:, None] ** (power + 1) * power**2
-    if change is not None:
-        after = np.maximum(u - change, 0.0)
-        rows = np.column_stack([rows, after > 0.0, 2.0 * after])
-    return np.asarray(rows, dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -112,39 +89,36 @@ class Problem:
     tight: Array
 
     @classmethod
-    def of(cls, light: Light, side: float, degree: int, change: float | None = None) -> Problem:
-        """Distances are negative where the motion begins; where the mirror is still its speed is 0."""
-        rows, at, tight = [basis(light.u[:0], degree, change)], [], []
+    def of(cls, light: Light, side: float, degree: int) -> Problem:
+        """Return the problem in polynomials of a degree; distances are negative where the motion begins."""
+        power = np.arange(degree + 1)
+        rows: list[Array] = [np.empty((0, degree + 1))]
+        at, tight = list[float](), list[float]()
         for edge, end, sign in zip(light.edges, (-1.0, 1.0), (-1.0, side), strict=True):
             if edge is None:
                 continue
-            u = np.array([end])
-            rows.append(basis(u, degree, change))
+            rows.append(np.asarray(chebyshev.chebvander(np.array([end]), degree), dtype=np.float64))
             at.append(sign * edge.distance)
             tight.append(edge.sigma)
-            if edge.still:
-                rows.append(speed(u, degree, change))
+            if edge.still:  # the derivative of each polynomial there
+                rows.append(np.asarray(end ** (power[None] + 1) * power**2, dtype=np.float64))
                 at.append(0.0)
                 tight.append(_STILL)
         held = np.vstack(rows), np.array(at), np.array(tight)
-        return cls(light, side, basis(light.u, degree, change), *held)
+        return cls(light, side, np.asarray(chebyshev.chebvander(light.u, degree), dtype=np.float64), *held)
 
     @property
     def freedom(self) -> int:
         """Data less coefficients; levels are held by their own condition."""
         return max(len(self.light.u) + len(self.at) - int(self.basis.shape[1]), 1)
 
-    def shape(self, x: Array) -> tuple[Array, Array]:
-        """The fringe (n,) and its slope at distances x (n,) from the end."""
-        phase = x + (np.pi if self.light.high else 0.0)
-        return fringe(np.cos(phase), self.light.g), fringe_slope(phase, self.light.g)
-
     def rows(self, a: Array) -> Array:
-        """(m, p + 3) whitened rows of light, edges and levels: derivatives by ``a`` (p + 2,), then the residual."""
-        x, size = self.basis @ a[:-2], 1.0 + a[-1]
-        shape, slope = self.shape(x)
+        """Return (m, p + 3) whitened rows of light, edges and levels: derivatives by ``a`` (p + 2,), then the residual."""
+        size = 1.0 + a[-1]
+        phase = self.basis @ a[:-2] + (np.pi if self.light.high else 0.0)
+        shape, slope = fringe(np.cos(phase), self.light.g), fringe_slope(phase, self.light.g)
         off = a[-2] + size * shape - self.light.v
-        light = np.vstack([self.basis.T * (size * slope), np.ones_like(x), shape, off]) / self.light.sigma
+        light = np.vstack([self.basis.T * (size * slope), np.ones_like(phase), shape, off]) / self.light.sigma
         edges = (
             np.vstack([self.held.T, np.zeros((2, len(self.at))), self.held @ a[:-2] - self.at]) / self.tight
         )
@@ -152,7 +126,7 @@ class Problem:
         return np.hstack([light, edges, levels]).T
 
     def starts(self) -> Iterator[Array]:
-        """Guesses (p + 2,): coefficients of the motion, and corrections of the two levels.
+        """Yield guesses (p + 2,): coefficients of the motion, and corrections of the two levels.
 
         One unfolds the distances at the smallest one; one trusts only those far from the end of the fringe,
         where noise matters little; for a motion that comes back, one goes beyond the end in between.
@@ -174,12 +148,8 @@ class Problem:
             a[:powers] = np.linalg.lstsq(columns, right, rcond=None)[0]
             yield a
 
-    def best(self, *further: Array) -> list[Motion]:
-        """The motions reached from all guesses, and from ``further`` ones (p + 2,)."""
-        return [self.reached(a) for a in (*self.starts(), *further)]
-
     def reached(self, a: Array) -> Motion:
-        """The motion that least squares reach from coefficients ``a`` (p + 2,)."""
+        """Return the motion that least squares reach from coefficients ``a`` (p + 2,)."""
         found = minimise(
             lambda a: [self.rows(a)], a, limit=_STEPS, tolerance=_LEFT, share=_SHARE, damping=_DAMPING
         )
@@ -194,33 +164,8 @@ class Problem:
 
 DECISIVE = 25.0
 """Difference in chi2 from which on a verdict stands."""
-_POINTS = 160
 _SIMPLE, _FREE = (3, 5, 7), (7, 9, 11, 13)
-_SUDDEN = 2  # degree beside a sudden change
-_PLACES, _ROUNDS = 7, 3
-_FLOOR = 0.0015  # of a fringe: motions are not polynomials
 _SURE = 1e3
-
-
-@dataclass(frozen=True)
-class Visit:
-    """Samples around the visit to the ``high`` or low end of a fringe, and how they lie from it.
-
-    t and v (n,) with their ``noise``; ``slack``: 1-sigma of the levels by which v was normalised. The end nearest to
-    a sample is ``halves`` (n,) half fringes away from the one that is visited, and high where ``kind`` (n,) is true;
-    ``beyond`` (n,): the sample lies past it. ``edges``: what else is known where the samples begin and stop.
-    """
-
-    t: Array
-    v: Array
-    noise: Noise
-    high: bool
-    g: float
-    slack: float
-    halves: Index
-    beyond: Mask
-    kind: Mask
-    edges: tuple[Held | None, Held | None] = (None, None)
 
 
 @dataclass(frozen=True)
@@ -236,7 +181,7 @@ class Verdict:
     sigma: float
 
     def confirmed(self, other: Verdict) -> Verdict:
-        """This verdict with odds no surer than those of ``other``, which freer motions gave; 0 where the two differ."""
+        """Return this verdict with odds no surer than those of ``other``, which freer motions gave; 0 where the two differ."""
         agree = self.odds * other.odds > 0.0
         odds = float(np.copysign(min(abs(self.odds), abs(other.odds)), self.odds)) if agree else 0.0
         return replace(self, odds=odds)
@@ -247,22 +192,17 @@ class Verdict:
         return self.odds > DECISIVE
 
 
-def judge(visit: Visit) -> Verdict:
-    """Passed or turned: the simplest motions that fit decide; odds are 0 when none does."""
-    light = light_of(visit)
-    fitting = (verdict for verdict in _attempts(light) if verdict is not None and verdict.fits)
-    return next(fitting, Verdict(0.0, False, float(visit.high), np.inf))
-
-
-def _attempts(light: Light) -> Iterator[Verdict | None]:
-    """One after another, as they are asked for: the first, which decides most visits, takes a fraction of the time of all."""
-    yield smooth_verdict(light, _SIMPLE)
-    yield _sudden(light)
-    yield smooth_verdict(light, _FREE)
+def judge(light: Light) -> Verdict:
+    """Return passed or turned: the simplest motions that fit decide; odds are 0 when none does."""
+    for degrees in (_SIMPLE, _FREE):
+        verdict = smooth_verdict(light, degrees)
+        if verdict is not None and verdict.fits:
+            return verdict
+    return Verdict(0.0, False, float(light.high), np.inf)
 
 
 def smooth_verdict(light: Light, degrees: tuple[int, ...]) -> Verdict | None:
-    """The verdict of the first degree that fits, confirmed by the next one."""
+    """Return the verdict of the first degree that fits, confirmed by the next one."""
     verdict: Verdict | None = None
     simpler: dict[float, Array] = {}
     for degree in degrees:
@@ -271,11 +211,12 @@ def smooth_verdict(light: Light, degrees: tuple[int, ...]) -> Verdict | None:
         motions: list[Motion] = []
         for side in (-1.0, 1.0):
             # what a lower degree reached is reached again
-            lower = [
-                np.insert(a, -2, [0.0] * (degree + 3 - len(a))) for a in (simpler.get(side),) if a is not None
-            ]
-            found = Problem.of(light, side, degree).best(*lower)
-            simpler[side] = min(found, key=_chi2).a
+            problem = Problem.of(light, side, degree)
+            starts = [*problem.starts()]
+            if side in simpler:
+                starts.append(np.insert(simpler[side], -2, [0.0] * (degree + 3 - len(simpler[side]))))
+            found = [problem.reached(a) for a in starts]
+            simpler[side] = min(found, key=lambda motion: motion.chi2).a
             motions += found
         now = _weighed(motions)
         if verdict is not None and verdict.fits:
@@ -284,32 +225,8 @@ def smooth_verdict(light: Light, degrees: tuple[int, ...]) -> Verdict | None:
     return verdict
 
 
-def _sudden(light: Light) -> Verdict | None:
-    """The verdict of motions with one sudden change of speed, wherever it fits best."""
-    if len(light.u) < _SUDDEN + 6:
-        return None
-    motions: list[Motion] = []
-    for side in (-1.0, 1.0):
-        centre, reach = 0.0, 1.0 - 2.0 / _PLACES
-        best: Motion | None = None
-        for _ in range(_ROUNDS):
-            places = (centre + reach * np.linspace(-1.0, 1.0, _PLACES)).tolist()
-            found = [(_at(light, side, place, best), place) for place in places if abs(place) < 1.0]
-            best, centre = min(found, key=lambda one: one[0].chi2)
-            reach *= 2.0 / (_PLACES - 1)
-        assert best is not None
-        motions.append(best)
-    return _weighed(motions)
-
-
-def _at(light: Light, side: float, place: float, near: Motion | None) -> Motion:
-    """The best motion that changes at a place; from a motion ``near`` it, or from guesses."""
-    problem = Problem.of(light, side, _SUDDEN, place)
-    return min(problem.best() if near is None else [problem.reached(near.a)], key=_chi2)
-
-
 def _weighed(motions: list[Motion]) -> Verdict:
-    better = min(motions, key=_chi2)
+    better = min(motions, key=lambda motion: motion.chi2)
     freedom = better.problem.freedom
     scale = max(1.0, better.chi2 / freedom)
     # where every guess became a motion of the one kind, none of the other comes near the data
@@ -320,25 +237,3 @@ def _weighed(motions: list[Motion]) -> Verdict:
     fits = better.chi2 < freedom * (1.0 + 4.0 * np.sqrt(2.0 / freedom))
     level, sigma = better.level()
     return Verdict((turned - passed) / scale, bool(fits), level, sigma * float(np.sqrt(scale)))
-
-
-def _chi2(motion: Motion) -> float:
-    return motion.chi2
-
-
-def light_of(visit: Visit) -> Light:
-    """Samples in groups, with the 1-sigma of their means and that of the model."""
-    t, v = visit.t, visit.v
-    groups = min(_POINTS, len(t))
-    edges = np.linspace(0, len(t), groups + 1).astype(int)
-    sizes = np.diff(edges)
-    time = np.add.reduceat(t, edges[:-1]) / sizes
-    mean = np.add.reduceat(v, edges[:-1]) / sizes
-    span = max(float(t[-1] - t[0]), 1e-300)
-    at = edges[:-1] + sizes // 2
-    phase = folded_phase(mean, visit.g)
-    local = np.where(visit.kind[at], np.pi - phase, phase)
-    distance = np.pi * visit.halves[at] + np.where(visit.beyond[at], local, -local)
-    sigma = np.sqrt(visit.noise.sigma**2 / sizes + visit.noise.stuck**2 + _FLOOR**2)
-    u = 2.0 * (time - t[0]) / span - 1.0
-    return Light(u, mean, sigma, distance, visit.high, visit.g, visit.slack, visit.edges)

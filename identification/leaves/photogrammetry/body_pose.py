@@ -57,11 +57,6 @@ class BodyPose:
         """Degrees of freedom of ``chi2``."""
         return 3 * len(self.residuals) - 6
 
-    @property
-    def p_value(self) -> float:
-        """Chance of a larger chi2 when the body is rigid and the noise as stated."""
-        return float(chi2_distribution.sf(self.chi2, self.dof))
-
     @cached_property
     def drops(self) -> Array:
         """(n,) what chi2 falls by when a point is left out; chi2 with 3 degrees of freedom for a good point."""
@@ -81,12 +76,6 @@ class BodyPose:
             return ()
         limit = chi2_distribution.isf(SUSPICIOUS / len(self.residuals), 3)
         return tuple(int(k) for k in np.argsort(-self.drops) if self.drops[k] > limit)
-
-    def at(self, point: ArrayLike) -> tuple[Array, Array]:
-        """Where a point (3,) of the body went, mm, and its covariance (3, 3)."""
-        arm = self.pose[:3, :3] @ np.asarray(point, dtype=float)
-        j = _rows(arm[None])[0]
-        return self.pose[:3, 3] + arm, j @ self.covariance @ j.T
 
 
 def body_pose(before: ArrayLike, after: ArrayLike, sigma_after: float, sigma_before: float = 0.0) -> BodyPose:

@@ -1,30 +1,28 @@
-"""``plan``: measurement poses that calibrate a machine best."""
+"""``plan``: measurement poses that calibrate a machine best, or rows that tell explanations apart."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import json
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from truepose.commands.common import FileOption, JsonOption, MachineArg, check_file, finish, progress
 from truepose.errors import InputError
 from truepose.files import mixture_notes, write_table
-from truepose.identification.leaves.planning.discriminate.command import (
-    DiagnosisOption,
-    DiscriminateOption,
-    PayloadOption,
-    Request,
-    RivalOption,
-    TargetOption,
-    TemperatureOption,
-    VaryOption,
-    WithOption,
-)
-from truepose.identification.leaves.planning.discriminate.command import run as run_discriminate
 from truepose.models.file.limits import POSES
 from truepose.wording import joined
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from truepose.arrays import Array
+    from truepose.models.machine.machine import Machine
+
+    Planned = tuple[pd.DataFrame, str, list[str], dict[str, Any], list[str]]
+    """A table, its heading, lines of the answer, the same as data, and notes."""
 
 CountOption = Annotated[
     int, typer.Option("-n", "--poses", metavar="N", min=2, max=POSES, help="How many poses.")
@@ -37,14 +35,6 @@ MethodOption = Annotated[
         help="Move all poses at once, exchange them, or draw them (default: continuous; with candidates, exchange).",
     ),
 ]
-CriterionOption = Annotated[
-    str,
-    typer.Option(
-        "--criterion",
-        metavar="d|a|o1|o2|o3|o4|o5",
-        help="d, a: with the tolerances; o1 to o5: observability indices of the readings alone.",
-    ),
-]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of the random candidates.")]
 CandidatesOption = Annotated[
     Path | None,
@@ -54,6 +44,49 @@ CandidatesOption = Annotated[
         help="Choose among these joint values (free of collisions, say), by exchange.",
     ),
 ]
+DiscriminateOption = Annotated[
+    tuple[str, str] | None,
+    typer.Option(
+        "--discriminate",
+        metavar="A B",
+        help="Poses that tell two explanations apart, SLUG@PLACE[:name=value[unit],...] each, as simulate names effects.",
+    ),
+]
+RivalOption = Annotated[
+    list[str] | None,
+    typer.Option("--rival", metavar="C", help="A further explanation; repeatable. The worst pair counts."),
+]
+DiagnosisOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--diagnosis",
+        metavar="FILE",
+        help="diagnosis.json: split the class of its finding, at its fitted value.",
+    ),
+]
+PayloadOption = Annotated[
+    str, typer.Option("--payload", metavar="0,2.5,5", help="Payloads that can be carried, kg.")
+]
+TemperatureOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--temperature",
+        metavar="PLACE=15,20,30",
+        help="Temperatures a place can be held at, degC; repeatable (air: every place alike).",
+    ),
+]
+VaryOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--vary",
+        metavar="DRIVER=...",
+        help="Levels of another driver (pressure in hPa, velocity.JOINT in mm/s or rad/s); repeatable.",
+    ),
+]
+WithOption = Annotated[
+    list[Path] | None,
+    typer.Option("--with", metavar="RECORDING", help="Rows measured already, to be added to; repeatable."),
+]
 
 
 def plan(
@@ -61,7 +94,6 @@ def plan(
     n: CountOption,
     output: FileOption,
     method: MethodOption = "",
-    criterion: CriterionOption = "d",
     seed: SeedOption = 0,
     candidates: CandidatesOption = None,
     discriminate: DiscriminateOption = None,
@@ -71,7 +103,6 @@ def plan(
     temperature: TemperatureOption = None,
     vary: VaryOption = None,
     recorded: WithOption = None,
-    target: TargetOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Measurement poses that calibrate best: joint values inside their ranges, before anything is measured.
@@ -85,87 +116,102 @@ def plan(
 
     Example: truepose plan machine.yaml -n 40 -o poses.csv --diagnosis result/diagnosis.json --payload 0,2.5,5
     """
-    asked = Request.of(discriminate, rival, diagnosis, payload, temperature, vary, recorded, target)
-    wanted = _Wanted(machine, n, output, candidates, seed, as_json)
-    if asked.wanted:
-        _check_calibration_options(method, criterion)
-        _discriminate(wanted, asked)
-    else:
-        _calibrate(wanted, method, criterion)
-
-
-@dataclass(frozen=True)
-class _Wanted:
-    """What every plan takes: ``n`` rows of a machine file, for ``output``."""
-
-    machine: Path
-    n: int
-    output: Path
-    candidates: Path | None
-    seed: int
-    as_json: bool
-
-
-def _calibrate(wanted: _Wanted, method: str, criterion: str) -> None:
-    """The poses that calibrate best, written and told."""
-    from truepose.identification.leaves.planning.plan import plan as run
-    from truepose.identification.leaves.planning.pose_tables import plan_table
-    from truepose.identification.leaves.planning.words import plan_json, plan_lines, plan_notes
     from truepose.identification.recording.load import load_recording
     from truepose.models.load import load_machine
 
-    check_file(wanted.output, wanted.machine, wanted.candidates)
+    names = (*(discriminate or ()), *(rival or ()))
+    varied = (*(f"temperature.{text}" for text in temperature or ()), *(vary or ()))
+    exist, is_experiment = tuple(recorded or ()), bool(names) or diagnosis is not None
+    _check_options(is_experiment, is_offering=bool(payload or varied or exist), method=method)
+    check_file(output, machine, candidates, diagnosis, *exist)
     with progress("planning") as say:
-        machine = load_machine(wanted.machine)
-        files = [] if wanted.candidates is None else [wanted.candidates]
-        given = load_recording(machine, files, need_observations=False).q if files else None
-        chosen = method or ("continuous" if given is None else "exchange")
-        found = run(
-            machine,
-            wanted.n,
-            method=chosen,
-            criterion=criterion,
-            seed=wanted.seed,
-            candidates=given,
-            progress=say,
+        known = load_machine(machine)
+        given = (
+            load_recording(known, [candidates], need_observations=False).q if candidates is not None else None
         )
-        frame = plan_table(found)
-    lines = plan_lines(found)
-    head = f"poses of {machine.name} for calibration: {wanted.n}, {chosen}, seed {wanted.seed}"
-    write_table(wanted.output, frame, [head, *lines])
-    summary = {"command": "plan", **plan_json(found, [str(c) for c in frame.columns])}
-    summary["files"] = [str(wanted.output)]
-    told = [f"{wanted.output}: {wanted.n} poses", *lines]
-    finish(summary, told, plan_notes(found), as_json=wanted.as_json)
+        if is_experiment:
+            offered = payload, varied, exist
+            planned = _tell_apart(known, n, names, diagnosis, offered, given, seed, say)
+        else:
+            planned = _calibrate(known, n, method, given, seed, say)
+    frame, heading, lines, told, notes = planned
+    write_table(output, frame, [f"{heading}, seed {seed}", *lines])
+    summary = {"command": "plan", **told, "files": [str(output)]}
+    count = f"{len(frame)} rows" if is_experiment else f"{n} poses"
+    finish(summary, [f"{output}: {count}", *lines], notes, as_json=as_json)
 
 
-def _check_calibration_options(method: str, criterion: str) -> None:
-    if method not in ("", "exchange") or criterion != "d":
+def _check_options(is_experiment: bool, *, is_offering: bool, method: str) -> None:
+    if is_offering and not is_experiment:
         raise InputError(
-            "--method, --criterion: found with --discriminate, expected neither: rows are exchanged for the expected "
-            "log Bayes factor"
+            "--payload, --temperature, --vary and --with: found without --discriminate A B or --diagnosis FILE, expected "
+            "explanations to tell apart"
+        )
+    if is_experiment and method not in ("", "exchange"):
+        raise InputError(
+            "--method: found with --discriminate, expected none: rows are exchanged for the expected log Bayes factor"
         )
 
 
-def _discriminate(wanted: _Wanted, asked: Request) -> None:
-    """The experiment that tells explanations apart, written and told."""
+def _calibrate(
+    machine: Machine, n: int, method: str, given: Array | None, seed: int, say: Callable[[str], None]
+) -> Planned:
+    """Plan the poses that calibrate best."""
+    from truepose.identification.leaves.planning.plan import plan as run
+    from truepose.identification.leaves.planning.showing import plan_json, plan_lines, plan_notes, plan_table
+
+    chosen = method or ("continuous" if given is None else "exchange")
+    found = run(machine, n, method=chosen, seed=seed, candidates=given, progress=say)
+    frame = plan_table(found)
+    heading = f"poses of {machine.name} for calibration: {n}, {chosen}"
+    return frame, heading, plan_lines(found), plan_json(found, list(frame.columns)), plan_notes(found)
+
+
+def _tell_apart(
+    machine: Machine, n: int, names: Sequence[str], diagnosis: Path | None,
+    offered: tuple[str, Sequence[str], Sequence[Path]], given: Array | None, seed: int, say: Callable[[str], None],
+) -> Planned:  # fmt: skip
+    """Plan the experiment that tells explanations apart; ``offered``: payloads, drivers' levels, rows that exist."""
+    from truepose.identification.leaves.planning.discriminate.experiment import discriminate
+    from truepose.identification.leaves.planning.discriminate.factors import (
+        Class,
+        class_of,
+        explanation,
+        read_offer,
+    )
+    from truepose.identification.leaves.planning.discriminate.words import experiment_json, sentences
+    from truepose.identification.leaves.planning.showing import experiment_table
+    from truepose.identification.recording.load import load_recording
     from truepose.identification.report.notes import worded
-    from truepose.models.load import load_machine
 
-    check_file(wanted.output, wanted.machine, wanted.candidates, asked.diagnosis, *asked.recorded)
-    with progress("planning") as say:
-        machine = load_machine(wanted.machine)
-        found, frame, lines, told = run_discriminate(
-            machine, wanted.n, asked, wanted.candidates, wanted.seed, say
-        )
-    names = joined(e.name for e in found.explanations)
-    head = f"rows of {machine.name} to tell {names} apart: {wanted.n}, seed {wanted.seed}"
-    write_table(wanted.output, frame, [head, *lines])
-    summary = {"command": "plan", "machine": machine.name, "seed": wanted.seed, "rows": len(frame)}
-    summary |= {"columns": [str(c) for c in frame.columns], **told, "files": [str(wanted.output)]}
-    heading = f"{wanted.output}: {len(frame)} rows"
-    notes = [*(mixture_notes(asked.diagnosis) if asked.diagnosis else ()), *worded(found.notes)]
-    finish(summary, [heading, *lines], notes, as_json=wanted.as_json)
+    payload, varied, exist = offered
+    if diagnosis is not None:
+        wanted = class_of(findings_of(diagnosis), machine, names, str(diagnosis))
+        notes = list(mixture_notes(diagnosis))
+    else:
+        wanted, notes = Class(tuple(explanation(text, machine) for text in names)), []
+    recorded = load_recording(machine, exist, need_observations=False) if exist else None
+    offer = read_offer(machine, payload, varied)
+    found = discriminate(
+        machine, n, wanted, offer=offer, recorded=recorded, candidates=given, seed=seed, progress=say
+    )
+    frame = experiment_table(found)
+    table = {"machine": machine.name, "seed": seed, "rows": len(frame), "columns": list(frame.columns)}
+    heading = f"rows of {machine.name} to tell {joined(e.name for e in found.explanations)} apart: {n}"
+    told = {**table, **experiment_json(found)}
+    return frame, heading, sentences(found), told, [*notes, *worded(found.notes)]
+
+
+def findings_of(path: Path) -> list[dict[str, Any]]:
+    """Read the findings of a ``diagnosis.json``. Raises InputError for a file that diagnose did not write."""
+    try:
+        return list(json.loads(path.read_text(encoding="utf-8"))["findings"])
+    except OSError as exc:
+        raise InputError(f"{path}: cannot read the file: {exc.strerror or exc}") from None
+    except (ValueError, KeyError, TypeError):
+        raise InputError(
+            f"{path}: found no `findings`, expected a diagnosis.json that diagnose wrote"
+        ) from None
 
 
 COMMANDS = (plan,)

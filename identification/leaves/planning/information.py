@@ -98,9 +98,9 @@ class PoseInformation:
         """(nq,) the middle of the ranges."""
         return np.asarray(0.5 * (self.low + self.high))
 
-    def at(self, q: Array, start: Array | None = None) -> Poses:
-        """Assemble (from loop coordinates ``start`` where given) and evaluate poses q (n, nq)."""
-        x, good = self._assemble(q, start)
+    def at(self, q: Array) -> Poses:
+        """Assemble and evaluate poses q (n, nq)."""
+        x, good = self._assemble(q)
         safe = np.where(good[:, None], x, self._predictor.model.home)
         by_constants, by_x, gx, gt, _ = self._pieces(safe, q)
         signature, amplification = by_constants, np.zeros(len(q))
@@ -152,11 +152,11 @@ class PoseInformation:
         out[0] -= later[0]
         return out
 
-    def _assemble(self, q: Array, start: Array | None) -> tuple[Array, Mask]:
+    def _assemble(self, q: Array) -> tuple[Array, Mask]:
         predictor = copy.copy(self._predictor)
         predictor.q, predictor.origin = q, None
         predictor.z = np.tile(predictor.model.z_home, (len(q), 1))
-        return predictor.assemble(predictor.model.p_home, start)
+        return predictor.assemble(predictor.model.p_home)
 
     @staticmethod
     def _coordinates(gx: Array, gt: Array, good: Mask) -> Array:

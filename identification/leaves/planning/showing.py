@@ -1,23 +1,164 @@
-"""Plans and experiments as they show themselves, and as tables."""
+"""Plans and experiments as they show themselves: tables with joints in the units of the machine file, lines, notes, JSON."""
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Sequence
 
+import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.leaves.planning.discriminate.experiment import Experiment
 from truepose.identification.leaves.planning.discriminate.words import sentences
-from truepose.identification.leaves.planning.plan import Plan
-from truepose.identification.leaves.planning.pose_tables import experiment_table, plan_table
-from truepose.identification.leaves.planning.words import plan_lines, plan_notes
+from truepose.identification.leaves.planning.information import decimals
+from truepose.identification.leaves.planning.plan import CRITERION, TITLE, Plan
 from truepose.identification.report.notes import worded
+from truepose.models.file.driver import APPROACH, SESSION, TIME, Driver
+from truepose.models.machine.machine import Machine
 from truepose.models.units import convert
-from truepose.shown.chart import Chart, strips
 from truepose.shown.document import Document, Items, Table
 from truepose.shown.result import document, frame
 
-_JOINTS_MOST = 12
+_FINEST = 1e-12
+BETWEEN = 30.0
+"""Seconds from one row to the next, where time is planned."""
+
+
+@frame.register
+def plan_table(plan: Plan) -> pd.DataFrame:
+    """``pose``, ``from`` where readings are changes, and the joints, in the units of the machine file.
+
+    Rows of the same joint values share a ``pose`` number: they are repeats.
+    """
+    n = len(plan.q)
+    data: dict[str, Array | NDArray[np.int64]] = {}
+    if plan.origin is None:
+        data["pose"] = _numbered(plan.q)
+    else:  # the number says which row a change counts from
+        data["pose"], data["from"] = np.arange(1, n + 1), plan.origin.astype(np.int64) + 1
+    return pd.DataFrame({**data, **_joints(plan.q, plan.machine)})
+
+
+@frame.register
+def experiment_table(experiment: Experiment) -> pd.DataFrame:
+    """``pose``, ``from`` where readings are changes (all from the first row, a reference), ``session`` and ``time``
+    where they matter, the joints, then payload (kg), temperatures (degC), sides and other drivers.
+
+    Rows of one pose share a number when nothing but the side of approach differs: they are repeats.
+    """
+    rows, machine = experiment.rows, experiment.machine
+    q, drivers = rows.q, dict(rows.drivers)
+    data: dict[str, Array | NDArray[np.int64]] = {}
+    if experiment.reference is None:
+        held = [values for name, values in drivers.items() if Driver.of(name).kind not in (APPROACH, TIME)]
+        data["pose"] = _numbered(np.column_stack([q, *held]))
+    else:
+        q = np.concatenate([experiment.reference[None], q])
+        drivers = {name: np.concatenate([values[:1], values]) for name, values in drivers.items()}
+        data["pose"], data["from"] = np.arange(1, len(q) + 1), np.ones(len(q), dtype=np.int64)
+    if SESSION in drivers:
+        data[SESSION] = drivers.pop(SESSION).astype(np.int64)
+    if TIME in drivers:
+        data[TIME] = _one_by_one(drivers.pop(TIME))
+    data |= _joints(q, machine)
+    joints = machine.mechanism.reading_units
+    columns = {name: machine.column_unit(name) for name in joints}
+    for name, values in drivers.items():
+        known, driver = machine.declared(name), Driver.of(name)
+        units = (known.unit, known.written) if known else (driver.unit(joints), driver.unit(columns))
+        written = convert(values, *units) if all(units) else values
+        data[name] = np.round(written, decimals(written, _FINEST)) + 0.0
+    return pd.DataFrame(data)
+
+
+def _joints(q: Array, machine: Machine) -> dict[str, Array | NDArray[np.int64]]:
+    """Joint values (n, nq) by column, in the units of the machine file."""
+    data: dict[str, Array | NDArray[np.int64]] = {}
+    for k, actuator in enumerate(machine.mechanism.actuators):
+        written = convert(q[:, k], actuator.reading_unit, machine.column_unit(actuator.reading))
+        # what is left of the conversion's rounding would make long numbers of short ones
+        data[actuator.reading] = np.round(written, decimals(written, _FINEST)) + 0.0
+    return data
+
+
+def _one_by_one(time: Array) -> Array:
+    """Times (n,), ascending, of rows that are due at once: one after the other."""
+    first = np.searchsorted(time, time)
+    return np.asarray(time + BETWEEN * (np.arange(len(time)) - first))
+
+
+def _numbered(q: Array) -> NDArray[np.int64]:
+    """(n,) numbers from 1 in order of appearance, the same for the same joint values."""
+    _, first, group = np.unique(q, axis=0, return_index=True, return_inverse=True)
+    rank = np.argsort(np.argsort(first))
+    return np.asarray(1 + rank[group.reshape(-1)], dtype=np.int64)
+
+
+CROWDED = 0.02
+"""Poses closer than this, in shares of the ranges, are as good as repeats."""
+
+
+def plan_lines(found: Plan) -> list[str]:
+    """What was reached, against random poses."""
+    by_exchange = "" if found.by_exchange is None else f"; by exchange {found.by_exchange:.4f}"
+    lines = [
+        f"criterion {CRITERION}: {TITLE} = {found.value:.4f}; random poses {np.mean(found.random):.4f} +- "
+        f"{np.std(found.random):.4f} ({len(found.random)} sets){by_exchange}"
+    ]
+    if found.shrinkage is not None:
+        lines.append(
+            f"1-sigma of the {found.determined} determined directions: {found.shrinkage:.3f} of what random poses "
+            "leave (geometric mean)"
+        )
+    return lines
+
+
+def plan_notes(found: Plan) -> list[str]:
+    """What the plan leaves out, and poses that crowd."""
+    notes = []
+    unplanned = dict.fromkeys(
+        Driver.of(name).now.name for effect in found.machine.effects for name in effect.drivers
+    )
+    notes += [
+        f"{name!r} is not planned: effects that depend on it count at its default" for name in unplanned
+    ]
+    if found.left_out:
+        notes.append(f"{found.left_out} candidates were left out: not assembled, or next to a singularity")
+    alike = found.repeats(CROWDED)
+    if 2 * alike >= len(found.q):
+        notes.append(
+            f"{alike} of {len(found.q)} poses repeat others within {CROWDED:.0%} of the ranges: best for the constants "
+            "of this file, but blind to physics that it lacks; --method exchange spreads them"
+        )
+    return notes
+
+
+def plan_json(found: Plan, columns: Sequence[str]) -> dict[str, object]:
+    """The same as data; ``columns`` are those of the poses' table."""
+    random = {
+        "mean": float(np.mean(found.random)),
+        "std": float(np.std(found.random)),
+        "sets": len(found.random),
+    }
+    indices = {f"O{k}": float(getattr(found.indices, f"o{k}")) for k in range(1, 6)}
+    return {
+        "machine": found.machine.name,
+        "method": found.method,
+        "criterion": CRITERION,
+        "seed": found.seed,
+        "poses": len(found.q),
+        "columns": list(columns),
+        "value": found.value,
+        "random": random,
+        "exchange": found.by_exchange,
+        "repeats": found.repeats(CROWDED),
+        "determined": found.determined,
+        "shrinkage": found.shrinkage,
+        "observability": indices,
+    }
+
+
 _UNITS = "in the units of the machine file"
 
 
@@ -29,7 +170,6 @@ def _(found: Plan) -> Document:
         summary=[Items(plan_lines(found)), Table.of(frame(found))],
         notes=plan_notes(found),
         more=f"to_frame() has all poses, {_UNITS}",
-        charts=partial(_poses, found),
     )
 
 
@@ -43,25 +183,3 @@ def _(found: Experiment) -> Document:
         notes=worded(found.notes),
         more=f"to_frame() has all rows, {_UNITS}",
     )
-
-
-@frame.register
-def _(found: Plan) -> pd.DataFrame:
-    return plan_table(found)
-
-
-@frame.register
-def _(found: Experiment) -> pd.DataFrame:
-    return experiment_table(found)
-
-
-def _poses(found: Plan) -> list[Chart]:
-    """Where the poses lie in the joints' ranges."""
-    values, ends = {}, {}
-    for k, actuator in enumerate(found.machine.mechanism.actuators[:_JOINTS_MOST]):
-        unit = found.machine.column_unit(actuator.reading)
-        low, high = actuator.range or (float(found.q[:, k].min()), float(found.q[:, k].max()))
-        low, high = (convert(end, actuator.reading_unit, unit) for end in (low, high))
-        ends[actuator.reading] = low, high, unit
-        values[actuator.reading] = convert(found.q[:, k], actuator.reading_unit, unit).tolist()
-    return strips(values, ends, "poses in the joints' ranges")

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,7 +14,9 @@ from truepose.errors import InputError, ReadBackError
 from truepose.files import atomic_file
 
 if TYPE_CHECKING:
-    from truepose.identification.leaves.programs.program import Dialect
+    from truepose.identification.leaves.programs.dialects import Dialect
+    from truepose.identification.leaves.programs.program import Cell
+    from truepose.identification.leaves.programs.words import Limit
     from truepose.models.machine.machine import Machine
 
 DialectOption = Annotated[
@@ -103,74 +104,58 @@ def compensate(
 
     Example: truepose compensate fit/calibrated.yaml job.src -o job_corrected.src --frame "BASE_DATA[1]=800,0,400,0,0,0"
     """
-    options = Options(dialect, base, tool, frame or (), at or (), limit, limit_angle)
-    correct_and_tell(
-        lambda loaded: _corrected(loaded, path, output, method, options),
-        machine,
-        output,
-        anyway=anyway,
-        as_json=as_json,
-    )
+
+    def corrected(loaded: Machine) -> Corrected:
+        from truepose.identification.leaves.programs.dialects import dialect_of
+        from truepose.identification.leaves.programs.program import Cell
+        from truepose.identification.leaves.programs.words import Limit
+
+        known = dialect_of(path, dialect)
+        if known is None:
+            _check_unused({"--base": base, "--tool": tool, "--frame": frame, "--at": at})
+            return compensate_table(loaded, path, output, method)
+        if method != "exact":
+            raise InputError(f"--method: found {method!r} with a robot program, expected exact")
+        cell = Cell(base, tool, pairs("--frame", frame or (), "NAME=VALUE"))
+        drivers = {name: _value(name, text) for name, text in pairs("--at", at or (), "NAME=VALUE").items()}
+        return _correct_program(loaded, known, (path, output), cell, drivers, Limit(limit, limit_angle))
+
+    correct_and_tell(corrected, machine, output, anyway=anyway, as_json=as_json)
 
 
-@dataclass(frozen=True)
-class Options:
-    """What the command line says of a program."""
-
-    dialect: str | None
-    base: str | None
-    tool: str | None
-    frames: Sequence[str]
-    at: Sequence[str]
-    limit: float
-    angle: float
-
-    def unused(self) -> None:
-        """Raises InputError where one of them is given for a table."""
-        told = {"--base": self.base, "--tool": self.tool, "--frame": self.frames, "--at": self.at}
-        for name, value in told.items():
-            if value:
-                raise InputError(
-                    f"{name}: found it with a table, expected a robot program (or --dialect csv, to correct a table's"
-                    " points in place)"
-                )
-
-
-def _corrected(machine: Machine, path: Path, output: Path, method: str, options: Options) -> Corrected:
-    """Write the commands for a table or a robot program."""
-    from truepose.identification.leaves.programs.dialects import dialect_of
-
-    known = dialect_of(path, options.dialect)
-    if known is None:
-        options.unused()
-        return compensate_table(machine, path, output, method)
-    if method != "exact":
-        raise InputError(f"--method: found {method!r} with a robot program, expected exact")
-    return _correct_program(machine, known, path, output, options)
+def _check_unused(options: Mapping[str, object]) -> None:
+    """Raise InputError where an option for programs is given for a table."""
+    for name, value in options.items():
+        if value:
+            raise InputError(
+                f"{name}: found it with a table, expected a robot program (or --dialect csv, to correct a table's"
+                " points in place)"
+            )
 
 
 def _correct_program(
-    machine: Machine, dialect: Dialect, path: Path, output: Path, options: Options
+    machine: Machine,
+    dialect: Dialect,
+    files: tuple[Path, Path],
+    cell: Cell,
+    drivers: Mapping[str, float],
+    limit: Limit,
 ) -> Corrected:
     """Correct a program's targets; summary, lines and notes. Nothing is written where nothing can be corrected."""
     from truepose.identification.leaves.programs.correct import correct
     from truepose.identification.leaves.programs.dialects import beside, text_of
-    from truepose.identification.leaves.programs.program import Cell
     from truepose.identification.leaves.programs.words import (
-        Limit,
         correction_json,
         correction_lines,
         correction_notes,
     )
     from truepose.identification.report.applied_words import expected_words, pose_json
 
+    path, output = files
     if output.exists() and output.samefile(path):
         raise InputError(
             f"{output}: found the program itself, expected another file: twice corrected is wrong"
         )
-    limit = Limit(options.limit, options.angle)
-    cell = Cell(options.base, options.tool, pairs("--frame", options.frames, "NAME=VALUE"))
-    drivers = {name: _value(name, text) for name, text in pairs("--at", options.at, "NAME=VALUE").items()}
     try:
         program = dialect.read(text_of(path), machine, beside(path))
         found = correct(machine, program, cell, drivers)

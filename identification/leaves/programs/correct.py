@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import bisect
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -59,10 +59,12 @@ _WRONG = "what was to be written"
 
 
 @dataclass(frozen=True)
-class Solved:
+class Corrected:
     """A target with the joints ``q`` (nq,) that bring the real tool there, and what is written for it.
 
-    ``change`` and ``before`` (6,) are the correction, and where the real tool is from the target with the program as it was.
+    ``numbers`` are the new texts of its numbers and, behind them, of its configuration. ``change``, ``before``, ``after`` (6,)
+    are twists [mm, rad]: the correction; where the real tool is from the target with the program as it was; and with what is
+    written now, its rounding included.
     """
 
     meant: Meant
@@ -71,10 +73,18 @@ class Solved:
     change: Array
     before: Array
     reconfigured: bool
+    after: Array = field(default_factory=lambda: np.zeros(6))
+
+    @property
+    def target(self) -> Target:
+        return self.meant.target
 
 
 def run(
-    robot: Robot, programs: tuple[Program, Program], frames: tuple[Frames, Frames], solved: Sequence[Solved]
+    robot: Robot,
+    programs: tuple[Program, Program],
+    frames: tuple[Frames, Frames],
+    solved: Sequence[Corrected],
 ) -> list[Array]:
     """Return where the real tool is (6,) from each target with the second program; the worst of the motions to it.
 
@@ -117,22 +127,21 @@ def read_again(program: Program, text: str) -> Program:
         raise ReadBackError(f"{_WRONG} cannot be read: {exc}") from exc
 
 
-def edits_of(solved: Sequence[Solved]) -> list[tuple[int, int, str]]:
+def edits_of(solved: Sequence[Corrected]) -> list[tuple[int, int, str]]:
     """Return what is written at spans of the text: new numbers, and literals where motions get a copy of their own."""
     edits: list[tuple[int, int, str]] = []
     for one in solved:
-        target = one.meant.target
+        target = one.target
+        old = (*target.numbers, *target.configuration)
+        written_anew = [(n.start, n.end, new) for n, new in zip(old, one.numbers, strict=False)]
         if target.copies is None:
-            old = (*target.numbers, *target.configuration)
-            edits += [(n.start, n.end, new) for n, new in zip(old, one.numbers, strict=True)]
+            edits += written_anew
         else:
-            spans = target.copies.spans[: len(one.numbers)]
-            new = [(*at, number) for at, number in zip(spans, one.numbers, strict=True)]
-            edits += [(*span, replaced(target.copies.literal, new)) for span in target.copies.names]
+            edits += [(*span, replaced(target.copies.literal, written_anew)) for span in target.copies.names]
     return sorted(edits)
 
 
-def _pairs(program: Program, again: Program, solved: Sequence[Solved]) -> list[tuple[Target, Target]]:
+def _pairs(program: Program, again: Program, solved: Sequence[Corrected]) -> list[tuple[Target, Target]]:
     """Return the targets of each motion, before and now; and what no motion here goes to, by where it is written."""
     here, there = _motions(program), _motions(again)
     if len(here) != len(there):
@@ -182,7 +191,7 @@ def _commands(
     robot: Robot,
     program: Program,
     some: Sequence[tuple[int, Target, Told]],
-    solved: Sequence[Solved],
+    solved: Sequence[Corrected],
     tool: Array | None,
 ) -> Array:
     """Return joints (n, nq) that the nominal controller has at targets, next to those that were solved for."""
@@ -205,45 +214,22 @@ def _commands(
 FARTHEST = 0.1
 """rad, or part of the machine's size: a correction that moves a joint by more is not made. Calibrations move joints by
 thousandths; a tenth is reached next to singular poses only, where a joint swings for nothing."""
-NEARBY = 100.0
-"""mm; how far points that a program works out may be from the target that they start from."""
-_LOOKED_AT = 50
-
-
-@dataclass(frozen=True)
-class Corrected:
-    """A target that was corrected: ``numbers`` are the new texts of its numbers and, behind them, of its configuration.
-
-    ``change``, ``before``, ``after`` (6,) are twists [mm, rad]: the correction; where the real tool is from the target with
-    the program as it was; and with what is written now, its rounding included.
-    """
-
-    target: Target
-    numbers: tuple[str, ...]
-    change: Array
-    before: Array
-    after: Array
-    reconfigured: bool
 
 
 @dataclass(frozen=True)
 class Correction:
     """A corrected text and what was done. ``left`` are the lines where something was not, or not wholly, corrected.
 
-    ``drivers`` are the values of the effects' drivers that hold for all targets; ``arrival`` is the largest change of the
-    tool (mm) by effects of the direction in which joints arrive, which no target tells; ``assumed`` are names of tools that
-    were taken for the machine file's. ``nearby`` (mm) is how much a correction changes over ``NEARBY`` from a target, where the
-    program works points out from targets. ``unnamed`` counts poses that were taken in the robot's base, and with the machine
-    file's tool, because neither program nor user told others.
+    ``drivers`` are the values of the effects' drivers that hold for all targets; ``assumed`` are names of tools that were taken
+    for the machine file's. ``unnamed`` counts poses that were taken in the robot's base, and with the machine file's tool,
+    because neither program nor user told others.
     """
 
     text: str
     done: tuple[Corrected, ...]
     left: tuple[Left, ...]
     drivers: Mapping[str, float]
-    arrival: float
     assumed: tuple[str, ...]
-    nearby: float | None
     unnamed: tuple[int, int]
 
 
@@ -272,20 +258,12 @@ def correct(
     text = edited(program.text, solved)
     again = _check(robot, read_again(program, text)) if solved else program
     after = run(robot, (program, again), (frames, Frames(again, given)), solved)
-    changed = sorted(one.meant.target.numbers[0].start for one in solved if one.meant.target.copies is None)
-    left = [one.settled(changed) for one in left]
-    done = [
-        Corrected(one.meant.target, one.numbers, one.change, one.before, missed, one.reconfigured)
-        for one, missed in zip(solved, after, strict=True)
-    ]
+    done = [replace(one, after=missed) for one, missed in zip(solved, after, strict=True)]
     assumed = sorted({shown_name(m.told.assumed) for m in meant if m.told.assumed})
-    arrival = robot.arrival(np.array([m.q for m in meant])) if meant else 0.0
-    nearby = _nearby(robot, meant) if any(one.computed for one in left) else None
     poses = [m.target for m in meant if m.target.kind == "pose"]
     bare = sum(t.base is None for t in poses) * (given.base is None)
     unnamed = (bare, sum(t.tool is None for t in poses) * (given.tool is None))
-    facts = robot.drivers, arrival, tuple(assumed), nearby, unnamed
-    return Correction(text, tuple(done), in_order(left), *facts)
+    return Correction(text, tuple(done), in_order(left), robot.drivers, tuple(assumed), unnamed)
 
 
 def _beyond(target: Target) -> str | None:
@@ -320,8 +298,8 @@ def _check(robot: Robot, program: Program) -> Program:
     return replace(program, targets=bare, configuration=None)
 
 
-def _solved(robot: Robot, program: Program, meant: list[Meant], left: list[Left]) -> list[Solved]:
-    out: list[Solved] = []
+def _solved(robot: Robot, program: Program, meant: list[Meant], left: list[Left]) -> list[Corrected]:
+    out: list[Corrected] = []
     for tool, rows in by_tool([(k, m.told) for k, m in enumerate(meant)]):
         some = [meant[k] for k in rows]
         goal, q = np.array([m.goal for m in some]), np.array([m.q for m in some])
@@ -338,8 +316,8 @@ def _solved(robot: Robot, program: Program, meant: list[Meant], left: list[Left]
                 left.append(Left(m.target.line, m.target.name, why or _WRIST))
                 continue
             turned = new[len(m.target.numbers) :] != tuple(n.text for n in m.target.configuration)
-            out.append(Solved(m, new, found.q[row], change[row], before[row], turned))
-    return sorted(out, key=lambda one: (one.meant.target.line, one.meant.target.numbers[0].start))
+            out.append(Corrected(m, new, found.q[row], change[row], before[row], turned))
+    return sorted(out, key=lambda one: (one.target.line, one.target.numbers[0].start))
 
 
 _WRIST = "the correction would take axis 5 through zero, into another configuration of the wrist"
@@ -383,29 +361,6 @@ def _texts(robot: Robot, program: Program, m: Meant, q: Array, seen: Array) -> t
     return (*out, *(n.text if a == b else f"{a:.0f}" for a, b, n in pairs))
 
 
-def _nearby(robot: Robot, meant: Sequence[Meant]) -> float:
-    """Largest change (mm) of the correction from a target to places ``NEARBY`` away along the axes of the sensor's frame."""
-    apart = [0.0]
-    for tool, rows in by_tool([(k, m.told) for k, m in enumerate(meant[:_LOOKED_AT])]):
-        goal, q = np.array([meant[k].goal for k in rows]), np.array([meant[k].q for k in rows])
-        change = []
-        for step in [np.zeros(3), *(NEARBY * np.vstack([np.eye(3), -np.eye(3)]))]:
-            moved = goal.copy()
-            moved[:, :3, 3] += step
-            robot.nominal(tool)
-            start = robot.solver.inverse(moved, q, restarts=0, rewind=False)
-            robot.real(tool)
-            found = robot.solver.inverse(moved, start.q, restarts=0, rewind=False)
-            robot.nominal(tool)
-            twist = robot.missed(moved, robot.solver.forward(found.q)[0])[:, :3]
-            moves_little = (np.abs(found.q - start.q) / robot.reach < FARTHEST).all(axis=1)
-            good = start.solved & found.solved & moves_little
-            change.append(np.where(good[:, None], twist, np.nan))
-        sizes = np.linalg.norm(np.array(change[1:]) - change[0], axis=2)
-        apart += sizes[np.isfinite(sizes)].tolist()
-    return max(apart)
-
-
-def edited(text: str, solved: Sequence[Solved]) -> str:
+def edited(text: str, solved: Sequence[Corrected]) -> str:
     """Return the text with what was solved for in it."""
     return replaced(text, edits_of(solved))

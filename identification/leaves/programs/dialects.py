@@ -10,11 +10,12 @@ from truepose.bounded import read_input
 from truepose.errors import InputError
 from truepose.identification.leaves.programs.kuka import Kuka
 from truepose.identification.leaves.programs.points import Points
-from truepose.identification.leaves.programs.program import Dialect
 from truepose.identification.leaves.programs.rapid import Rapid
+from truepose.identification.leaves.programs.reader import Language
 from truepose.identification.leaves.programs.urscript import UrScript
 from truepose.identification.recording.languages import other_language, own_language
 
+Dialect = Language | Points
 DIALECTS: Mapping[str, Dialect] = {d.name: d for d in (Kuka(), Rapid(), UrScript(), Points())}
 _SUFFIXES = {
     **dict.fromkeys((".src", ".dat", ".sub"), "kuka"),

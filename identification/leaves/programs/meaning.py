@@ -87,21 +87,6 @@ class Robot:
         """The machine as calibrated, with its effects and a tool."""
         self.solver.p = self._with(tool, self._real)
 
-    def arrival(self, q: Array) -> float:
-        """Largest change of the tool's place (mm) at joints (n, nq) by how joints may have arrived, from halfway."""
-        z, names = self.solver.z, self.solver.model.drivers
-        ways = [k for k, name in enumerate(names) if Driver.of(name).kind == APPROACH]
-        if not ways:
-            return 0.0
-        self.real(None)
-        middle = self.solver.forward(q)[0][:, :3, 3]
-        total = np.zeros(len(q))
-        for k in ways:
-            self.solver.z = np.where(np.arange(len(z)) == k, 1.0, z)
-            total += np.linalg.norm(self.solver.forward(q)[0][:, :3, 3] - middle, axis=1)
-        self.solver.z = z
-        return float(np.max(total))
-
     def _with(self, tool: Array | None, p: Array) -> Array:
         if tool is None:
             return p
@@ -184,14 +169,6 @@ _SAME = 1e-6
 _TURN = 2 * np.pi
 
 
-@dataclass(frozen=True)
-class Chosen:
-    """Joints (nq,) that a target means, None where none can be told, and then why."""
-
-    q: Array | None
-    why: str = ""
-
-
 class Branches:
     """Solutions of one machine at its solver's present constants."""
 
@@ -231,24 +208,23 @@ class Branches:
 
     def chosen(
         self, q: Array, before: Array, configuration: Configuration | None, numbers: Numbers
-    ) -> Chosen:
-        """Of solutions (m, nq) the one that ``numbers`` of a configuration mean, else the next to joints ``before`` (nq,)."""
+    ) -> Array | str:
+        """Return the one of solutions (m, nq) that ``numbers`` of a configuration mean, else the next to joints ``before``
+        (nq,); or why none can be told."""
         if not len(q):
-            return Chosen(None, "the nominal machine cannot take this pose with its joints in their ranges")
+            return "the nominal machine cannot take this pose with its joints in their ranges"
         turned = self._turns(q)
         if configuration is None or not numbers:
-            return Chosen(turned[int(np.argmin(np.max(np.abs(turned - before), axis=1)))])
+            return np.asarray(turned[int(np.argmin(np.max(np.abs(turned - before), axis=1)))])
         told = ", ".join(f"{n:g}" for n in numbers)
         fit = turned[configuration.fits(numbers, turned)]
         if len(fit) > 1:
             fit = fit[self._decided(fit, configuration, numbers)]
         if not len(fit):
-            return Chosen(
-                None, f"no joints of the nominal machine that reach it have its configuration ({told})"
-            )
+            return f"no joints of the nominal machine that reach it have its configuration ({told})"
         if any(self._apart(other, fit[0]) > _SAME for other in fit):
-            return Chosen(None, f"several configurations of the joints have these numbers ({told})")
-        return Chosen(fit[int(np.argmin(np.max(np.abs(fit - before), axis=1)))])
+            return f"several configurations of the joints have these numbers ({told})"
+        return np.asarray(fit[int(np.argmin(np.max(np.abs(fit - before), axis=1)))])
 
     def _has(self, found: list[Array], numbers: Numbers, configuration: Configuration | None) -> bool:
         """Whether one of the solutions has a configuration in all its numbers."""
@@ -387,9 +363,9 @@ def _meant(
     near = before if target.near is None else joint_values(robot, program, target.near)
     branches, q = solutions
     chosen = branches.chosen(q, near, program.configuration, configured)
-    if chosen.q is None and target.loose and configured:
+    if isinstance(chosen, str) and target.loose and configured:
         chosen, target = branches.chosen(q, near, None, ()), replace(target, configuration=())
-    return chosen.why if chosen.q is None else (target, chosen.q)
+    return chosen if isinstance(chosen, str) else (target, chosen)
 
 
 def _solutions(

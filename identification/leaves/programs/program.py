@@ -22,8 +22,8 @@ import functools
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Literal, Protocol
+from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -31,7 +31,6 @@ from scipy.spatial.transform import Rotation
 from truepose.arrays import Array, Mask
 from truepose.errors import InputError
 from truepose.models import lie
-from truepose.models.machine.machine import Machine
 from truepose.models.units import convert
 
 # -- Numbers of a target that choose among the joints which reach its pose: status and turn (KUKA), quadrants (ABB)
@@ -240,15 +239,10 @@ Span = tuple[int, int]
 NUMBER = r"[+-]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][+-]?\d++)?"
 WHOLE_NUMBER = re.compile(NUMBER)
 _BRACKET = re.compile(r"[][(){}]")
-
-"""Bytes of a program: 20 MiB, some 200,000 motions."""
 LARGEST = 1e9
 """mm, deg: a coordinate beyond is none."""
 BASE_ITSELF = ""
 """Name of the frame that is the robot's base itself; as a tool's name, of the flange."""
-
-ELSEWHERE: Span = (-1, -1)
-"""Span of an origin that is not in the text: an argument of a call, or in the file beside."""
 
 
 @dataclass(frozen=True)
@@ -268,12 +262,11 @@ class Number:
 class Copies:
     """Where motions name a target whose own numbers have to stay: each gets a literal of its own there.
 
-    ``literal`` is its text, with the target's numbers, then those of its configuration, at ``spans``; ``names`` are the spans
-    of the program's text that it takes the place of.
+    ``literal`` is its text, in which the target's numbers and those of its configuration are; ``names`` are the spans of the
+    program's text that it takes the place of.
     """
 
     literal: str
-    spans: tuple[Span, ...]
     names: tuple[Span, ...]
 
 
@@ -303,39 +296,13 @@ class Target:
     copies: Copies | None = None
 
 
-_ALL = "it gets the correction of its target"
-_SOME = "of the poses that it starts from only some are corrected"
-_ELSEWHERE = (
-    "its target comes from a call or from the file beside, and it gets the correction that this has there"
-)
-_NONE = "what it starts from is not corrected here, so neither is it"
-
-
 @dataclass(frozen=True)
 class Left:
-    """What is not corrected, or not as it would have to be: its line, what stands there, and why.
-
-    ``computed``: the program works a point out from a target while it runs, and the point gets that target's correction.
-    ``origins`` are the literals that the point is worked out of: it gets their correction where they have one.
-    """
+    """What is not corrected, or not as it would have to be: its line, what stands there, and why."""
 
     line: int
     what: str
     why: str
-    computed: bool = False
-    origins: tuple[Span, ...] | None = None
-
-    def settled(self, corrected: Sequence[int]) -> Left:
-        """Return it with what becomes of its origins, where numbers at these places (in order) are corrected."""
-        if self.origins is None:
-            return self
-        done = [
-            bisect.bisect_left(corrected, start) < bisect.bisect_left(corrected, end)
-            for start, end in self.origins
-        ]
-        away = ELSEWHERE in self.origins
-        how = _ELSEWHERE if away else _ALL if done and all(done) else _SOME if any(done) else _NONE
-        return replace(self, why=f"{self.why}: {how}", computed=away or any(done), origins=None)
 
 
 @dataclass(frozen=True)
@@ -354,20 +321,6 @@ class Program:
     """Reads another text of the same kind, beside the same file."""
 
 
-class Dialect(Protocol):
-    """A way of writing programs: finds the targets of a text.
-
-    ``beside`` is the text of the file that belongs to it (KUKA's .src and .dat), where there is one.
-    """
-
-    name: str
-    title: str
-
-    def read(self, text: str, machine: Machine, beside: str | None = None) -> Program:
-        """What a text says. Raises InputError where it is no program of this kind."""
-        ...
-
-
 class Lines:
     """Lines of positions in a text, from 1."""
 
@@ -377,17 +330,6 @@ class Lines:
     def of(self, position: int) -> int:
         """The line that a position stands in."""
         return bisect.bisect_right(self._ends, position) + 1
-
-    def left(
-        self,
-        position: int,
-        what: str,
-        why: str,
-        computed: bool = False,
-        origins: tuple[Span, ...] | None = None,
-    ) -> Left:
-        """What stands at a position and is left."""
-        return Left(self.of(position), shown(what), why, computed, origins)
 
 
 def masked(text: str, comment: str, quote: str = r'"[^"\r\n]*"') -> str:
@@ -486,7 +428,7 @@ class Frames:
     def __init__(self, program: Program, cell: Cell) -> None:
         self._program = program
         stated = {
-            name.lower(): np.array(numbers) for name, numbers in program.frames.items() if _rigid(numbers)
+            name.lower(): np.array(numbers) for name, numbers in program.frames.items() if is_rigid(numbers)
         }
         given = {name.lower(): self._numbers(f"--frame {name}", v) for name, v in cell.frames.items()}
         named = {one.lower() for t in program.targets for one in (t.base, t.tool, *t.within) if one}
@@ -554,7 +496,7 @@ class Frames:
         return out
 
 
-def _rigid(numbers: tuple[float, ...]) -> bool:
+def is_rigid(numbers: Sequence[float]) -> bool:
     """Whether the numbers of a frame are a pose; of one that a program states with others the numbers are not known."""
     return max(map(abs, numbers)) <= LARGEST and (
         len(numbers) != 7 or abs(sum(v**2 for v in numbers[3:]) - 1.0) <= 0.01

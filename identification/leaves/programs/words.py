@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
 from truepose.arrays import Array
-from truepose.identification.leaves.programs.correct import NEARBY, Corrected, Correction
+from truepose.identification.leaves.programs.correct import Corrected, Correction
 from truepose.models.machine.machine import Machine
 
 _LISTED = 5
@@ -25,88 +25,51 @@ class Limit:
 
 
 def correction_lines(found: Correction, title: str, source: Path, output: Path) -> list[str]:
-    """What was written, the sizes of corrections and errors, and each line where a target is not corrected."""
-    count, whole = len(found.done), len(found.done) + len(found.left)
+    """Say what was written, the sizes of corrections and errors, and each line where a target is not corrected."""
+    count, left = len(found.done), len(found.left)
     out = [f"{output}: {count} target{'s' * (count != 1)} corrected, {title}"]
     if found.done:
-        change, before, after = (_norms(found.done, name) for name in ("change", "before", "after"))
-        out.append(
-            f"  correction: median {_size(np.median(change, axis=0))}, largest {_size(change.max(axis=0))}"
-        )
-        out.append(
+        change, before, after = _sizes(found)
+        out += [
+            f"  correction: median {_size(np.median(change, axis=0))}, largest {_size(change.max(axis=0))}",
             f"  largest pose error, as the calibrated model has it: {_size(before.max(axis=0))} with the program as it was, "
-            f"{_size(after.max(axis=0))} with this one, rounding of its numbers included"
-        )
-    if whole > count:
-        places = "1 place is" if whole - count == 1 else f"{whole - count} places are"
+            f"{_size(after.max(axis=0))} with this one, rounding of its numbers included",
+        ]
+    if left:
+        places = "1 place is" if left == 1 else f"{left} places are"
         out.append(f"  {places} not corrected, or not wholly:")
-        out += [f"    {source}:{left.line}: {left.what}: {left.why}" for left in found.left]
+        out += [f"    {source}:{one.line}: {one.what}: {one.why}" for one in found.left]
     return out
 
 
 def correction_notes(found: Correction, machine: Machine, limit: Limit) -> list[str]:
-    """What was taken for granted, and what a person should look at."""
-    out = []
-    beyond = _beyond(found, limit)
-    if beyond:
-        named = [f"line {one.target.line} ({one.target.name}, {_size(_norm(one.change))})" for one in beyond]
-        out.append(
-            f"corrections of more than {limit.position:g} mm or {limit.rotation:g} deg: {_listed(named)}"
-        )
-    turned = [f"line {one.target.line} ({one.target.name})" for one in found.done if one.reconfigured]
-    if turned:
-        out.append(
-            f"axes pass a border, so that numbers of the configuration changed with them: {_listed(turned)}"
-        )
-    copied = [
-        f"line {one.target.line} ({one.target.name})" for one in found.done if one.target.copies is not None
-    ]
-    if copied:
-        out.append(
-            "motions that got a pose of their own, because what they name is a frame as well, goes by several frames or is "
-            f"worked out: {_listed(copied)}"
-        )
-    if found.nearby is not None:
-        out.append(
-            "points that the program works out from a target get that target's correction: "
-            f"{NEARBY:g} mm away it should be another by up to {found.nearby:.3g} mm"
-        )
-    out += _taken_for_granted(found)
+    """Say what was taken for granted, and what a person should look at."""
+    beyond = f"corrections of more than {limit.position:g} mm or {limit.rotation:g} deg: "
+    bare, toolless = found.unnamed
+    at = ", ".join(f"{name} = {value:g}" for name, value in found.drivers.items())
+    turned = _listed([one for one in found.done if one.reconfigured])
+    copied = _listed([one for one in found.done if one.target.copies is not None])
+    why = "what they name is a frame as well, goes by several frames or is worked out"
+    notes = {
+        beyond: _listed(_beyond(found, limit)),
+        "axes pass a border, so that numbers of the configuration changed with them: ": turned,
+        f"motions that got a pose of their own, because {why}: ": copied,
+        "poses that name no base stand in the robot's own (--base tells another): ": bare,
+        "poses that name no tool are the machine file's tool's (--tool tells another): ": toolless,
+        "taken for the machine file's tool (--frame NAME=... gives another): ": ", ".join(found.assumed),
+        "at all targets (--at NAME=VALUE gives others): ": at,
+    }
+    out = [f"{head}{what}" for head, what in notes.items() if what]
     if not (machine.file and machine.file.nominal):
         out.append("the machine file has no `nominal:`; its own constants are taken for the controller's")
     return out
 
 
-def _taken_for_granted(found: Correction) -> list[str]:
-    """What neither the program nor an option tells: frames, drivers, from where joints come."""
-    out = []
-    bare, toolless = found.unnamed
-    if bare:
-        out.append(f"poses that name no base ({bare}) stand in the robot's own; --base tells another")
-    if toolless:
-        out.append(
-            f"poses that name no tool ({toolless}) are the machine file's tool's; --tool tells another"
-        )
-    if found.assumed:
-        out.append(
-            f"taken for the machine file's tool: {', '.join(found.assumed)}; --frame NAME=... gives another"
-        )
-    if found.drivers:
-        told = ", ".join(f"{name} = {value:g}" for name, value in found.drivers.items())
-        out.append(f"at all targets: {told}; --at NAME=VALUE gives others")
-    if found.arrival:
-        out.append(
-            "no target tells from which side its joints arrive: they count as halfway, which is up to "
-            f"{found.arrival:.3g} mm at the tool"
-        )
-    return out
-
-
 def correction_json(found: Correction, limit: Limit) -> dict[str, object]:
-    """The same as data; every target that was left has its line."""
+    """Return the same as data; every target that was left has its line."""
     sizes: dict[str, object] = {}
     if found.done:
-        change, before, after = (_norms(found.done, name) for name in ("change", "before", "after"))
+        change, before, after = _sizes(found)
         sizes = {
             "correction": {"median": _json(np.median(change, axis=0)), "largest": _json(change.max(axis=0))},
             "largest_error": {"before": _json(before.max(axis=0)), "after": _json(after.max(axis=0))},
@@ -114,7 +77,7 @@ def correction_json(found: Correction, limit: Limit) -> dict[str, object]:
     return {
         "targets": len(found.done),
         **sizes,
-        "left": [{"line": one.line, "what": one.what, "why": one.why} for one in found.left],
+        "left": [asdict(one) for one in found.left],
         "beyond_limit": [
             {"line": one.target.line, "target": one.target.name, **_json(_norm(one.change))}
             for one in _beyond(found, limit)
@@ -125,10 +88,6 @@ def correction_json(found: Correction, limit: Limit) -> dict[str, object]:
         "without_base": found.unnamed[0],
         "without_tool": found.unnamed[1],
         "drivers": dict(found.drivers),
-        "arrival": {"value": found.arrival, "unit": "mm"},
-        "nearby": None
-        if found.nearby is None
-        else {"value": found.nearby, "unit": "mm", "distance": {"value": NEARBY, "unit": "mm"}},
     }
 
 
@@ -136,9 +95,10 @@ def _norm(twist: Array) -> Array:
     return np.array([np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:])])
 
 
-def _norms(done: Sequence[Corrected], name: str) -> Array:
-    """(n, 2) sizes of twists, mm and rad."""
-    return np.array([_norm(getattr(one, name)) for one in done])
+def _sizes(found: Correction) -> list[Array]:
+    """Return the sizes (n, 2), mm and rad, of changes, and of errors before and after."""
+    twists = ([one.change, one.before, one.after] for one in found.done)
+    return list(np.array([[_norm(twist) for twist in three] for three in twists]).swapaxes(0, 1))
 
 
 def _beyond(found: Correction, limit: Limit) -> list[Corrected]:
@@ -157,6 +117,9 @@ def _json(norm: Array) -> dict[str, object]:
     }
 
 
-def _listed(items: list[str]) -> str:
-    more = [f"and {len(items) - _LISTED} more"] if len(items) > _LISTED else []
-    return ", ".join([*items[:_LISTED], *more])
+def _listed(done: Sequence[Corrected]) -> str:
+    """Name the first of some targets."""
+    items = [
+        f"line {one.target.line} ({one.target.name}, {_size(_norm(one.change))})" for one in done[:_LISTED]
+    ]
+    return ", ".join([*items, *([f"and {len(done) - _LISTED} more"] if len(done) > _LISTED else [])])

@@ -7,9 +7,8 @@ Read by rosbags (extra ``ros``). Joints come from ``JointState``; poses from ``P
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from truepose.arrays import Array
 from truepose.bounded import check_input
 from truepose.errors import InputError
-from truepose.identification.leaves.readers.settled import BAND, SECONDS, Average, Stream, average, stretches
+from truepose.identification.leaves.readers.settled import BAND, SECONDS, Stream, average, stretches
 from truepose.identification.recording.text import SI, ArrowCells, TextTable
 from truepose.wording import cut, joined, shortened
 
@@ -39,57 +38,56 @@ _GIVEN: Final = 'choose one with --topic of "truepose import"'
 
 
 @dataclass
-class _Samples:
-    """Times (k,), s, and values (k, width), one behind the other; as plain numbers, of which a bag may hold millions."""
-
-    width: int
-    time: array[float] = field(default_factory=lambda: array("d"))
-    values: array[float] = field(default_factory=lambda: array("d"))
-
-    def add(self, time: float, values: Sequence[float]) -> None:
-        """One sample. Raises ValueError for values that are none, and where there were more or fewer before."""
-        if len(values) != self.width or any(abs(v) > FARTHEST for v in values):
-            told = ", ".join(f"{v:g}" for v in values)
-            raise ValueError(
-                f"found the values {told}, expected {self.width} of at most {FARTHEST:g} m or rad"
-            )
-        self.time.append(time)
-        self.values.extend(values)
-
-    @property
-    def stream(self) -> Stream:
-        return Stream.in_order(np.array(self.time), np.array(self.values).reshape(-1, self.width))
-
-
-@dataclass
 class _Log:
-    """What a bag holds of joints, by name, and of poses, by topic (of frames by ``parent->child``), with their kind."""
+    """Samples of joints by name, and of poses by topic (of frames by ``parent->child``), whose ``kinds`` are message types.
 
-    joints: dict[str, _Samples] = field(default_factory=dict)
-    poses: dict[str, _Samples] = field(default_factory=dict)
+    Each sample is its time, s, then its values, m and rad; plain numbers, of which a bag may hold millions.
+    """
+
+    joints: dict[str, array[float]] = field(default_factory=dict)
+    poses: dict[str, array[float]] = field(default_factory=dict)
     kinds: dict[str, str] = field(default_factory=dict)
 
     def add(self, kind: str, topic: str, message: Any, logged: float) -> None:
-        """One message, by its own stamp where it has one, else by when it was logged (s)."""
-        if kind == _FRAME:
-            for transform in message.transforms:
-                name = f"{transform.header.frame_id}->{transform.child_frame_id}"
-                self._pose(kind, name, transform.header, _of_transform(transform), logged)
-        elif kind == "TransformStamped":
-            self._pose(kind, topic, message.header, _of_transform(message), logged)
-        elif kind == _POINT:
-            self._pose(kind, topic, message.header, _xyz(message.point), logged)
-        elif kind == "PoseStamped":
-            pose = message.pose
-            self._pose(kind, topic, message.header, [*_xyz(pose.position), *_turn(pose.orientation)], logged)
-        else:
+        """Add a message, by its stamp if it has one, else by when it was logged (s). Raises ValueError for odd values."""
+        if kind == "JointState":
             for name, position in zip(message.name, message.position, strict=False):
-                own = self.joints.setdefault(str(name), _Samples(1))
-                own.add(_stamp(message.header, logged), [float(position)])
+                self._append(self.joints, str(name), message.header, logged, [float(position)])
+            return
+        named = {topic: message}
+        if kind == _FRAME:
+            named = {f"{part.header.frame_id}->{part.child_frame_id}": part for part in message.transforms}
+        for name, part in named.items():
+            if self.kinds.setdefault(name, kind) != kind:
+                raise ValueError(f"found messages of types {self.kinds[name]} and {kind}, expected one")
+            self._append(self.poses, name, part.header, logged, _values(part))
 
-    def _pose(self, kind: str, name: str, header: Any, values: list[float], logged: float) -> None:
-        self.kinds[name] = kind
-        self.poses.setdefault(name, _Samples(len(values))).add(_stamp(header, logged), values)
+    def _append(
+        self, samples: dict[str, array[float]], name: str, header: Any, logged: float, values: list[float]
+    ) -> None:
+        if any(abs(v) > FARTHEST for v in values):
+            told = ", ".join(f"{v:g}" for v in values)
+            raise ValueError(f"found the values {told}, expected at most {FARTHEST:g} m or rad")
+        stamp = float(header.stamp.sec) + 1e-9 * float(header.stamp.nanosec)
+        samples.setdefault(name, array("d")).extend([stamp or logged, *values])
+
+
+def _values(part: Any) -> list[float]:
+    """Return the position of a message, m, and its rotation vector, rad, unless it is a point."""
+    if hasattr(part, "point"):
+        return [float(part.point.x), float(part.point.y), float(part.point.z)]
+    pose = getattr(part, "transform", None) or part.pose
+    at = pose.translation if hasattr(pose, "translation") else pose.position
+    turn = pose.rotation if hasattr(pose, "rotation") else pose.orientation
+    q = [float(turn.x), float(turn.y), float(turn.z), float(turn.w)]
+    if not np.isfinite(q).all() or not any(q):
+        raise ValueError(f"found the quaternion {q}, expected a rotation")
+    return [float(at.x), float(at.y), float(at.z), *(float(v) for v in Rotation.from_quat(q).as_rotvec())]
+
+
+def _stream(samples: array[float], width: int) -> Stream:
+    table = np.array(samples).reshape(-1, 1 + width)
+    return Stream.in_order(table[:, 0], table[:, 1:])
 
 
 def read_bag(
@@ -111,18 +109,20 @@ def read_bag(
             f"{path}: found no joint {unknown[0]!r}, expected {joined(map(repr, log.joints), 'or')}"
         )
     wanted = joints or _of_machine(log, readings)
-    streams = {name: log.joints[name].stream for name in wanted or log.joints}
-    seen = {prefix: log.poses[name].stream for prefix, name in _chosen(log, topic, path).items()}
+    streams = {name: _stream(log.joints[name], 1) for name in wanted or log.joints}
+    seen = {
+        prefix: _stream(log.poses[name], 3 if log.kinds[name] == _POINT else 6)
+        for prefix, name in _chosen(log, topic, path).items()
+    }
     found = stretches(streams)
     rows = [(start, end) for start, end in found if any(len(s.between(start, end)) for s in seen.values())]
-    hint = "" if wanted else _restless(streams, len(found))
     if not rows:
         raise InputError(
             f"{path}: found {len(found)} stretches in which all joints stand still for {SECONDS:g} s within {BAND:g} "
-            f"rad (m), none with a pose in it; expected at least one (joints: {', '.join(streams)}){hint and '; ' + hint}"
+            f"rad (m), none with a pose in it; expected at least one (joints: {', '.join(streams)}; --joint of "
+            '"truepose import" names those that matter)'
         )
-    table = _table(path, rows, streams, seen, len(found) - len(rows))
-    return replace(table, notes=(*table.notes, f"{path}: {hint}")) if hint else table
+    return _table(path, rows, streams, seen, len(found) - len(rows))
 
 
 def _of_machine(log: _Log, readings: Sequence[str]) -> list[str]:
@@ -132,20 +132,8 @@ def _of_machine(log: _Log, readings: Sequence[str]) -> list[str]:
     return found if {name.casefold() for name in found} == known else []
 
 
-def _restless(streams: Mapping[str, Stream], count: int) -> str:
-    """Return a hint at joints that hardly ever stand still, where the others do in far more than ``count`` stretches."""
-    still = {name: sum(b - a for a, b in stretches({name: stream})) for name, stream in streams.items()}
-    usual = [name for name in streams if still[name] >= 0.5 * float(np.median(list(still.values())))]
-    more = len(stretches({name: streams[name] for name in usual})) if len(usual) < len(streams) else 0
-    if more < 2 * max(count, 1):
-        return ""
-    restless = [name for name in streams if name not in usual]
-    named = " ".join(f"--joint {name}" for name in usual)
-    return f"without {joined(map(repr, restless))} {more} stretches stand still, with it {count}: import with {named}"
-
-
 def _read(path: Path) -> _Log:
-    """What a bag says, of messages of known types: these are read as ROS defines them, whatever the bag says they are."""
+    """Return what a bag says, of messages of known types, which are read as ROS defines them, not as the bag does."""
     try:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
@@ -153,49 +141,25 @@ def _read(path: Path) -> _Log:
         raise InputError(f"{path}: a ROS bag needs rosbags: pip install 'truepose[ros]'") from None
     for part in path.iterdir() if path.is_dir() else [path]:
         check_input(part)
-    log = _Log()
-    store = get_typestore(Stores.ROS1_NOETIC if path.suffix == ".bag" else Stores.ROS2_HUMBLE)
-    read = store.deserialize_ros1 if path.suffix == ".bag" else store.deserialize_cdr
-    with _told(path):
-        reader = AnyReader(
-            [path], default_typestore=store
-        )  # bags of sqlite3 hold no definitions of their messages
-        reader.open()
+    older = path.suffix == ".bag"
+    store = get_typestore(Stores.ROS1_NOETIC if older else Stores.ROS2_HUMBLE)
+    read, log = store.deserialize_ros1 if older else store.deserialize_cdr, _Log()
     try:
-        for connection, time, data in _messages(reader, path):
-            with _told(path):
+        with AnyReader([path], default_typestore=store) as reader:  # sqlite3 holds no definitions of messages
+            known = [
+                c for c in reader.connections if c.msgtype in _TYPES and not c.topic.endswith("tf_static")
+            ]
+            for connection, time, data in reader.messages(connections=known) if known else ():
                 message = read(data, connection.msgtype)
-            try:
-                log.add(_TYPES[connection.msgtype], connection.topic, message, time * 1e-9)
-            except ValueError as exc:
-                raise InputError(f"{path}: topic {cut(connection.topic)}: {exc}") from None
-    finally:
-        reader.close()
-    return log
-
-
-def _messages(reader: Any, path: Path) -> Iterator[tuple[Any, int, bytes]]:
-    """Connection, time (ns) and data of each message of a known type."""
-    wanted = [c for c in reader.connections if c.msgtype in _TYPES and not c.topic.endswith("tf_static")]
-    if not wanted:
-        return
-    with _told(path):
-        messages = iter(reader.messages(connections=wanted))
-    while True:
-        with _told(path):
-            found = next(messages, None)
-        if found is None:
-            return
-        yield found
-
-
-@contextmanager
-def _told(path: Path) -> Iterator[None]:
-    """What rosbags raises as an InputError: a broken bag makes it raise nearly anything, assertions included."""
-    try:
-        yield
-    except Exception as exc:
+                try:
+                    log.add(_TYPES[connection.msgtype], connection.topic, message, time * 1e-9)
+                except ValueError as exc:
+                    raise InputError(f"{path}: topic {cut(connection.topic)}: {exc}") from None
+    except InputError:
+        raise
+    except Exception as exc:  # a broken bag makes rosbags raise nearly anything, assertions included
         raise InputError(f"{path}: cannot read the bag: {cut(str(exc) or repr(exc))}") from None
+    return log
 
 
 def _chosen(log: _Log, topic: str | None, path: Path) -> Mapping[str, str]:
@@ -235,60 +199,28 @@ def _table(
     }
     told = []
     for prefix, stream in seen.items():
-        width = stream.values.shape[1]
-        averages = [_average(stream.between(a, b), width) for a, b in rows]
-        for k, (axis, unit) in enumerate(_AXES[:width]):
-            cells[f"{prefix}{axis} [{unit}]"] = np.array([found.mean[k] for found in averages])
-            cells[f"{prefix}{axis}.sigma [{unit}]"] = np.array([found.sigma[k] for found in averages])
-        cells[f"{prefix}samples"] = np.array([float(found.count) for found in averages])
-        told.append(_words(prefix, averages))
+        inside = [stream.between(a, b) for a, b in rows]
+        mean, sigma = (np.array(values) for values in zip(*map(average, inside), strict=True))
+        for k, (axis, unit) in enumerate(_AXES[: mean.shape[1]]):
+            cells[f"{prefix}{axis} [{unit}]"] = mean[:, k].copy()
+            cells[f"{prefix}{axis}.sigma [{unit}]"] = sigma[:, k].copy()
+        cells[f"{prefix}samples"] = np.array([float(len(values)) for values in inside])
+        told.append(_scatter(prefix, sigma[np.isfinite(sigma).all(axis=1)]))
     notes = [f"{path}: {len(rows)} settled stretches; an average's 1-sigma by its scatter: {'; '.join(told)}"]
     if without:
         notes.append(f"{path}: {without} settled stretches have no pose and make no row")
     return TextTable(list(cells), [ArrowCells(values) for values in cells.values()], notes=tuple(notes))
 
 
-def _average(values: Array, width: int) -> Average:
-    nothing = np.full(width, np.nan)
-    return average(values) if len(values) else Average(nothing, nothing, 0)
-
-
-def _words(prefix: str, averages: list[Average]) -> str:
-    """``x 0.0021 mm, ...``: the median over rows of what the averages are worth."""
-    sigma = np.array([found.sigma for found in averages if found.count > 1])
+def _scatter(prefix: str, sigma: Array) -> str:
+    """Return ``x 0.0021 mm, ...``: the median over rows of what the averages are worth."""
     if not len(sigma):
         return f"{prefix or 'pose'} unknown, one sample a row"
-    length = float(np.sqrt(np.mean(np.median(sigma[:, :3], axis=0) ** 2)))
-    words = f"{prefix}xyz {1e3 * length:.2g} mm"
-    if sigma.shape[1] == 6:
-        turn = float(np.sqrt(np.mean(np.median(sigma[:, 3:], axis=0) ** 2)))
-        words += f", rot {np.degrees(turn):.2g} deg"
+    middle = np.median(sigma, axis=0)
+    words = f"{prefix}xyz {1e3 * np.sqrt(np.mean(middle[:3] ** 2)):.2g} mm"
+    if len(middle) == len(_AXES):
+        words += f", rot {np.degrees(np.sqrt(np.mean(middle[3:] ** 2))):.2g} deg"
     return words
-
-
-def _stamp(header: Any, logged: float) -> float:
-    stamp = float(header.stamp.sec) + 1e-9 * float(header.stamp.nanosec)
-    return stamp or logged
-
-
-def _xyz(point: Any) -> list[float]:
-    return [float(point.x), float(point.y), float(point.z)]
-
-
-def _turn(quaternion: Any) -> list[float]:
-    """The rotation vector, rad."""
-    q = [float(quaternion.x), float(quaternion.y), float(quaternion.z), float(quaternion.w)]
-    if not np.isfinite(q).all() or not any(q):
-        raise ValueError(f"found the quaternion {q}, expected a rotation")
-    return [float(v) for v in Rotation.from_quat(q).as_rotvec()]
-
-
-def _of_transform(stamped: Any) -> list[float]:
-    moved = stamped.transform
-    return [*_xyz(moved.translation), *_turn(moved.rotation)]
-
-
-__all__ = ["read_bag"]
 
 
 def is_bag(path: Path) -> bool:

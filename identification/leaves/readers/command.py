@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -127,114 +126,80 @@ def import_(
 
     A probe and a robot with a clock each: truepose import probe.csv --log robot.csv --model cell.yaml -o recording.csv
     """
-    asked = _Asked(file, form, unit, topic, joints, joint or (), log, offset, every, model, rotation, columns)
     check_file(output, file, joints, log, model)
-    asked.check()
-    _check_new(machine)
+    if log is None and (offset is not None or every or model is not None):
+        raise InputError("--offset, --every, --model: found without --log, expected the robot's log")
+    if log is not None and joints is not None:
+        raise InputError("--log, --joints: found both, expected the joints from one of them")
+    if machine is not None:
+        check_file(machine)
+        if machine.exists():
+            raise InputError(f"{machine}: found a file that is there already, expected another name")
+    names = pairs("--rename", rename or (), "OLD=NEW")
     with progress("importing"):
-        table = asked.table(pairs("--rename", rename or (), "OLD=NEW"))
-        frame = _write(table, prismatic or (), output, machine, file)
-    _finish(frame, table.notes, output, machine, as_json=as_json)
-
-
-@dataclass(frozen=True)
-class _Asked:
-    """What is read, and how: options of the command by their names."""
-
-    file: Path
-    form: str
-    unit: str | None
-    topic: str | None
-    joints: Path | None
-    joint: Sequence[str]
-    log: Path | None
-    offset: float | None
-    every: float
-    model: Path | None
-    rotation: str
-    columns: str | None
-
-    def check(self) -> None:
-        """Raise InputError for options that do not go together."""
-        of_log = self.offset is not None or bool(self.every) or self.model is not None
-        if self.log is None and of_log:
-            raise InputError("--offset, --every, --model: found without --log, expected the robot's log")
-        if self.log is not None and self.joints is not None:
-            raise InputError("--log, --joints: found both, expected the joints from one of them")
-
-    def table(self, names: Mapping[str, str]) -> Table:
-        """The measurements beside the joints, columns renamed by ``names`` (new ones by old ones)."""
         from truepose.identification.leaves.readers import importing
         from truepose.identification.leaves.readers.turns import has_quaternion, with_rotation_vector
         from truepose.identification.recording.table import read_table
 
-        form = "table" if self.log is not None and self.form == "auto" else self.form
+        read_as = "table" if log is not None and form == "auto" else form
         table = importing.read_foreign(
-            self.file, form, unit=self.unit, topic=self.topic, joints=self.joint, columns=self.columns
+            file, read_as, unit=unit, topic=topic, joints=joint or (), columns=columns
         )
         # roll, pitch and yaw may be joints where nobody says that they are a rotation
-        if self.log is not None or self.rotation != "auto" or has_quaternion(table):
-            table = with_rotation_vector(table, self.rotation)
-        if self.log is not None:
-            log = read_table(self.log)
-            ours = {old: new for old, new in names.items() if old in log}
+        if log is not None or rotation != "auto" or has_quaternion(table):
+            table = with_rotation_vector(table, rotation)
+        if log is not None:
+            logged = read_table(log)
+            ours = {old: new for old, new in names.items() if old in logged}
             names = {old: new for old, new in names.items() if old not in ours}
-            table = self._paired(table, importing.renamed(log, ours))
-        if self.joints is not None:
-            table = importing.with_joints(table, read_table(self.joints))
-        return importing.renamed(table, names)
+            table = _paired(table, importing.renamed(logged, ours), joint or (), offset, every, model)
+        if joints is not None:
+            table = importing.with_joints(table, read_table(joints))
+        table = importing.renamed(table, names)
+        frame = importing.frame_of(table, prismatic or ())
+        started = None if machine is None else importing.machine_of(file)
+        _write(frame, table.notes, output, started, machine)
+    _finish(frame, table.notes, output, machine, as_json=as_json)
 
-    def _paired(self, table: Table, log: Table) -> Table:
-        """The table's samples with the joints of a log at their times."""
-        from truepose.identification.leaves.readers.clock_offset import Clock, clock_of
-        from truepose.identification.leaves.readers.probe import Pairing, clock_words
 
-        machine = None
-        if self.model is not None:
-            from truepose.models.load import load_machine
+def _paired(
+    table: Table, log: Table, joints: Sequence[str], offset: float | None, every: float, model: Path | None
+) -> Table:
+    """Return the table's samples with the joints of a log at their times."""
+    from truepose.identification.leaves.readers.probe import Clock, Pairing, clock_of, clock_words
 
-            machine = load_machine(self.model)
-        pairing = Pairing.of(table, log, self.joint or (machine.mechanism.readings if machine else ()))
-        if self.offset is not None:
-            clock, told = Clock(self.offset), "as stated"
-        elif machine is None:
-            clock = clock_of(pairing.motion, pairing.files)
-            told = "by the motion; --model MACHINE tells it more exactly"
-        else:
-            from truepose.identification.leaves.readers.probe_clock import clock_by_model
+    machine = None
+    if model is not None:
+        from truepose.models.load import load_machine
 
-            clock = clock_by_model(machine, pairing, clock_of(pairing.motion, pairing.files))
-            told = f"by {self.model}"
-        return pairing.rows(clock, self.every).with_note(clock_words(pairing, clock, told))
+        machine = load_machine(model)
+    pairing = Pairing.of(table, log, joints or (machine.mechanism.readings if machine else ()))
+    if offset is not None:
+        clock, told = Clock(offset), "as stated"
+    elif machine is None:
+        clock = clock_of(pairing)
+        told = "by the motion; --model MACHINE tells it more exactly"
+    else:
+        from truepose.identification.leaves.readers.probe_clock import clock_by_model
+
+        clock = clock_by_model(machine, pairing)
+        told = f"by {model}"
+    return pairing.rows(clock, every).with_note(clock_words(pairing, clock, told))
 
 
 def _write(
-    table: Table, prismatic: Sequence[str], output: Path, machine: Path | None, file: Path
-) -> pd.DataFrame:
-    """Write the recording, and the machine file that ``file`` tells where one is wanted; the recording's columns."""
-    from truepose.identification.leaves.readers import importing
-
-    frame = importing.frame_of(table, prismatic)
-    started = None if machine is None else importing.machine_of(file)
+    frame: pd.DataFrame, notes: Sequence[str], output: Path, started: str | None, machine: Path | None
+) -> None:
+    """Write the recording, and the text of a machine file that is started: in one step if both are in one folder."""
     if machine is None or started is None:
-        write_table(output, frame, table.notes)
+        write_table(output, frame, notes)
     elif machine.resolve().parent == output.resolve().parent:
-        with atomic_directory(output.parent) as partial:  # both in one step
-            write_table(partial / output.name, frame, table.notes)
+        with atomic_directory(output.parent) as partial:
+            write_table(partial / output.name, frame, notes)
             atomic_write_text(partial / machine.name, started)
     else:
         atomic_write_text(machine, started)
-        write_table(output, frame, table.notes)
-    return frame
-
-
-def _check_new(machine: Path | None) -> None:
-    """Raise InputError for a machine file that is there already."""
-    if machine is None:
-        return
-    check_file(machine)
-    if machine.exists():
-        raise InputError(f"{machine}: found a file that is there already, expected another name")
+        write_table(output, frame, notes)
 
 
 def _finish(

@@ -12,7 +12,7 @@ import pandas as pd
 
 from truepose.bounded import read_input
 from truepose.errors import InputError
-from truepose.identification.leaves.readers.bags import is_bag
+from truepose.identification.leaves.readers.bags import is_bag, read_bag
 from truepose.identification.leaves.readers.headings import (
     XYZ,
     asked_columns,
@@ -20,17 +20,16 @@ from truepose.identification.leaves.readers.headings import (
     is_asked,
     read_column,
 )
-from truepose.identification.leaves.readers.reading import bag_table
-from truepose.identification.leaves.readers.spreadsheet import MAGIC
+from truepose.identification.leaves.readers.points import PROGRAMS, is_marked, read_points
+from truepose.identification.leaves.readers.reading import MAGIC
 from truepose.identification.leaves.readers.tpoint import is_tpoint, machine_text, read_tpoint
-from truepose.identification.leaves.readers.tracker_text import ANY, DIALECTS, dialect_of, read_points
 from truepose.identification.recording.languages import refuse_languages
-from truepose.identification.recording.table import Column, Table, in_known_case, read_table
+from truepose.identification.recording.table import Column, Table, in_known_case, read_table, table_of
 from truepose.identification.recording.text import SI, decoded
 from truepose.models.units import parse_unit
 from truepose.wording import joined, shortened
 
-FORMATS: Final = ("auto", *DIALECTS, "tpoint", "excel", "bag", "table")
+FORMATS: Final = ("auto", *PROGRAMS, "tpoint", "excel", "bag", "table")
 _KEYS: Final = ("name", "point", "target", "pose")
 """Columns of a joints table that name each row's point."""
 _READ_ALONE: Final = (
@@ -64,39 +63,44 @@ def read_foreign(
     if form not in FORMATS:
         raise InputError(f"--format: found {form!r}, expected {joined(FORMATS, 'or')}")
     try:
-        asked, form = form, _form(path, chosen) if form == "auto" else form
+        asked, form = form, _form(path) if form == "auto" else form
+        if form == "bag":
+            return _with_choice(table_of(str(path), read_bag(path, topic, joints)), chosen)
         if form in ("excel", "table"):
-            table = _table(path, unit, chosen)
+            table = _with_choice(read_table(path), chosen)
             if asked == "auto" and not _has_readings(table) and is_asked(table.names):
                 raise asked_columns(table.names, table.file)
-            return table
-        if form == "bag":
-            return _with_choice(bag_table(path, topic, joints), chosen)
+            return _with_lengths(table, unit)
         text, notes = decoded(read_input(path), str(path))
     except OSError as exc:
         raise InputError(f"{path}: cannot read the file: {exc.strerror or exc}") from None
     if form == "tpoint":
         return _with_choice(read_tpoint(text, str(path)), chosen)
+    marked = form in PROGRAMS or is_marked(text)
+    found = None
+    if asked == "auto":
+        refuse_languages(text[:_BEGINNING], str(path))
+        found = _plain_table(path, chosen) if chosen or not marked else None
+    if found is not None:
+        return _with_lengths(found, unit)
     others = [new for new in chosen if new not in XYZ]
     if others:
         raise InputError(f"--columns: found {others[0]!r}, expected x, y and z, which a list of points has")
-    dialect = DIALECTS.get(form) or dialect_of(text)
-    found = read_points(text, str(path), dialect, unit, chosen)
+    found = read_points(text, str(path), unit, chosen, marked=marked)
     return replace(found, notes=(*notes, *found.notes))
 
 
 def machine_of(path: Path) -> str:
     """Text of a machine file to start from, where a format tells the machine. Raises InputError where it does not."""
-    text = "" if _form(path) != "tpoint" else decoded(read_input(path), str(path))[0]
-    if not text:
+    if _form(path) != "tpoint":
         raise InputError(
             f"--machine: found {path}, expected TPOINT's stars: other formats say nothing of the machine"
         )
-    return machine_text(text, str(path))
+    return machine_text(decoded(read_input(path), str(path))[0], str(path))
 
 
-def _form(path: Path, chosen: Mapping[str, str] | None = None) -> str:
-    """Return the format of a file by its content; a text is a list of points unless its header says what its columns are."""
+def _form(path: Path) -> str:
+    """Return the format of a file by its content; ``points`` for a text that is not TPOINT's."""
     if is_bag(path):
         return "bag"
     with path.open("rb") as stream:
@@ -105,20 +109,16 @@ def _form(path: Path, chosen: Mapping[str, str] | None = None) -> str:
         return "excel"
     if data.startswith(b"PAR1"):
         return "table"
-    text, _ = decoded(read_input(path), str(path))
-    if is_tpoint(text):
-        return "tpoint"
-    refuse_languages(text[:_BEGINNING], str(path))
-    marked = dialect_of(text) is not ANY and not chosen
-    return "points" if marked or not _is_table(path, chosen or {}) else "table"
+    return "tpoint" if is_tpoint(decoded(read_input(path), str(path))[0]) else "points"
 
 
-def _is_table(path: Path, chosen: Mapping[str, str]) -> bool:
-    """Whether a text has one header, with readings among its columns, and rows of numbers below."""
+def _plain_table(path: Path, chosen: Mapping[str, str]) -> Table | None:
+    """Return the table of a text that has one header, with readings among its columns, and rows of numbers below."""
     try:
-        return _has_readings(_with_choice(read_table(path), chosen))
+        table = _with_choice(read_table(path), chosen)
+        return table if _has_readings(table) else None
     except InputError:
-        return False
+        return None
 
 
 def _has_readings(table: Table) -> bool:
@@ -158,9 +158,8 @@ def _header_text(column: Column) -> str:
     return column.name if column.unit is None else f"{column.name} [{column.unit}]"
 
 
-def _table(path: Path, unit: str | None, chosen: Mapping[str, str]) -> Table:
-    """Return a table whose x, y and z are lengths. Raises InputError where a header says otherwise."""
-    table = _with_choice(read_table(path), chosen)
+def _with_lengths(table: Table, unit: str | None) -> Table:
+    """Return the table with a unit for x, y and z without one. Raises InputError for one that is no length."""
     columns = tuple(replace(c, unit=c.unit or unit) if c.name in XYZ else c for c in table.columns)
     for column in columns:
         if column.name in XYZ and column.unit not in (None, SI):
@@ -262,6 +261,3 @@ def _values(table: Table, column: Column) -> object:
         return list(table.cells[column.name])
     whole = column.unit is None and np.isfinite(values).all() and not np.mod(values, 1.0).any()
     return values.astype(np.int64) if whole else values
-
-
-__all__ = ["FORMATS", "frame_of", "machine_of", "read_foreign", "renamed", "with_joints"]

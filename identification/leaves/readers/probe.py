@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
+from scipy.interpolate import CubicSpline
+from scipy.signal import correlate, find_peaks
 
 from truepose.arrays import Array, Index, Mask
 from truepose.errors import InputError
-from truepose.identification.leaves.readers.clock_offset import MOVING, Clock, Motion
 from truepose.identification.recording.file import LOGGED, OF_JOINTS
 from truepose.identification.recording.joint_readings import sized
 from truepose.identification.recording.table import Column, Table, in_known_case
@@ -20,28 +20,50 @@ from truepose.identification.recording.text import ArrowCells
 from truepose.identification.recording.times import read_times
 from truepose.models.file.driver import TEMPERATURE, VELOCITY
 from truepose.models.machine.columns import OF_ROWS
-from truepose.models.units import compatible, convert
 from truepose.wording import joined, shortened
 
 _TIMES: Final = ("time", "timestamp", "t", "stamp")
 _GAP: Final = 5.0
 """A pause in the log of more than so many usual steps is a gap, in which nobody knows the joints."""
-_DISAGREES: Final = 0.5
-"""Share of a joint's velocity by which what was logged may differ from the slope of its positions."""
 _HELD: Final = ("session", "role", "approach")
 """What holds from one sample of the log to the next."""
+_MOVING: Final = 0.2
+"""Share of the usual top speed from which a sample says anything of the clocks."""
+_TOP: Final = 0.99
+"""Quantile of the probe's speed that is its top speed."""
+_GRID: Final = 1 << 16
+"""Most samples that speeds are compared at."""
+_FEWEST: Final = 20
+"""Samples that clocks can be compared at."""
+_LEAST: Final = 0.4
+"""Least correlation of the two speeds."""
+_MARGIN: Final = 0.02
+"""How much more the best lag must correlate than any other."""
 _POINT: Final = re.compile(r"^(?P<head>(.*\.)?)x$")
 
 
 @dataclass(frozen=True)
+class Clock:
+    """time of the log = time of the probe + offset + rate * (time of the probe - middle), s; sigma: 1-sigma of the offset."""
+
+    offset: float
+    sigma: float | None = None
+    rate: float = 0.0
+    middle: float = 0.0
+
+    def of_log(self, time: Array) -> Array:
+        """Return times (n,) of the probe by the log's clock."""
+        return np.asarray(time + self.offset + self.rate * (time - self.middle))
+
+
+@dataclass(frozen=True)
 class Log:
-    """A robot's log in order of time: joints (k, nj) in their columns' units and velocities (k, nj) in those per second."""
+    """A robot's log in order of time: joints (k, nj) in their columns' units."""
 
     table: Table
     time: Array
     names: tuple[str, ...]
     joints: Array
-    velocities: Array
     order: Index
 
     @property
@@ -50,12 +72,12 @@ class Log:
         return float(np.median(np.diff(self.time)))
 
     def at(self, time: Array) -> tuple[Array, Array]:
-        """Joints (n, nj) and their velocities (n, nj), by the cubic that meets positions and velocities on both sides."""
-        way = CubicHermiteSpline(self.time, self.joints, self.velocities)
-        return np.asarray(way(time)), np.asarray(way.derivative()(time))
+        """Return joints (n, nj) and their velocities (n, nj), by the cubic spline through all samples."""
+        way = CubicSpline(self.time, self.joints)
+        return np.asarray(way(time)), np.asarray(way(time, 1))
 
     def knows(self, time: Array) -> Mask:
-        """(n,) times inside the log that are not in one of its gaps."""
+        """Return which times (n,) are inside the log that are not in one of its gaps."""
         inside = (time >= self.time[0]) & (time <= self.time[-1])
         after = np.clip(np.searchsorted(self.time, time), 1, len(self.time) - 1)
         return np.asarray(inside & (self.time[after] - self.time[after - 1] <= _GAP * self.step))
@@ -79,9 +101,9 @@ class Pairing:
         return cls(probe, _time(probe), _logged(log, joints))
 
     @property
-    def motion(self) -> Motion:
-        """What tells the clocks: the motion of the first point that the probe read. Raises InputError where it read none."""
-        probe, log = self.probe, self.log
+    def place(self) -> tuple[Array, Array]:
+        """Times (n,), in order, and places (n, 3) of the first point that the probe read. Raises InputError if it read none."""
+        probe = self.probe
         heads = [found["head"] for name in probe.names if (found := _POINT.match(name))]
         axes = next(
             ([f"{h}{a}" for a in "xyz"] for h in heads if all(f"{h}{a}" in probe for a in "xyz")), None
@@ -93,13 +115,7 @@ class Pairing:
         place = np.column_stack([sized(probe, name, probe.readings(name)) for name in axes])
         order = np.unique(self.time, return_index=True)[1]
         order = order[np.isfinite(place[order]).all(axis=1)]
-        radians, slides = _internal(log)
-
-        def joints(time: Array) -> Array:
-            return log.at(np.clip(time, log.time[0], log.time[-1]))[0] * radians
-
-        span = (float(log.time[0]), float(log.time[-1]))
-        return Motion(self.time[order], place[order], joints, span, slides, log.step)
+        return self.time[order], place[order]
 
     @property
     def files(self) -> str:
@@ -126,7 +142,7 @@ class Pairing:
         kept = _thinned(kept[np.argsort(at[kept], kind="stable")], at, every)
         if most:
             speed = np.linalg.norm(self.log.at(at[kept])[1], axis=1)
-            kept = kept[speed >= MOVING * np.quantile(speed, 0.9)]
+            kept = kept[speed >= _MOVING * np.quantile(speed, 0.9)]
             kept = kept[np.linspace(0, len(kept) - 1, min(len(kept), most)).astype(int)]
         notes = [*self.probe.notes, *self.log.table.notes]
         if not known.all():
@@ -152,17 +168,12 @@ def _logged(log: Table, joints: Sequence[str]) -> Log:
         raise InputError(
             f"{log.file}: found {found}, expected the joints by name; columns: {joined(log.names)}"
         )
-    order = (
-        len(time) - 1 - np.unique(np.round(time[::-1], 9), return_index=True)[1]
-    )  # of several at one time, to the nanosecond, the last one counts
+    # of several at one time, to the nanosecond, the last one counts
+    order = len(time) - 1 - np.unique(np.round(time[::-1], 9), return_index=True)[1]
     if len(order) < 4:
         raise InputError(f"{log.file}: found {len(order)} different times, expected a log of at least 4")
-    at, values = time[order], np.column_stack([sized(log, name, log.numbers(name))[order] for name in names])
-    slopes = np.gradient(values, at, axis=0)
-    for k, name in enumerate(names):
-        if f"{VELOCITY}.{name}" in log:
-            slopes[:, k] = _checked(log, name, _velocity(log, name)[order], slopes[:, k])
-    return Log(log, at, names, values, slopes, order)
+    values = np.column_stack([sized(log, name, log.numbers(name))[order] for name in names])
+    return Log(log, time[order], names, values, order)
 
 
 def _may_be_joint(log: Table, name: str) -> bool:
@@ -175,50 +186,12 @@ def _may_be_joint(log: Table, name: str) -> bool:
     return True
 
 
-def _velocity(log: Table, name: str) -> Array:
-    """(k,) logged velocities in the unit of the joint's column per second."""
-    own, logged = log.stated_units[name], log.stated_units[f"{VELOCITY}.{name}"]
-    values = log.numbers(f"{VELOCITY}.{name}")
-    if logged is None or logged == f"{own}/s":
-        return values
-    if own is None:
-        raise InputError(
-            f"{log.where(name)}: found no unit, expected one, as {VELOCITY}.{name} [{logged}] has: {name} [deg]"
-        )
-    return convert(values, logged, f"{own}/s", log.where(f"{VELOCITY}.{name}"))
-
-
-def _checked(log: Table, name: str, logged: Array, slope: Array) -> Array:
-    """Logged velocities, if they are the slope of the positions, roughly; in another unit they would spoil all in between."""
-    size = float(np.sqrt(np.mean(slope**2)))
-    if float(np.sqrt(np.mean((logged - slope) ** 2))) <= _DISAGREES * size:
-        return logged
-    raise InputError(
-        f"{log.where(f'{VELOCITY}.{name}')}: found an rms of {np.sqrt(np.mean(logged**2)):.4g}, but {name} changes "
-        f"by {size:.4g} a second: expected its velocity, with its unit in the header, or no such column"
-    )
-
-
-def _internal(log: Log) -> tuple[Array, Mask]:
-    """(nj,) factors to rad, and which joints slide; columns without a unit are in deg if one goes beyond a turn in rad."""
-    units = log.table.stated_units
-    bare = [k for k, name in enumerate(log.names) if units[name] is None]
-    usual = "deg" if bare and np.abs(log.joints[:, bare]).max() > 2.0 * np.pi else "rad"
-    said = [units[name] or usual for name in log.names]
-    slides = np.array([not compatible(unit, "rad") for unit in said])
-    factors = [1.0 if slide else convert(1.0, unit, "rad") for unit, slide in zip(said, slides, strict=True)]
-    return np.array(factors), slides
-
-
 def _thinned(rows: Index, at: Array, every: float) -> Index:
-    """Rows in order of time, at least ``every`` s apart."""
-    if every <= 0.0:
-        return rows
-    kept, last = [], -np.inf
+    """Return rows in order of time, at least ``every`` s apart."""
+    kept: list[int] = []
     for row in rows.tolist():
-        if at[row] >= last + every * (1.0 - 1e-9):
+        if not kept or at[row] >= at[kept[-1]] + every * (1.0 - 1e-9):
             kept.append(row)
-            last = at[row]
     return np.array(kept, dtype=np.intp)
 
 
@@ -257,6 +230,74 @@ def _beside(log: Log, at: Array) -> Mapping[str, Sequence[object]]:
         elif kind in (TEMPERATURE, *LOGGED, *OF_JOINTS):
             out[name] = ArrowCells(np.interp(at, log.time, log.table.numbers(name)[log.order]))
     return out
+
+
+def clock_of(pairing: Pairing) -> Clock:
+    """Return the clock of the probe by that of the log, from the motion that both saw, to about a sample.
+
+    When the robot moves, the probe moves: the clocks are apart by the lag at which both speeds correlate best. Raises
+    InputError if the motion does not tell it.
+    """
+    time, place = pairing.place
+    log, where = pairing.log, pairing.files
+    own = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    step = max(own, log.step, max(np.ptp(time), np.ptp(log.time)) / _GRID)
+    seen, logged = np.arange(time[0], time[-1], step), np.arange(log.time[0], log.time[-1], step)
+    place = np.column_stack([np.interp(seen, time, v) for v in place.T])
+    speed = np.linalg.norm(np.diff(place, axis=0), axis=1)
+    moving = np.sum(speed >= _MOVING * np.quantile(speed, _TOP)) if len(speed) else 0
+    if min(len(time), len(seen), len(logged), moving) < _FEWEST:
+        raise InputError(
+            f"{where}: found less than {_FEWEST} samples, or samples at which the probe moves, that clocks could be compared "
+            "at, expected --offset"
+        )
+    joints = _levelled(log.at(logged)[0])
+    alike = _correlation(np.linalg.norm(np.diff(joints, axis=0), axis=1), speed)
+    peaks = find_peaks(np.r_[-1.0, alike, -1.0])[0] - 1
+    best, *others = peaks[np.argsort(-alike[peaks])].tolist()
+    if alike[best] < _LEAST:
+        raise InputError(
+            f"{where}: found no time shift at which the probe moves when the joints do (correlation of the speeds "
+            f"{alike[best]:.2f}), expected both to be of one run, or --offset"
+        )
+    first = logged[0] - seen[0] - (len(seen) - 2) * step
+    if others and alike[others[0]] > alike[best] - _MARGIN:
+        one, other = (f"{first + k * step:.6g} s" for k in (best, others[0]))
+        raise InputError(
+            f"{where}: the motion repeats itself, and an offset of {one} fits as well as {other}: expected --offset, or a "
+            "motion that does not"
+        )
+    before, top, after = alike[np.clip([best - 1, best, best + 1], 0, len(alike) - 1)]
+    bend = before - 2.0 * top + after
+    between = 0.5 * (before - after) / bend if bend < 0.0 else 0.0  # top of the parabola through three
+    return Clock(float(first + (best + between) * step), step)
+
+
+def _levelled(joints: Array) -> Array:
+    """Return columns (n, nq) with a standard deviation of 1, constant ones as they are.
+
+    They are brought to a span of 1 first: squares of the smallest numbers are 0.
+    """
+    span = np.ptp(joints, axis=0)
+    moved = (joints - joints[0]) / np.where(span > 0.0, span, 1.0)
+    return np.asarray(moved / np.where(span > 0.0, moved.std(axis=0), 1.0))
+
+
+def _correlation(a: Array, b: Array) -> Array:
+    """Return Pearson's r of a[k + j] and b[k] over what they share, by every j; -1 for less than half of the shorter one."""
+    a, b = (v / (v.std() or 1.0) for v in (a, b))
+    one, other = np.ones(len(a)), np.ones(len(b))
+
+    def over(x: Array, y: Array) -> Array:
+        return np.asarray(correlate(x, y, mode="full", method="fft"))
+
+    n = np.maximum(np.round(over(one, other)), 1.0)
+    mean_a, mean_b = over(a, other) / n, over(one, b) / n
+    spread_a, spread_b = over(a * a, other) / n - mean_a**2, over(one, b * b) / n - mean_b**2
+    both = over(a, b) / n - mean_a * mean_b
+    size = np.sqrt(np.maximum(spread_a, 0.0) * np.maximum(spread_b, 0.0))
+    usable = (n >= 0.5 * min(len(a), len(b))) & (size > 1e-6)
+    return np.where(usable, both / np.where(usable, size, 1.0), -1.0)
 
 
 def clock_words(pairing: Pairing, clock: Clock, told_by: str) -> str:

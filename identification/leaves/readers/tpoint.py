@@ -15,6 +15,7 @@ at the pole (or the zenith).
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -52,7 +53,7 @@ _UNITS: Final[Mapping[str, str]] = {"temperature.air": "degC", "pressure": "hPa"
 
 
 def is_tpoint(text: str) -> bool:
-    """Whether a text has one of the format's options."""
+    """Return True if a text has one of the format's options."""
     return any(found[1].upper() in _OPTIONS for found in _OPTION.finditer(text))
 
 
@@ -66,24 +67,35 @@ class Site:
 
 
 def read_tpoint(text: str, file: str) -> Table:
-    """Columns of the encoders, of the stars and of the weather. Raises InputError naming file and line."""
-    site, rows = _read(text, file)
-    if not rows:
+    """Return columns of the encoders, of the stars and of the weather. Raises InputError naming file and line."""
+    site, stars = _read(text, file)
+    if not stars:
         raise InputError(f"{file}: found no star, expected lines of right ascensions and declinations")
-    numbers = np.array([_numbers(row, file) for row in rows])
-    ra, dec, ra_read, dec_read, sidereal = numbers.T
+    ra, dec, ra_read, dec_read, sidereal = np.array([_numbers(*star, file) for star in stars]).T
     true, read = (sidereal - ra, dec), (sidereal - ra_read, dec_read)
     if site.kind == "alt-az":
         true, read = (_horizontal(*angles, site.latitude) for angles in (true, read))
-    values = {**_mount_columns(site, true, read), **_chain_columns(true, read)}
+    first, second = NAMES[site.kind]
+    level = np.cos(true[1])
+    point = [level * np.cos(true[0]), -level * np.sin(true[0]), np.sin(true[1])]
+    angles = {
+        first: _in_one_piece(read[0]),
+        second: _in_one_piece(read[1]),
+        f"{STAR}.{first}": _wrapped(true[0]),
+        f"{STAR}.{second}": true[1],
+    }
+    values = {name: ("deg", np.degrees(angle)) for name, angle in angles.items()}
+    values |= {name: (_UNITS[name], np.full(len(stars), value)) for name, value in site.weather.items()}
+    values |= {"q1": ("deg", np.degrees(-_wrapped(read[0]))), "q2": ("deg", np.degrees(read[1]))}
+    values |= {axis: ("mm", DISTANCE * part) for axis, part in zip("xyz", point, strict=True)}
     columns = tuple(Column(name, unit) for name, (unit, _) in values.items())
     cells = {name: ArrowCells(v) for name, (_, v) in values.items()}
     note = (
         f"{file}: {site.kind} mount at latitude {np.degrees(site.latitude):.4f} deg; refraction is left in; q1 q2 x y z say "
         f"the same for a machine file of type serial that sees stars as points at {DISTANCE:g} mm"
     )
-    where = [number for number, _ in rows]
-    return Table(file, columns, cells, len(rows), where.__getitem__, (note,))
+    where = [number for number, _ in stars]
+    return Table(file, columns, cells, len(stars), where.__getitem__, (note,))
 
 
 MACHINE: Final = """# A telescope's mount, begun from {file}. Lines marked CHECK are yours to check.
@@ -107,32 +119,36 @@ tolerances: {{angle: 0.5, {first}.offset: .inf, {second}.offset: .inf}} # CHECK:
 
 
 def machine_text(text: str, file: str) -> str:
-    """A machine file to start from for the recording of such a text. Raises InputError as ``read_tpoint`` does."""
+    """Return a machine file to start from for the recording of such a text. Raises InputError as ``read_tpoint`` does."""
     site, _ = _read(text, file)
     first, second = NAMES[site.kind]
-    return MACHINE.format(
-        file=file.rsplit("/", 1)[-1],
-        kind=site.kind,
-        latitude=np.degrees(site.latitude),
-        star=STAR,
-        first=first,
-        second=second,
-    )
+    latitude = np.degrees(site.latitude)
+    name = file.rsplit("/", 1)[-1]
+    return MACHINE.format(file=name, kind=site.kind, latitude=latitude, star=STAR, first=first, second=second)
 
 
 def _read(text: str, file: str) -> tuple[Site, list[tuple[int, Sequence[str]]]]:
-    """The head, and the lines of stars with their numbers."""
+    """Return what the head says, and the lines of stars with their numbers."""
     options = {found[1].upper() for found in _OPTION.finditer(text)}
     if "GIMBAL" in options:
         raise InputError(f"{file}: option :GIMBAL: expected a mount that is equatorial or altazimuth")
-    lines = [(k, line.split()) for k, line in enumerate(text.splitlines(), start=1) if _says(line)]
-    _, (site, *stars) = lines[:1], lines[1:] or [(0, [])]  # the caption says nothing
-    kind = "alt-az" if "ALTAZ" in options else "equatorial"
-    return Site(kind, _latitude(site, file), _weather(site[1])), _until_end(stars)
+    said = [(k, line.split()) for k, line in enumerate(text.splitlines(), start=1)]
+    lines: list[tuple[int, Sequence[str]]] = [
+        (k, words) for k, words in said if words and words[0][0] not in "!:"
+    ]
+    number, words = lines[1] if len(lines) > 1 else (0, [])  # the first line is a caption, which says nothing
+    try:
+        latitude = _angle(words[:3], 1.0)
+    except ValueError:
+        raise InputError(
+            f"{file}: line {number}: found {cut(' '.join(words))!r}, expected a latitude first: deg m s"
+        ) from None
+    stars = list(itertools.takewhile(lambda star: star[1][0].upper() != "END", lines[2:]))
+    return Site("alt-az" if "ALTAZ" in options else "equatorial", latitude, _weather(words)), stars
 
 
 def _weather(words: Sequence[str]) -> dict[str, float]:
-    """Temperature, pressure and humidity, as far as they are there and possible."""
+    """Return temperature, pressure and humidity, as far as they are there and possible."""
     out = {}
     for name, at, scale, low, high in _WEATHER:
         try:
@@ -144,74 +160,13 @@ def _weather(words: Sequence[str]) -> dict[str, float]:
     return out
 
 
-def _mount_columns(
-    site: Site, true: tuple[Array, Array], read: tuple[Array, Array]
-) -> dict[str, tuple[str, Array]]:
-    """By name, unit and values: encoders, stars, weather."""
-    first, second = NAMES[site.kind]
-    angles = {
-        first: _in_one_piece(read[0]),
-        second: _in_one_piece(read[1]),
-        f"{STAR}.{first}": np.angle(np.exp(1j * true[0])),
-        f"{STAR}.{second}": true[1],
-    }
-    out = {name: ("deg", np.asarray(np.degrees(values))) for name, values in angles.items()}
-    return out | {name: (_UNITS[name], np.full(len(true[0]), value)) for name, value in site.weather.items()}
-
-
-def _chain_columns(true: tuple[Array, Array], read: tuple[Array, Array]) -> dict[str, tuple[str, Array]]:
-    """The same of a chain of right-handed joints, whose stars are points."""
-    turned = -np.angle(np.exp(1j * read[0]))
-    point = np.column_stack(
-        [np.cos(true[1]) * np.cos(true[0]), -np.cos(true[1]) * np.sin(true[0]), np.sin(true[1])]
-    )
-    joints = {"q1": ("deg", np.degrees(turned)), "q2": ("deg", np.degrees(read[1]))}
-    return joints | {axis: ("mm", DISTANCE * point[:, k]) for k, axis in enumerate("xyz")}
-
-
-def _in_one_piece(angle: Array) -> Array:
-    """Angles without a jump of a turn where the axis went through: cut in the widest gap that no star was seen in."""
-    turned = np.angle(np.exp(1j * angle))
-    if len(turned) < _ENOUGH:
-        return np.asarray(turned)
-    order = np.sort(turned)
-    gaps = np.diff([*order, order[0] + 2 * np.pi])
-    cut = order[np.argmax(gaps)] + gaps.max() / 2
-    out = np.where(turned > cut, turned - 2 * np.pi, turned)
-    return np.asarray(out - 2 * np.pi * np.round(np.median(out) / (2 * np.pi)))
-
-
-def _says(line: str) -> bool:
-    return bool(line.strip()) and line.lstrip()[0] not in "!:"
-
-
-def _latitude(site: tuple[int, Sequence[str]], file: str) -> float:
-    number, words = site
-    try:
-        return float(_angle(words[:3], 1.0))
-    except ValueError:
-        raise InputError(
-            f"{file}: line {number}: found {cut(' '.join(words))!r}, expected a latitude first: deg m s"
-        ) from None
-
-
-def _until_end(stars: Sequence[tuple[int, Sequence[str]]]) -> list[tuple[int, Sequence[str]]]:
-    out = []
-    for number, words in stars:
-        if words[0].upper() == "END":
-            break
-        out.append((number, words))
-    return out
-
-
-def _numbers(row: tuple[int, Sequence[str]], file: str) -> list[float]:
-    """Right ascension, declination, both as read, sidereal time: rad."""
-    number, words = row
+def _numbers(number: int, words: Sequence[str], file: str) -> list[float]:
+    """Return right ascension, declination, both as read, and sidereal time of a star's line, rad."""
     try:
         if len(words) < _FIELDS:
             raise ValueError
-        pairs = [(words[k : k + 3], 15.0 if k % 6 == 0 else 1.0) for k in range(0, 12, 3)]
-        return [*(_angle(fields, scale) for fields, scale in pairs), _angle([*words[12:14], "0"], 15.0)]
+        angles = [_angle(words[k : k + 3], 15.0 if k % 6 == 0 else 1.0) for k in range(0, 12, 3)]
+        return [*angles, _angle([*words[12:14], "0"], 15.0)]
     except ValueError:
         raise InputError(
             f"{file}: line {number}: found {cut(' '.join(words))!r}, expected right ascension (h m s) and declination "
@@ -220,7 +175,7 @@ def _numbers(row: tuple[int, Sequence[str]], file: str) -> list[float]:
 
 
 def _angle(words: Sequence[str], scale: float) -> float:
-    """Radians of h m s or deg m s; the sign stands at the first."""
+    """Return h m s or deg m s in radians; the sign stands at the first. Raises ValueError for what is none."""
     whole, minutes, seconds = (abs(float(word)) for word in words)
     if not (whole <= WHOLE_MOST and minutes < 60.0 and seconds < 60.0):
         raise ValueError
@@ -228,12 +183,26 @@ def _angle(words: Sequence[str], scale: float) -> float:
     return float(np.radians(-size if words[0].startswith("-") else size))
 
 
+def _wrapped(angle: Array) -> Array:
+    """Return angles in half a turn on both sides of 0."""
+    return np.asarray(np.angle(np.exp(1j * angle)))
+
+
+def _in_one_piece(angle: Array) -> Array:
+    """Return angles without a jump of a turn where the axis went through: cut in the widest gap that no star was seen in."""
+    turned = _wrapped(angle)
+    if len(turned) < _ENOUGH:
+        return turned
+    order = np.sort(turned)
+    gaps = np.diff([*order, order[0] + 2 * np.pi])
+    cut = order[np.argmax(gaps)] + gaps.max() / 2
+    out = np.where(turned > cut, turned - 2 * np.pi, turned)
+    return np.asarray(out - 2 * np.pi * np.round(np.median(out) / (2 * np.pi)))
+
+
 def _horizontal(hour: Array, dec: Array, latitude: float) -> tuple[Array, Array]:
-    """Azimuth from the north by the east, and altitude, rad."""
+    """Return azimuth from the north by the east, and altitude, rad."""
     east = -np.cos(dec) * np.sin(hour)
     north = np.sin(dec) * np.cos(latitude) - np.cos(dec) * np.cos(hour) * np.sin(latitude)
     up = np.sin(dec) * np.sin(latitude) + np.cos(dec) * np.cos(hour) * np.cos(latitude)
     return np.arctan2(east, north), np.arcsin(np.clip(up, -1.0, 1.0))
-
-
-__all__ = ["DISTANCE", "NAMES", "STAR", "Site", "is_tpoint", "machine_text", "read_tpoint"]

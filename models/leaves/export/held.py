@@ -8,7 +8,7 @@ joints or their loads is left out.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -34,33 +34,22 @@ _HALF = {"rad": math.radians(150.0), "mm": 100.0}
 class Held:
     """Values of parameters and ports (mm, rad) with the constant shifts of effects in them.
 
-    ``fixed`` are labels of effects that these values hold, ``frozen`` those of effects, and of tools, held at the defaults of
-    their drivers (by name), ``left`` the effects that are left out.
+    ``frozen`` are labels of effects, and of tools, held at the defaults of their drivers (by name), ``left`` the effects that
+    are left out.
     """
 
     values: Mapping[str, float]
-    fixed: tuple[str, ...]
     frozen: Mapping[str, Mapping[str, float]]
     left: tuple[PlacedEffect, ...]
 
 
-@dataclass(frozen=True)
-class Loss:
-    """Largest change of the tool's position (mm) at ``SAMPLES`` poses: by each effect left out, and by all of them."""
-
-    each: Mapping[str, float]
-    together: float
-
-
 def held(machine: Machine) -> Held:
-    """What constant values can hold of a machine's effects."""
+    """Return what constant values can hold of a machine's effects."""
     drawn = {p.name: p.nominal for p in machine.parameters} | dict.fromkeys(machine.ports, 0.0)
     values = dict(drawn)
-    moving = [*(p.name for p in (*machine.mechanism.parameters, *machine.frames))]
-    moving += machine.ports_of("displacement", "motion")
-    fixed: list[str] = []
-    frozen = dict(held_tools(machine))
-    left: list[PlacedEffect] = []
+    moving = {p.name for p in (*machine.mechanism.parameters, *machine.frames)}
+    moving |= set(machine.ports_of("displacement", "motion"))
+    frozen, left = held_tools(machine), []
     for placed in machine.effects:
         shifts = None if placed.needs_load else _constant_shifts(machine, placed, drawn, moving)
         if shifts is None:
@@ -70,9 +59,7 @@ def held(machine: Machine) -> Held:
             values[port] += shift
         if placed.drivers and shifts:
             frozen[placed.label] = {name: driver_default(machine, name) for name in placed.drivers}
-        elif shifts:
-            fixed.append(placed.label)
-    return Held(values, tuple(fixed), frozen, tuple(left))
+    return Held(values, frozen, tuple(left))
 
 
 def held_tools(machine: Machine) -> dict[str, Mapping[str, float]]:
@@ -81,8 +68,13 @@ def held_tools(machine: Machine) -> dict[str, Mapping[str, float]]:
     return {f"recordings.{own.name}.tool": {own.driver: driver_default(machine, own.driver)} for own in tools}
 
 
-def loss(machine: Machine, tree: Tree, left: tuple[PlacedEffect, ...]) -> Loss:
-    """How far the machine with its effects, drivers at their defaults, stands from its rigid links."""
+def losses(machine: Machine, tree: Tree, left: Sequence[PlacedEffect]) -> tuple[dict[str, float], float]:
+    """Return the largest change of the tool's position (mm) by each effect left out, and by all of them.
+
+    The machine with its effects, drivers at their defaults, is compared with its rigid links at ``SAMPLES`` poses.
+    """
+    if not left:
+        return {}, 0.0
     model = symbolic_model(machine, machine.effects)
     position = ca.Function("position", [model.q, model.z, model.p], [model.pose[:3, 3]])
     rows = sample_readings(machine)
@@ -93,12 +85,11 @@ def loss(machine: Machine, tree: Tree, left: tuple[PlacedEffect, ...]) -> Loss:
     of_effect = {e.label: np.isin(model.names, e.parameter_names) for e in left}
     bare = np.where(np.any(list(of_effect.values()), axis=0), 0.0, model.p_home)
     rigid = at(bare)
-    each = {label: np.where(own, model.p_home, bare) for label, own in of_effect.items()}
+    each = {
+        label: _largest(at(np.where(own, model.p_home, bare)) - rigid) for label, own in of_effect.items()
+    }
     linked = [tree.pose(dict(zip(model.readings, q, strict=True)))[:3, 3] for q in rows.tolist()]
-    return Loss(
-        {label: _largest(at(p) - rigid) for label, p in each.items()},
-        _largest(at(model.p_home) - np.array(linked)),
-    )
+    return each, _largest(at(model.p_home) - np.array(linked))
 
 
 def sample_readings(machine: Machine) -> Array:
@@ -114,9 +105,9 @@ def _largest(vectors: Array) -> float:
 
 
 def _constant_shifts(
-    machine: Machine, placed: PlacedEffect, values: Mapping[str, float], moving: list[str]
+    machine: Machine, placed: PlacedEffect, values: Mapping[str, float], moving: set[str]
 ) -> dict[str, float] | None:
-    """Shifts of what moves the machine, if they are constant with drivers at their defaults; else None."""
+    """Return the shifts of what moves the machine, if they are constant with drivers at their defaults; else None."""
     constants = {name: ca.SX(value) for name, value in values.items()}
     coefficients = {name: ca.SX(value) for name, value in placed.values.items()}
     z = {name: ca.SX(driver_default(machine, name)) for name in placed.drivers}

@@ -16,7 +16,7 @@ from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models import lie
 from truepose.models.machine.assembly import displacements, frame_of, placed_frame
-from truepose.models.machine.machine import Machine, Mass
+from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import AXES, BASE, COORDINATES, Actuator, Direction, Joint
 
 MM_PER_M = 1000.0
@@ -76,6 +76,11 @@ class TreeJoint:
     range: tuple[float, float] | None = None
     follows: tuple[str, float] | None = None
 
+    @property
+    def unit(self) -> float:
+        """The reading's internal units, mm or rad, in one of m or rad."""
+        return MM_PER_M if self.kind == "prismatic" else 1.0
+
 
 @dataclass(frozen=True)
 class Tree:
@@ -99,8 +104,8 @@ class Tree:
         return out
 
     def links(self, readings: Mapping[str, float]) -> dict[str, Array]:
-        """Frames (4, 4) mm of all links in the nominal frame of the base, at readings in mm and rad by joint name."""
-        return frames_of(self.joints, readings)
+        """Return the frames (4, 4) mm of all links in the base, at readings in mm and rad by joint name."""
+        return frames_of(self.joints, readings, BASE)
 
     def path(self) -> tuple[TreeJoint, ...]:
         """The joints from the base to the flange, in order."""
@@ -145,15 +150,14 @@ def tree_of(machine: Machine, values: Mapping[str, float], what: str) -> Tree:
     return Tree(machine.name, tuple(joints), offsets, mechanism.flange, at_flange, world)
 
 
-def frames_of(joints: Sequence[TreeJoint], readings: Mapping[str, float]) -> dict[str, Array]:
-    """Return the frames (4, 4) mm of all links in the base, at readings in mm and rad; parents come first."""
-    links = {BASE: np.eye(4)}
+def frames_of(joints: Sequence[TreeJoint], readings: Mapping[str, float], root: str) -> dict[str, Array]:
+    """Return the frames (4, 4) mm of all links in the ``root``, at readings in mm and rad; parents come first."""
+    links = {root: np.eye(4)}
     for joint in joints:
-        reached = links[joint.parent] @ joint.origin
         moved = readings.get(joint.name, 0.0)
         if joint.follows is not None:
             moved = joint.follows[1] * readings.get(joint.follows[0], 0.0)
-        links[joint.child] = reached @ motion(joint, moved)
+        links[joint.child] = links[joint.parent] @ joint.origin @ motion(joint, moved)
     return links
 
 
@@ -173,41 +177,32 @@ def turn(axis: Array, angle: float) -> Array:
 
 
 def _check(machine: Machine, values: Mapping[str, float], what: str) -> None:
+    """Raise InputError, which ``what`` closes, for what no tree of rigid links with readings in mm and rad is."""
     mechanism = machine.mechanism
-    closing: Sequence[str] = [*(j.name for j in mechanism.closing), *(rod.name for rod in mechanism.rods)]
+    closing = [*(j.name for j in mechanism.closing), *(rod.name for rod in mechanism.rods)]
     if closing:
         raise InputError(
             f"{machine.name}: found loops, closed by {', '.join(closing)}, expected an open machine: "
             f"{what} holds trees only"
         )
-    passive = [joint for joint in mechanism.passive if COORDINATES[joint.kind]]
-    if passive:
+    passive = [
+        (j.name, f"a {j.kind} joint that nothing drives") for j in mechanism.passive if COORDINATES[j.kind]
+    ]
+    several = [
+        (f.joint, "a joint that follows several others") for f in mechanism.followers if len(f.terms) > 1
+    ]
+    computed = [(f.joint, "a joint that a formula moves") for f in mechanism.followers if f.law is not None]
+    for name, found in (*passive, *several, *computed):
         raise InputError(
-            f"{machine.name}: joint {passive[0].name!r}: found a {passive[0].kind} joint that nothing drives, "
-            f"expected revolute and prismatic joints with `actuated: true` for {what}"
+            f"{machine.name}: joint {name!r}: found {found}, expected joints that are driven, or follow one other, for {what}"
         )
-    several = [follower.joint for follower in mechanism.followers if len(follower.terms) > 1]
-    if several:
-        raise InputError(
-            f"{machine.name}: joint {several[0]!r}: found a joint that follows several others, expected one for {what}"
-        )
-    computed = [follower.joint for follower in mechanism.followers if follower.law is not None]
-    if computed:
-        raise InputError(
-            f"{machine.name}: joint {computed[0]!r}: found a joint that a formula moves, expected a ratio to another for {what}"
-        )
-    check_links(machine, values, what)
-
-
-def check_links(machine: Machine, values: Mapping[str, float], what: str) -> None:
-    """Raises InputError, which ``what`` opens, for masses in further frames, readings in other units and coupled ones."""
-    held = {mount.name for mount in machine.mounts}
-    hung = [mass.name for mass in machine.masses if mass.body in held]
+    mounts = {mount.name for mount in machine.mounts}
+    hung = [mass.name for mass in machine.masses if mass.body in mounts]
     if hung:
         raise InputError(
             f"{machine.name}: masses.{hung[0]}: found a mass in a further frame, expected one in a body for {what}"
         )
-    for actuator in machine.mechanism.actuators:
+    for actuator in mechanism.actuators:
         check_uncoupled(machine, actuator, what)
         gain = values[actuator.gain] if actuator.gain else 1.0
         if gain != 1.0 or actuator.reading_unit != actuator.unit:
@@ -263,44 +258,35 @@ class Links:
     tool: str
     lumps: Mapping[str, Lump]
 
-    @property
-    def slides(self) -> dict[str, bool]:
-        """Of each joint by name, whether it is prismatic."""
-        return {joint.name: joint.kind == "prismatic" for joint in self.joints}
-
-    def frames(self, readings: Mapping[str, float]) -> dict[str, Array]:
-        """Return the frames (4, 4) mm of base, links, flange and tool in the base, at readings in mm and rad by joint name."""
-        return frames_of([joint for joint in self.joints if joint.child != BASE], readings)
+    def follow(self, joint: TreeJoint) -> tuple[str, float]:
+        """Return the joint that one follows, and the ratio in m and rad."""
+        other, ratio = joint.follows or ("", 0.0)
+        lead = next(each for each in self.joints if each.name == other)
+        return other, ratio / joint.unit * lead.unit
 
 
 def links_of(machine: Machine, tree: Tree) -> Links:
-    """The links of a machine's tree. ``world`` is there where the base does not stand in the sensor's frame itself."""
-    links = Names({BASE, *(joint.child for joint in tree.joints)})
-    joints = Names({joint.name for joint in tree.joints})
-    flange = tree.flange if tree.flange == "flange" else links.free("flange")
-    tool = links.free("tool")
-    fixed = [_fixed(joints.free("tool_joint"), flange, tool, tree.tool)]
+    """Return the links of a machine's tree. ``world`` is there if the base does not stand in the sensor's frame itself."""
+    links = {BASE, *(joint.child for joint in tree.joints)}
+    joints = {joint.name for joint in tree.joints}
+    flange = tree.flange if tree.flange == "flange" else free_name("flange", links)
+    tool = free_name("tool", links)
+    fixed = [_fixed(free_name("tool_joint", joints), flange, tool, tree.tool)]
     if flange != tree.flange:
-        fixed = [_fixed(joints.free("flange_joint"), tree.flange, flange, np.eye(4)), *fixed]
+        fixed = [_fixed(free_name("flange_joint", joints), tree.flange, flange, np.eye(4)), *fixed]
     standing = []
     if not np.array_equal(tree.world, np.eye(4)):
-        standing = [_fixed(joints.free("base_joint"), links.free("world"), BASE, tree.world)]
+        standing = [_fixed(free_name("base_joint", joints), free_name("world", links), BASE, tree.world)]
     chain = (*standing, *tree.joints, *fixed)
     return Links(chain, chain[0].parent, tool, _lumps(machine, tree, tool))
 
 
-class Names:
-    """Names that are taken; a further one gets underscores until it is free."""
-
-    def __init__(self, taken: set[str]) -> None:
-        self._taken = taken
-
-    def free(self, name: str) -> str:
-        """The name, or one like it that is not taken; it is then."""
-        while name in self._taken:
-            name += "_"
-        self._taken.add(name)
-        return name
+def free_name(name: str, taken: set[str]) -> str:
+    """Return the name, with underscores if it is ``taken``, and add it to those."""
+    while name in taken:
+        name += "_"
+    taken.add(name)
+    return name
 
 
 def _fixed(name: str, parent: str, child: str, origin: Array) -> TreeJoint:
@@ -308,23 +294,17 @@ def _fixed(name: str, parent: str, child: str, origin: Array) -> TreeJoint:
 
 
 def _lumps(machine: Machine, tree: Tree, tool: str) -> dict[str, Lump]:
+    """Return the masses of each link as one."""
     points: dict[str, list[tuple[float, Array]]] = {}
     for mass in machine.masses:
         if mass.kg > 0.0:
-            body = tool if mass.body == "tool" else mass.body
-            points.setdefault(body, []).append((mass.kg, _centre(mass, tree)))
-    return {body: lump_of(held) for body, held in points.items()}
+            body, offset = (tool, np.eye(4)) if mass.body == "tool" else (mass.body, tree.offsets[mass.body])
+            points.setdefault(body, []).append((mass.kg, (offset @ np.append(mass.com, 1.0))[:3]))
+    return {body: _lump(held) for body, held in points.items()}
 
 
-def _centre(mass: Mass, tree: Tree) -> Array:
-    """Centre of a mass (3,), mm, in the frame of its link."""
-    point = np.append(mass.com, 1.0)
-    out: Array = (point if mass.body == "tool" else tree.offsets[mass.body] @ point)[:3]
-    return out
-
-
-def lump_of(points: Sequence[tuple[float, Array]]) -> Lump:
-    """Points of kg at places (3,) mm as one."""
+def _lump(points: Sequence[tuple[float, Array]]) -> Lump:
+    """Return points of kg at places (3,) mm as one."""
     total = sum(kg for kg, _ in points)
     centre = np.sum([kg * at for kg, at in points], axis=0) / total
     spread = np.zeros((3, 3))
@@ -334,15 +314,8 @@ def lump_of(points: Sequence[tuple[float, Array]]) -> Lump:
     return Lump(total, centre / MM_PER_M, spread)
 
 
-def following(joint: TreeJoint, slides: Mapping[str, bool]) -> tuple[str, float]:
-    """Return the joint that one follows, and the ratio in m and rad; ``slides``: of each joint whether it is prismatic."""
-    other, ratio = joint.follows or ("", 0.0)
-    unit = MM_PER_M if slides[joint.name] else 1.0
-    return other, ratio / unit * (MM_PER_M if slides[other] else 1.0)
-
-
 def in_comment(line: str) -> str:
-    """A line that may stand in an XML comment."""
+    """Return a line that may stand in an XML comment."""
     while "--" in line:
         line = line.replace("--", "- -")
     return line.removesuffix("-")

@@ -81,57 +81,64 @@ class Axis:
 
 @dataclass(frozen=True)
 class Table:
-    """Axes in the order of the chain from the base, and the tool (4, 4) at their reference in the base's frame.
-
-    ``lost`` is the largest distance (mm) and angle (rad) between machine and table, ``uncompensated`` the same between the
-    machine and axes without errors; ``each`` is the part (mm) of the distance that single effects make.
-    """
+    """Axes in the order of the chain from the base, and the tool (4, 4) at their reference in the base's frame."""
 
     axes: tuple[Axis, ...]
     home: Array
-    lost: tuple[float, float]
-    uncompensated: tuple[float, float]
-    each: Mapping[str, float]
 
     def pose(self, q: Array) -> Array:
-        """(n, 4, 4) tool in the nominal frame of the base, mm, at readings (n, nq)."""
+        """Return the tool (n, 4, 4) in the nominal frame of the base, mm, at readings (n, nq)."""
         out = np.broadcast_to(np.eye(4), (len(q), 4, 4))
         for k, axis in enumerate(self.axes):
             out = out @ axis.motion(q[:, k])
         return np.asarray(out @ self.home)
 
 
-def table_of(machine: Machine) -> Table:
-    """The volumetric table of a machine, drivers of its effects at their defaults. Raises InputError where it can have none."""
+@dataclass(frozen=True)
+class Losses:
+    """What a table leaves of a machine, and of its errors, at ``CHECKED`` places.
+
+    ``lost`` is the largest distance (mm) and angle (rad) between machine and table, ``uncompensated`` the same between the
+    machine and axes without errors; ``each`` is the part (mm) of the distance that single effects make.
+    """
+
+    lost: tuple[float, float]
+    uncompensated: tuple[float, float]
+    each: Mapping[str, float]
+
+
+def table_of(machine: Machine) -> tuple[Poses, Table]:
+    """Return the volumetric table of a machine, drivers of its effects at their defaults, and the poses that it is of.
+
+    Raises InputError where it can have none.
+    """
     _check(machine)
     poses = Poses.of(machine)
-    real, drawn = poses.model.p_home, _drawn(machine, poses.model)
-    axes = _tabled(machine, poses, real, _axes(machine, poses, drawn))
-    home = poses(references(axes)[None], real)[0]
-    whole = Table(axes, home, (0.0, 0.0), (0.0, 0.0), {})
-    q = _somewhere(machine)
-    bare = [replace(axis, errors=np.zeros_like(axis.errors)) for axis in axes]
-    ideal = replace(whole, axes=tuple(bare))
-    lost, uncompensated = (_apart(poses(q, real), other.pose(q)) for other in (whole, ideal))
-    return Table(axes, home, lost, uncompensated, _each(machine, poses, axes, q))
+    axes = _axes(machine, poses, _drawn(machine, poses.model))
+    return poses, _tabled(machine, poses, poses.model.p_home, axes)
 
 
-def _each(machine: Machine, poses: Poses, axes: Sequence[Axis], q: Array) -> dict[str, float]:
-    """By effect, how much (mm) what is lost of the machine differs with that effect alone and with none."""
-    model = poses.model
+def losses_of(machine: Machine, poses: Poses, table: Table) -> Losses:
+    """Return what a table leaves of its machine, and what each effect has of it."""
+    model, real = poses.model, poses.model.p_home
+    low, high = np.transpose([a.range or (0.0, 0.0) for a in machine.mechanism.actuators])
+    q = np.random.default_rng(_SEED).uniform(low, high, (CHECKED, len(low)))
+    bare = [replace(axis, errors=np.zeros_like(axis.errors)) for axis in table.axes]
+    ideal = replace(table, axes=tuple(bare))
+    lost, uncompensated = (_apart(poses(q, real), other.pose(q)) for other in (table, ideal))
     of_effect = {e.label: np.isin(model.names, e.parameter_names) for e in machine.effects}
     every = np.any([*of_effect.values(), np.zeros(len(model.names), dtype=bool)], axis=0)
 
-    def lost(p: Array) -> Array:
-        tabled = _tabled(machine, poses, p, axes)
-        home = poses(references(tabled)[None], p)[0]
-        return poses(q, p)[:, :3, 3] - Table(tabled, home, (0.0, 0.0), (0.0, 0.0), {}).pose(q)[:, :3, 3]
+    def lost_with(p: Array) -> Array:
+        """Return the distances (n, 3) between machine and table with other constants."""
+        return poses(q, p)[:, :3, 3] - _tabled(machine, poses, p, table.axes).pose(q)[:, :3, 3]
 
-    none = lost(np.where(every, 0.0, model.p_home))
-    return {
-        label: float(np.max(np.linalg.norm(lost(np.where(every & ~own, 0.0, model.p_home)) - none, axis=1)))
+    none = lost_with(np.where(every, 0.0, real))
+    each = {
+        label: float(np.max(np.linalg.norm(lost_with(np.where(every & ~own, 0.0, real)) - none, axis=1)))
         for label, own in of_effect.items()
     }
+    return Losses(lost, uncompensated, each)
 
 
 def _check(machine: Machine) -> None:
@@ -159,11 +166,12 @@ def _check(machine: Machine) -> None:
 
 
 def _axes(machine: Machine, poses: Poses, drawn: Array) -> list[Axis]:
-    """The axes without errors, named by their nominal directions."""
+    """Return the axes without errors, named by their nominal directions; a reference is 0, or the middle of a range without."""
     actuators = machine.mechanism.actuators
-    reference = np.array([_start(a) for a in actuators])
+    ends = [actuator.range or (0.0, 0.0) for actuator in actuators]
+    reference = np.array([0.0 if low <= 0.0 <= high else (low + high) / 2 for low, high in ends])
     home = poses(reference[None], drawn)[0]
-    out: list[Axis] = []
+    out: dict[str, Axis] = {}
     for k, actuator in enumerate(actuators):
         moved = reference.copy()
         moved[k] += 1.0
@@ -172,20 +180,17 @@ def _axes(machine: Machine, poses: Poses, drawn: Array) -> list[Axis]:
         rotary = actuator.unit == "rad"
         along = turn if rotary else motion[:3, 3]
         letter, sign = _named(machine, actuator, along / np.linalg.norm(along))
-        centre = _centre(motion, turn) if rotary else np.zeros(3)
-        axis = Axis(letter, actuator.reading, actuator.unit, sign, centre, float(reference[k]), *_EMPTY)
-        out.append(axis)
-    letters = [axis.letter for axis in out]
-    for letter in letters:
-        if letters.count(letter) > 1:
-            named = ", ".join(axis.joint for axis in out if axis.letter == letter)
+        if letter in out:
             raise InputError(
-                f"{machine.name}: found several axes {letter} ({named}), expected one of each letter: a table is told by letter"
+                f"{machine.name}: found several axes {letter} ({out[letter].joint}, {actuator.reading}), expected one of each "
+                "letter: a table is told by letter"
             )
-    return out
-
-
-_EMPTY = (np.zeros(0), np.zeros((0, 6)))
+        centre, nothing = _centre(motion, turn) if rotary else np.zeros(3), np.zeros((0, 6))
+        start = float(reference[k])
+        out[letter] = Axis(
+            letter, actuator.reading, actuator.unit, sign, centre, start, nothing[:, 0], nothing
+        )
+    return list(out.values())
 
 
 def _named(machine: Machine, actuator: Actuator, direction: Array) -> tuple[str, float]:
@@ -211,21 +216,21 @@ def _centre(motion: Array, turn: Array) -> Array:
     return np.where(np.abs(out) < 1e-9, 0.0, out)
 
 
-def _tabled(machine: Machine, poses: Poses, p: Array, axes: Sequence[Axis]) -> tuple[Axis, ...]:
-    """Axes with the errors that constants ``p`` give them."""
+def _tabled(machine: Machine, poses: Poses, p: Array, axes: Sequence[Axis]) -> Table:
+    """Return the table of axes with the errors that constants ``p`` give them."""
     reference = references(axes)
-    home = inverse_pose(poses(reference[None], p)[0])
+    home = poses(reference[None], p)[0]
     out = []
     for k, (axis, actuator) in enumerate(zip(axes, machine.mechanism.actuators, strict=True)):
         low, high = actuator.range or (0.0, 0.0)
         positions = np.unique(np.append(np.linspace(low, high, POINTS), axis.reference))
         q = np.tile(reference, (len(positions), 1))
         q[:, k] = positions
-        error = _told_at(-axis.centre, inverse_pose(_nominal(axis, positions)) @ poses(q, p) @ home)
+        moved = inverse_pose(_nominal(axis, positions)) @ poses(q, p) @ inverse_pose(home)
+        error = _told_at(-axis.centre, moved)
         vector = Rotation.from_matrix(error[:, :3, :3]).as_rotvec()
-        errors = np.hstack([error[:, :3, 3], vector])
-        out.append(replace(axis, positions=positions, errors=errors))
-    return tuple(out)
+        out.append(replace(axis, positions=positions, errors=np.hstack([error[:, :3, 3], vector])))
+    return Table(tuple(out), home)
 
 
 def _nominal(axis: Axis, q: Array) -> Array:
@@ -245,19 +250,8 @@ def _told_at(point: Array, motions: Array) -> Array:
     return out
 
 
-def _start(actuator: Actuator) -> float:
-    """Reference of a joint: 0, or where that is out of its range, the middle."""
-    low, high = actuator.range or (0.0, 0.0)
-    return 0.0 if low <= 0.0 <= high else (low + high) / 2
-
-
 def references(axes: Sequence[Axis]) -> Array:
     return np.array([axis.reference for axis in axes])
-
-
-def _somewhere(machine: Machine) -> Array:
-    low, high = np.transpose([a.range or (0.0, 0.0) for a in machine.mechanism.actuators])
-    return np.random.default_rng(_SEED).uniform(low, high, (CHECKED, len(low)))
 
 
 def _apart(poses: Array, others: Array) -> tuple[float, float]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import ClassVar, Final
 from xml.etree.ElementTree import ParseError
@@ -20,8 +20,8 @@ import yaml
 from truepose.arrays import Array
 from truepose.errors import InputError, ReadBackError
 from truepose.files import atomic_write_text
-from truepose.models.leaves.export.held import SAMPLES, Loss, held, loss, sample_readings
-from truepose.models.leaves.export.links import Tree, tree_of
+from truepose.models.leaves.export.held import SAMPLES, held, losses, sample_readings
+from truepose.models.leaves.export.links import Tree, TreeJoint, frames_of, links_of, tree_of
 from truepose.models.machine.machine import Machine, MachineLike, as_machine
 from truepose.models.registry import Registry
 
@@ -93,24 +93,48 @@ class LinkFormat(Format):
     def render(self, machine: Machine) -> Exported:
         holding = held(machine)
         tree = tree_of(machine, holding.values, self.title)
-        missing = loss(machine, tree, holding.left) if holding.left else Loss({}, 0.0)
-        every, few = (
-            (*self._lines(missing, most), *self.frozen_lines(holding.frozen, most)) for most in (ALL, LISTED)
-        )
-        text = self.text(machine, tree, every)
-        return Exported(self.name, text, missing.each, missing.together, holding.frozen, few)
+        each, together = losses(machine, tree, holding.left)
+
+        def lines(most: int) -> list[str]:
+            """Return the notes, in which so many effects are named, largest first."""
+            left = [
+                f"{self.title} cannot hold, and leaves out: {listed_sizes(each, most)}; together up to "
+                f"{together:.3g} mm at the tool ({SAMPLES} poses, drivers at their defaults)"
+            ] * bool(each)
+            return left + self.frozen_lines(holding.frozen, most)
+
+        text = self.text(machine, tree, lines(ALL))
+        return Exported(self.name, text, each, together, holding.frozen, tuple(lines(LISTED)))
 
     def differences(self, text: str, machine: Machine) -> Iterator[str]:
         return self.compare(text, machine, tree_of(machine, held(machine).values, self.name))
 
-    def _lines(self, missing: Loss, most: int) -> list[str]:
-        """Return the line of what is left out, largest first; so many effects are named."""
-        if not missing.each:
-            return []
-        return [
-            f"{self.title} cannot hold, and leaves out: {listed_sizes(missing.each, most)}; together up to "
-            f"{missing.together:.3g} mm at the tool ({SAMPLES} poses, drivers at their defaults)"
-        ]
+
+class JointFormat(LinkFormat):
+    """A format whose texts list joints, by which all links can be compared."""
+
+    @abstractmethod
+    def read(self, text: str, root: str) -> list[TreeJoint]:
+        """Return the joints of a text that was rendered, parents first; ``root`` is the first link."""
+
+    def compare(self, text: str, machine: Machine, meant: Tree) -> Iterator[str]:
+        """Yield which ranges of joints, and which frames of links, differ from a tree's."""
+        links = links_of(machine, meant)
+        joints = self.read(text, links.root)
+        found = {joint.name: joint.range for joint in joints}
+        for joint in links.joints:  # where the machine states no range a format may have a wide one
+            if joint.range and not np.allclose(found[joint.name] or np.inf, joint.range, rtol=SAME, atol=0.0):
+                yield f"the range of {joint.name} is {found[joint.name]}, expected {joint.range} (mm, rad)"
+        for readings in sample_rows(machine):
+            frames = (frames_of(each, readings, links.root) for each in (joints, links.joints))
+            yield from compare_frames(*frames)
+
+
+def follow_read(joints: list[TreeJoint], name: str, lead: str, factor: float) -> None:
+    """Let one of some joints follow another by a ``factor`` in m and rad. Raises LookupError for a name of none."""
+    places = {joint.name: k for k, joint in enumerate(joints)}
+    own, other = joints[places[name]], joints[places[lead]]
+    joints[places[name]] = replace(own, follows=(lead, factor * own.unit / other.unit))
 
 
 formats: Registry[type[Format]] = Registry("export format", "truepose.models.leaves.export.formats")
@@ -169,16 +193,6 @@ def sample_rows(machine: Machine) -> Iterator[dict[str, float]]:
     """Yield readings, mm and rad by joint name, at which a text is compared with its machine."""
     for row in sample_readings(machine)[:ROWS].tolist():
         yield dict(zip(machine.mechanism.readings, row, strict=True))
-
-
-def compare_ranges(read: Machine, machine: Machine) -> Iterator[str]:
-    """Yield what joints differ, or their ranges (mm, rad); where the machine states none a format may have a wide one."""
-    found, stated = ({a.reading: a.range for a in one.mechanism.actuators} for one in (read, machine))
-    if found.keys() != stated.keys():
-        yield f"its joints are {', '.join(found)}, expected {', '.join(stated)}"
-    for name, ends in stated.items():
-        if ends and not np.allclose(found.get(name) or (np.inf, np.inf), ends, rtol=SAME, atol=0.0):
-            yield f"the range of {name} is {found.get(name)}, expected {ends} (mm, rad)"
 
 
 def compare_frames(found: Mapping[str, Array], meant: Mapping[str, Array]) -> Iterator[str]:

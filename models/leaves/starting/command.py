@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,12 +10,12 @@ import typer
 
 from truepose.commands.common import JsonOption, check_file, finish
 from truepose.errors import InputError
+from truepose.files import atomic_directory, atomic_write_text
 from truepose.models.file.limits import within
 from truepose.wording import joined
 
 if TYPE_CHECKING:
     from truepose.models.leaves.starting.start import Start
-    from truepose.models.leaves.starting.written import Asked
 
 OutputOption = Annotated[
     Path | None, typer.Option("-o", "--output", metavar="FILE", help="Machine file to write (.yaml).")
@@ -62,29 +62,6 @@ ToolOption = Annotated[
 ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite a machine file that is there.")]
 
 
-@dataclass(frozen=True)
-class Source:
-    """Where the mechanism comes from, and what is asked of it; empty where nothing was said."""
-
-    table: Path | None = None
-    convention: str = ""
-    urdf: Path | None = None
-    mjcf: Path | None = None
-    arm: str = ""
-    base: str = ""
-    tip: str = ""
-    written_out: bool = False
-
-    @property
-    def kind(self) -> str:
-        """Which of the four, empty for none. Raises InputError for several."""
-        named = {"--table": self.table, "--urdf": self.urdf, "--mjcf": self.mjcf, "--arm": self.arm}
-        given = [option for option, value in named.items() if value]
-        if len(given) > 1:
-            raise InputError(f"found {joined(given)}, expected one of them")
-        return given[0] if given else ""
-
-
 def init(
     output: OutputOption = None,
     table: TableOption = None,
@@ -112,42 +89,81 @@ def init(
 
     Example: truepose init --table kr10.csv --convention standard -o kr10.yaml
     """
-    from truepose.models.leaves.starting.written import Asked
-
     if list_:
         _list(as_json)
         return
     path = _machine_path(output, force)
-    asked = Asked(_frame(base, "--base"), _frame(tool, "--tool"), sensor)
-    source = Source(table, convention, urdf, mjcf, arm, base_link, tip_link or tip, expand)
-    _write(_start_from(source, path), asked, path, as_json)
+    frames = {"base": _frame(base, "--base"), "tool": _frame(tool, "--tool")}
+    sources = {"--table": table, "--urdf": urdf, "--mjcf": mjcf, "--arm": arm}
+    given = [option for option, value in sources.items() if value]
+    if len(given) > 1:
+        raise InputError(f"found {joined(given)}, expected one of them")
+    if convention and table is None:
+        raise InputError(
+            "--convention: found it without --table, expected a table that it is the convention of"
+        )
+    # readers are imported when they are needed: most of them take longer to load than to run
+    if table is not None:
+        from truepose.models.leaves.starting.table import table_start
+
+        start = table_start(table, convention)
+    elif urdf is not None:
+        from truepose.models.leaves.starting.urdf import urdf_start
+
+        start = urdf_start(urdf, path, base_link, tip_link or tip, written_out=expand)
+    elif mjcf is not None:
+        from truepose.models.leaves.starting.mjcf import mjcf_start
+
+        start = mjcf_start(mjcf, tip_link or tip)
+    elif arm:
+        from truepose.models.leaves.starting.start import bundled_start
+
+        start = bundled_start(arm)
+    else:
+        raise InputError("found no source of the mechanism, expected --table, --urdf, --mjcf or --arm")
+    _write(start, frames, sensor, path, as_json)
 
 
-def _write(start: Start, asked: Asked, path: Path, as_json: bool) -> None:
-    """Both files; a recording that is there already may hold measurements and stays."""
-    from truepose.models.leaves.starting.written import verify, write, written
+def _write(
+    start: Start, frames: Mapping[str, tuple[float, ...] | None], sensor: str, path: Path, as_json: bool
+) -> None:
+    """Write both files in one step; a recording that is there already may hold measurements and stays."""
+    from truepose.models.leaves.starting.written import files_of
 
     recording = path.with_name(f"{path.stem}_recording.csv")
     kept = recording.exists()
-    files = written(start, asked)
+    machine_text, recording_text = files_of(start, **frames, sensor=sensor)
     if not start.tested:
-        verify(files, path)
-    write(files, path, None if kept else recording)
+        _check_built(machine_text, path)
+    with atomic_directory(path.parent) as partial:
+        atomic_write_text(partial / path.name, machine_text)
+        if not kept:
+            atomic_write_text(partial / recording.name, recording_text)
+    header = recording_text.splitlines()[-1]
     lines = [
         f"{path}: {start.title}; the lines marked CHECK are yours to check",
-        f"{recording}: one row a measured configuration, {files.header}",
+        f"{recording}: one row a measured configuration, {header}",
         f"then: truepose calibrate {path} {recording} -o result",
     ]
     summary = {
         "command": "init",
         "name": start.called,
-        "columns": files.header.split(","),
+        "columns": header.split(","),
         "files": [str(path), str(recording)],
         "left_out": list(start.left_out),
     }
     notes = [f"left out: {line}" for line in start.left_out]
     notes += [f"{recording}: left as it stands"] if kept else []
     finish(summary, lines, notes, as_json=as_json)
+
+
+def _check_built(text: str, path: Path) -> None:
+    """Raise InputError where a machine file that is to stand at ``path`` cannot be built."""
+    from truepose.models.file.machine_file import checked_machine
+    from truepose.models.file.yaml_document import parse_document
+    from truepose.models.load import build_machine
+
+    build_machine(checked_machine(path, parse_document(text, path)))
 
 
 def _list(as_json: bool) -> None:
@@ -181,35 +197,6 @@ def _frame(text: str, option: str) -> tuple[float, ...] | None:
     if len(values) not in (3, 6) or not all(map(within, values)):
         raise InputError(f"{option}: found {text!r}, expected X,Y,Z or X,Y,Z,R,P,Y (mm and deg)")
     return values
-
-
-def _start_from(source: Source, output: Path) -> Start:
-    """The start of a source for a machine file ``output``. Raises InputError where the source is none or says nothing.
-
-    Readers are imported when they are needed: most of them take longer to load than to run.
-    """
-    kind = source.kind
-    if source.convention and kind != "--table":
-        raise InputError(
-            "--convention: found it without --table, expected a table that it is the convention of"
-        )
-    if source.table is not None:
-        from truepose.models.leaves.starting.table import table_start
-
-        return table_start(source.table, source.convention)
-    if source.urdf is not None:
-        from truepose.models.leaves.starting.urdf import urdf_start
-
-        return urdf_start(source.urdf, output, source.base, source.tip, written_out=source.written_out)
-    if source.mjcf is not None:
-        from truepose.models.leaves.starting.mjcf import mjcf_start
-
-        return mjcf_start(source.mjcf, source.tip)
-    if not source.arm:
-        raise InputError("found no source of the mechanism, expected --table, --urdf, --mjcf or --arm")
-    from truepose.models.leaves.starting.start import bundled_start
-
-    return bundled_start(source.arm)
 
 
 COMMANDS = (init,)

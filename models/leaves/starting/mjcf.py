@@ -5,7 +5,7 @@ MuJoCo itself reads the file, so that defaults, includes, angles and the masses 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +17,6 @@ from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models.leaves.starting.compiled_mjcf import Compiled, compiled
 from truepose.models.leaves.starting.mjcf_graph import (
-    Choice,
     Coupling,
     MjcfGraph,
     PartBody,
@@ -49,29 +48,29 @@ def parts_of(model: mujoco.MjModel) -> Parts:
     """Return the parts of a compiled model."""
     bodies = tuple(_body(model, k) for k in range(model.nbody))
     names = [joint.name for body in bodies for joint in body.joints]  # in MuJoCo's order
+    at_joints = np.isin(model.actuator_trntype, _AT_A_JOINT)
+    driven = {names[int(joint)] for joint in model.actuator_trnid[at_joints, 0]}
     ties, couplings, unread = [], [], []
     for k in range(model.neq):
-        kind, name = int(model.eq_type[k]), model.equality(k).name or f"equality{k + 1}"
+        name = model.equality(k).name or f"equality{k + 1}"
         why = _unread_constraint(model, k)
         if why:
             unread.append(f"equality {name!r}, {why}")
-        elif kind == _JOINT:
-            couplings.append(_coupling(model, k, names))
+        elif model.eq_type[k] == _JOINT:
+            couplings.append(_coupling(model, k, names, driven))
         else:
             ties.append(_tie(model, k, name))
-    at_joints = np.isin(model.actuator_trntype, _AT_A_JOINT)
-    driven = {names[int(joint)] for joint in model.actuator_trnid[at_joints, 0]}
     unread += [
         f"actuator {model.actuator(k).name or f'actuator{k + 1}'!r}, which drives no single joint"
         for k in np.flatnonzero(~at_joints).tolist()
     ]
-    stated = frozenset(driven) if model.nu else None
     sites = tuple(
         Tip(int(model.site_bodyid[k]), model.site(k).name, _site_frame(model, k))
         for k in range(model.nsite)
         if model.site(k).name
     )
-    return Parts(bodies, tuple(ties), tuple(couplings), stated, tuple(unread), sites).led_by_drives()
+    stated = frozenset(driven) if model.nu else None
+    return Parts(bodies, tuple(ties), tuple(couplings), stated, tuple(unread), sites)
 
 
 def body_name(model: mujoco.MjModel, body: int) -> str:
@@ -79,24 +78,26 @@ def body_name(model: mujoco.MjModel, body: int) -> str:
     return model.body(body).name or f"body{body}"
 
 
-def _body(model: mujoco.MjModel, k: int) -> PartBody:
-    frame = placed_frame(model.body_pos[k], model.body_quat[k])
-    return PartBody(body_name(model, k), int(model.body_parentid[k]), frame, tuple(_joints(model, k)))
-
-
-def _joints(model: mujoco.MjModel, body: int) -> Iterator[PartJoint]:
-    """Yield the joints of a body; one without a name is called after the body, with a number before further ones."""
-    count, first = int(model.body_jntnum[body]), int(model.body_jntadr[body])
+def _body(model: mujoco.MjModel, body: int) -> PartBody:
+    """Return a body with its joints; one without a name is called after the body, with a number before further ones."""
+    name, count, first = body_name(model, body), int(model.body_jntnum[body]), int(model.body_jntadr[body])
+    joints = []
     for place, k in enumerate(range(first, first + count), start=1):
-        usual = f"{body_name(model, body)}{'' if place == count else f'.{place}'}_joint"
+        usual = f"{name}{'' if place == count else f'.{place}'}_joint"
         kind = _KINDS[int(model.jnt_type[k])]
-        unit = MM_PER_M if kind == "prismatic" else 1.0
-        one = kind in ("prismatic", "revolute")
+        unit, one = _unit(model, k), kind in ("prismatic", "revolute")
         reference = unit * float(model.qpos0[model.jnt_qposadr[k]]) if one else 0.0
         low, high = (unit * float(v) for v in model.jnt_range[k])
         limits = (low, high) if one and model.jnt_limited[k] else None
         axis, anchor = np.array(model.jnt_axis[k]), MM_PER_M * np.array(model.jnt_pos[k])
-        yield PartJoint(model.joint(k).name or usual, kind, axis, anchor, reference, limits)
+        joints.append(PartJoint(model.joint(k).name or usual, kind, axis, anchor, reference, limits))
+    frame = placed_frame(model.body_pos[body], model.body_quat[body])
+    return PartBody(name, int(model.body_parentid[body]), frame, tuple(joints))
+
+
+def _unit(model: mujoco.MjModel, joint: int) -> float:
+    """Return the mm in a joint's metre, or the rad in its rad."""
+    return MM_PER_M if _KINDS[int(model.jnt_type[joint])] == "prismatic" else 1.0
 
 
 def _unread_constraint(model: mujoco.MjModel, k: int) -> str:
@@ -108,46 +109,38 @@ def _unread_constraint(model: mujoco.MjModel, k: int) -> str:
     kind = int(model.eq_type[k])
     if kind not in (_CONNECT, _WELD, _JOINT):
         return f"which is of kind {mujoco.mjtEq(kind).name.removeprefix('mjEQ_').lower()}"
-    led = [] if kind == _JOINT else [b for b in _ends(model, k) if model.body_mocapid[b] >= 0]
+    led = [] if kind == _JOINT else [b for b in _tie(model, k, "").bodies if model.body_mocapid[b] >= 0]
     return f"which the mocap body {body_name(model, led[0])!r} leads" if led else ""
 
 
-def _coupling(model: mujoco.MjModel, k: int, names: list[str]) -> Coupling:
+def _coupling(model: mujoco.MjModel, k: int, names: Sequence[str], driven: Collection[str]) -> Coupling:
+    """Return what a joint does where another one leads; a line is turned round if only the joint is driven."""
     joint, lead = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
-    own, other = (MM_PER_M if _KINDS[int(model.jnt_type[j])] == "prismatic" else 1.0 for j in (joint, lead))
-    terms = [float(own * value / other**n) for n, value in enumerate(model.eq_data[k, :5])]
-    return (
-        Coupling(names[joint], names[lead], tuple(terms))
-        if lead >= 0
-        else Coupling(names[joint], "", (terms[0],))
-    )
-
-
-def _ends(model: mujoco.MjModel, k: int) -> tuple[int, int]:
-    """Return the bodies at both ends of a constraint between bodies or sites."""
-    one, other = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
-    if _between_sites(model, k):
-        return int(model.site_bodyid[one]), int(model.site_bodyid[other])
-    return one, other
-
-
-def _between_sites(model: mujoco.MjModel, k: int) -> bool:
-    import mujoco
-
-    return int(model.eq_objtype[k]) == int(mujoco.mjtObj.mjOBJ_SITE)
+    own = _unit(model, joint)
+    if lead < 0:
+        return Coupling(names[joint], "", (float(own * model.eq_data[k, 0]),))
+    other = _unit(model, lead)
+    shift, slope, *more = (float(own * value / other**n) for n, value in enumerate(model.eq_data[k, :5]))
+    if names[joint] in driven and names[lead] not in driven and slope and not any(more):
+        return Coupling(names[lead], names[joint], (-shift / slope, 1.0 / slope))
+    return Coupling(names[joint], names[lead], (shift, slope, *more))
 
 
 def _tie(model: mujoco.MjModel, k: int, name: str) -> Tie:
+    """Return a constraint between two bodies, or between sites of two."""
+    import mujoco
+
+    ends = (int(model.eq_obj1id[k]), int(model.eq_obj2id[k]))
     data, straight = model.eq_data[k], np.array([1.0, 0.0, 0.0, 0.0])
     kind: JointKind = "spherical" if int(model.eq_type[k]) == _CONNECT else "fixed"
-    if _between_sites(model, k):
-        sites = (int(model.eq_obj1id[k]), int(model.eq_obj2id[k]))
-        one, other = (_site_frame(model, site) for site in sites)
+    if int(model.eq_objtype[k]) == int(mujoco.mjtObj.mjOBJ_SITE):
+        one, other = (_site_frame(model, site) for site in ends)
+        ends = (int(model.site_bodyid[ends[0]]), int(model.site_bodyid[ends[1]]))
     elif kind == "spherical":
         one, other = placed_frame(data[:3], straight), placed_frame(data[3:6], straight)
     else:
         one, other = placed_frame(data[3:6], data[6:10]), placed_frame(data[:3], straight)
-    return Tie(name, kind, _ends(model, k), (one, other))
+    return Tie(name, kind, ends, (one, other))
 
 
 def _site_frame(model: mujoco.MjModel, k: int) -> Array:
@@ -160,14 +153,8 @@ def placed_frame(position: ArrayLike, quaternion: ArrayLike) -> Array:
     return pose_of(turn, MM_PER_M * np.asarray(position))
 
 
-CHAIN_MOST = 500
-"""Bodies between the base and the tip."""
-NAME_MOST = 200
-"""Characters of a name."""
 WEIGHTLESS = 1e-6
 """kg: what files give bodies that have no mass, as MuJoCo asks; a milligram."""
-FARTHEST = 1e9
-"""m, m/s^2, kg: what is larger in an MJCF is no robot's."""
 _NAMED = 4
 
 
@@ -178,49 +165,47 @@ def mjcf_start(path: Path, tip: str = "") -> Start:
     """
     found = compiled(path)
     model = found.model
-    _check(model, path)
-    parts = parts_of(model)
-    end = _named_tip(parts, tip, path) if tip else _only_end(parts, path)
-    if len(parts.way(end.body)) > CHAIN_MOST:
+    bare = next((k for k in range(model.njnt) if not 0.5 < np.linalg.norm(model.jnt_axis[k]) < 2.0), None)
+    if bare is not None:
         raise InputError(
-            f"{path}: found {len(parts.way(end.body))} bodies up to the tip, expected at most {CHAIN_MOST}"
+            f"{path}: joint {bare + 1}: found an axis that MuJoCo takes for none, expected a direction"
         )
-    choice = choose(parts, [end.body], str(path))
-    graph = MjcfGraph(choice, str(path))
-    section, sites = graph.section(end), _site_names(parts, end.site)
+    try:
+        parts = parts_of(model)
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: found a name that is no text, expected UTF-8") from None
+    end = _named_tip(parts, tip, path) if tip else _only_end(parts, path)
+    graph = choose(parts, end, str(path))
+    section, sites = graph.section(), _site_names(parts, end.site)
     masses, light = _masses(model, graph)
-    gravity = graph.pose[:3, :3].T @ np.array(model.opt.gravity)
-    x, y, z = (float(round(v, 9)) + 0.0 for v in gravity)
+    x, y, z = (
+        round(float(v), 9) + 0.0 for v in parts.poses[graph.base][:3, :3].T @ np.array(model.opt.gravity)
+    )
     return Start(
         path.stem,
         f"The MJCF {path.name}",
         section,
-        (*_notes(choice, end, path), *unranged(section["joints"]), *_said_of_masses(light, found)),
+        (*_notes(graph, path), *unranged(section["joints"]), *_mass_notes(light, found)),
         gravity=(x, y, z),
         masses=masses,
-        left_out=(*choice.left_out(), *([f"sites, each of which --tip takes: {sites}"] if sites else [])),
+        left_out=(*graph.left_out(), *([f"sites, each of which --tip takes: {sites}"] if sites else [])),
     )
 
 
-def _notes(choice: Choice, tip: Tip, path: Path) -> Iterator[str]:
+def _notes(graph: MjcfGraph, path: Path) -> Iterator[str]:
     """Yield where the machine begins and ends, and joints that only the absence of a drive could be read from."""
-    bodies = choice.parts.bodies
-    end = f"site {tip.site}" if tip.site else f"body {bodies[tip.body].name}"
-    yield f"Source: {path.name}, from the body {bodies[choice.base].name} to the {end}."
-    driven = choice.parts.driven
-    bare = [
-        joint.name
-        for body, joint in choice.joints
-        if choice.drives(body, joint) and joint.name not in (driven or ())
-    ]
-    if driven is not None and bare:
+    bodies, driven = graph.parts.bodies, graph.parts.driven
+    end = f"site {graph.tip.site}" if graph.tip.site else f"body {bodies[graph.tip.body].name}"
+    yield f"Source: {path.name}, from the body {bodies[graph.base].name} to the {end}."
+    bare = [joint.name for joint in graph.drives if driven is not None and joint.name not in driven]
+    if bare:
         names = shortened(bare, _NAMED)
         yield f"CHECK joints without an actuator and outside loops, taken as read by the recording: {names}."
-    if choice.ties:
+    if graph.ties:
         yield "CHECK home: loops are closed from where the file has the machine; a singular pose is a bad start."
 
 
-def _said_of_masses(light: Sequence[str], found: Compiled) -> Iterator[str]:
+def _mass_notes(light: Sequence[str], found: Compiled) -> Iterator[str]:
     """Yield which bodies weigh nothing, and what MuJoCo warns of."""
     if light:
         why = "whose meshes were not at hand" if found.bare else "as the source says"
@@ -230,12 +215,11 @@ def _said_of_masses(light: Sequence[str], found: Compiled) -> Iterator[str]:
 
 def _masses(model: mujoco.MjModel, graph: MjcfGraph) -> tuple[dict[str, Any], list[str]]:
     """Return masses by the body that carries them, joints off the machine as the file has them, and bodies without any."""
-    choice = graph.choice
-    parts, poses = choice.parts, choice.parts.poses
-    sums = {body: np.zeros(4) for body in choice.bodies}
+    parts, poses = graph.parts, graph.parts.poses
+    sums = {body: np.zeros(4) for body in graph.kept}
     for body in range(1, model.nbody):
-        carrier = next((b for b in reversed(parts.way(body)) if b in sums or b == choice.base), choice.base)
-        if carrier != choice.base and model.body_mass[body] > WEIGHTLESS:
+        carrier = next((b for b in reversed(parts.way(body)) if b in sums or b == graph.base), graph.base)
+        if carrier != graph.base and model.body_mass[body] > WEIGHTLESS:
             centre = poses[body] @ [*(MM_PER_M * model.body_ipos[body]), 1.0]
             local = (inverse_pose(poses[carrier]) @ centre)[:3] - graph.shifts[carrier]
             sums[carrier] += model.body_mass[body] * np.array([1.0, *local])
@@ -244,37 +228,7 @@ def _masses(model: mujoco.MjModel, graph: MjcfGraph) -> tuple[dict[str, Any], li
         graph.names[body]: {"kg": float(s[0]), "com": (s[1:] / s[0]).tolist(), "in": graph.names[body]}
         for body, s in heavy.items()
     }
-    return masses, [graph.names[b] for b in choice.bodies if b not in heavy and parts.bodies[b].joints]
-
-
-def _check(model: mujoco.MjModel, path: Path) -> None:
-    """Refuse numbers that are no robot's, names that are no text, and axes that MuJoCo itself made nothing of."""
-    sizes = {
-        "position": model.body_pos, "joint's anchor": model.jnt_pos, "mass": model.body_mass, "gravity": model.opt.gravity,
-        "centre of mass": model.body_ipos, "end of a joint's range": model.jnt_range[model.jnt_limited.astype(bool)],
-        "joint's reference": model.qpos0,
-    }  # fmt: skip
-    for what, values in sizes.items():
-        odd = [float(v) for v in np.ravel(values) if not abs(v) <= FARTHEST]
-        if odd:
-            raise InputError(f"{path}: found the {what} {odd[0]:g}, expected at most {FARTHEST:g}")
-    try:
-        names = [model.body(k).name for k in range(model.nbody)]
-        names += [model.joint(k).name for k in range(model.njnt)] + [
-            model.site(k).name for k in range(model.nsite)
-        ]
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: found a name that is no text, expected UTF-8") from None
-    long = next((name for name in names if len(name) > NAME_MOST), None)
-    if long is not None:
-        found = f"the name {cut(long)!r} of {len(long)} characters"
-        raise InputError(f"{path}: found {found}, expected at most {NAME_MOST}")
-    bare = [k for k in range(model.njnt) if not 0.5 < np.linalg.norm(model.jnt_axis[k]) < 2.0]
-    if bare:
-        name = cut(model.joint(bare[0]).name)
-        raise InputError(
-            f"{path}: joint {name!r}: found an axis that MuJoCo takes for none, expected a direction"
-        )
+    return masses, [graph.names[b] for b in graph.kept if b not in heavy and parts.bodies[b].joints]
 
 
 def _named_tip(parts: Parts, name: str, path: Path) -> Tip:

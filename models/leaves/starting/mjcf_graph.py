@@ -8,7 +8,7 @@ its origin there.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -31,6 +31,10 @@ class PartJoint:
     anchor: Array
     reference: float = 0.0
     range: tuple[float, float] | None = None
+
+    def written(self, value: float) -> float:
+        """Return a displacement (mm or rad) as a machine file has it, in mm or deg."""
+        return float(value if self.kind == "prismatic" else _DEG * value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,16 +79,6 @@ class Coupling:
     lead: str
     coefficients: tuple[float, ...]
 
-    @property
-    def linear(self) -> bool:
-        """Whether no power above the first has a coefficient."""
-        return not any(self.coefficients[2:])
-
-    def inverted(self) -> Coupling:
-        """Return what the lead does where the joint is what is driven; of a linear coupling."""
-        shift, ratio = self.coefficients[:2]
-        return Coupling(self.lead, self.joint, (-shift / ratio, 1.0 / ratio))
-
 
 @dataclass(frozen=True, eq=False)
 class Parts:
@@ -125,17 +119,6 @@ class Parts:
         one, other = (frozenset(self.way(body)) for body in tie.bodies)
         return frozenset(body for body in one ^ other if self.bodies[body].joints)
 
-    def led_by_drives(self) -> Parts:
-        """Return the same with couplings turned round whose joint is driven and whose lead is not."""
-        driven = self.driven or frozenset()
-        turned = [
-            c.inverted()
-            if c.joint in driven and c.lead and c.lead not in driven and c.linear and c.coefficients[1]
-            else c
-            for c in self.couplings
-        ]
-        return replace(self, couplings=tuple(turned))
-
 
 _NAMED = 10
 
@@ -149,68 +132,24 @@ class Follow:
     offset: float
 
 
-@dataclass(frozen=True, eq=False)
-class Choice:
-    """The machine's parts: its base, its other bodies, parents first, the ties among them, and joints that others lead."""
-
-    parts: Parts
-    base: int
-    bodies: tuple[int, ...]
-    ties: tuple[Tie, ...]
-    follows: Mapping[str, Follow]
-
-    @cached_property
-    def looped(self) -> frozenset[int]:
-        """Bodies whose joints a loop moves."""
-        return frozenset(body for tie in self.ties for body in self.parts.loop(tie))
-
-    @cached_property
-    def joints(self) -> list[tuple[int, PartJoint]]:
-        """All joints that move a body against another one of the machine, with their bodies."""
-        return [(body, joint) for body in self.bodies for joint in self.parts.bodies[body].joints]
-
-    def drives(self, body: int, joint: PartJoint) -> bool:
-        """Return whether a joint has a reading: it leads itself, and is driven or in no loop."""
-        driven = self.parts.driven or frozenset()
-        return joint.name not in self.follows and (body not in self.looped or joint.name in driven)
-
-    def left_out(self) -> tuple[str, ...]:
-        """Return in words what the file has and the machine has not."""
-        parts, kept = self.parts, {self.base, *self.bodies}
-        ties = [f"{tie.name!r}" for tie in parts.ties if tie not in self.ties]
-        known = {joint.name for _, joint in self.joints}
-        ties += [f"of joint {c.joint!r}" for c in parts.couplings if c.joint not in known]
-        kept |= {0, *parts.way(self.base)}
-        off = [cut(body.name, 60) for k, body in enumerate(parts.bodies) if k not in kept]
-        lines = [f"bodies that are not on the way to the tip: {shortened(off, _NAMED)}"] if off else []
-        lines += [f"equality constraints that move none of these: {shortened(ties, _NAMED)}"] if ties else []
-        lines += [shortened(list(parts.unread), _NAMED)] if parts.unread else []
-        base = parts.bodies[self.base]
-        if base.free:
-            lines.append(
-                f"the free joint of the body {base.name!r}, which is the base: frames.base says where it stands"
-            )
-        return tuple(lines)
-
-
-def choose(parts: Parts, tips: Sequence[int], where: str) -> Choice:
-    """Return the machine that ends at the bodies ``tips``. Raises InputError, which ``where`` opens, where there is none."""
-    kept, ties = _closed_over(parts, tips)
-    base = _base(parts, kept, ties, tips[0])
+def choose(parts: Parts, tip: Tip, where: str) -> MjcfGraph:
+    """Return the machine that ends at ``tip``. Raises InputError, which ``where`` opens, if there is none."""
+    kept, ties = _closed_over(parts, tip.body)
+    base = _base(parts, kept, ties, tip.body)
     if not any(parts.bodies[b].joints for b in kept - {base}):
-        name = cut(parts.bodies[tips[0]].name)
+        name = cut(parts.bodies[tip.body].name)
         raise InputError(f"{where}: found no joint on the way to {name!r}, expected another --tip")
     bodies = sorted(
         b for b in kept if b != base and (base in parts.way(b) or parts.bodies[parts.way(b)[0]].free)
     )
-    choice = Choice(parts, base, tuple(bodies), tuple(ties), _follows(parts, kept, where))
-    _check(choice, where)
-    return choice
+    graph = MjcfGraph(parts, tip, where, base, tuple(bodies), tuple(ties), _follows(parts, kept, where))
+    _check(graph)
+    return graph
 
 
-def _closed_over(parts: Parts, tips: Sequence[int]) -> tuple[set[int], list[Tie]]:
-    """Return the bodies on the way to the tips, with all that moves them through ties and couplings, and these ties."""
-    kept, size = {body for tip in tips for body in parts.way(tip)}, 0
+def _closed_over(parts: Parts, tip: int) -> tuple[set[int], list[Tie]]:
+    """Return the bodies on the way to the tip, with all that moves them through ties and couplings, and these ties."""
+    kept, size = set(parts.way(tip)), 0
     ties: list[Tie] = []
     while size < len(kept) + len(ties):
         size = len(kept) + len(ties)
@@ -240,7 +179,7 @@ def _follows(parts: Parts, kept: Iterable[int], where: str) -> dict[str, Follow]
     direct: dict[str, Coupling] = {}
     for c in own:
         said = f"{where}: equality of joint {cut(c.joint)!r}"
-        if not c.linear:
+        if any(c.coefficients[2:]):
             numbers = " ".join(f"{value:g}" for value in c.coefficients)
             raise InputError(
                 f"{said}: found the polynomial {numbers} (mm, rad) of {cut(c.lead)!r}, expected a linear one; type: graph "
@@ -265,22 +204,22 @@ def _follows(parts: Parts, kept: Iterable[int], where: str) -> dict[str, Follow]
     return out
 
 
-def _check(choice: Choice, where: str) -> None:
+def _check(graph: MjcfGraph) -> None:
     """Refuse joints that nothing determines. Raises InputError naming them."""
-    read = {joint.name for body, joint in choice.joints if choice.drives(body, joint)}
-    for body, joint in choice.joints:
-        if joint.kind in ("spherical", "free") and body not in choice.looped:
+    where, read = graph.where, {joint.name for joint in graph.drives}
+    for body, joint in graph.moving:
+        if joint.kind in ("spherical", "free") and body not in graph.looped:
             raise InputError(
                 f"{where}: joint {cut(joint.name)!r}: found a ball or free joint, expected hinges and slides on the way from "
                 "the base to the tip, or a loop that moves it"
             )
-    if choice.ties and choice.parts.driven is None:
-        names = shortened([cut(repr(tie.name)) for tie in choice.ties], _NAMED)
+    if graph.ties and graph.parts.driven is None:
+        names = shortened([cut(repr(tie.name)) for tie in graph.ties], _NAMED)
         raise InputError(
             f"{where}: found loops, closed by the equality constraints {names}, and no actuator, expected an actuator for "
             "each joint that is driven"
         )
-    for name, follow in choice.follows.items():
+    for name, follow in graph.follows.items():
         if follow.lead and follow.lead not in read:
             raise InputError(
                 f"{where}: equality of joint {cut(name)!r}: found {cut(follow.lead)!r}, which no actuator drives, expected "
@@ -297,63 +236,105 @@ _SAME = 1e-9
 _DEG = 180.0 / np.pi
 
 
-@dataclass
+@dataclass(eq=False)
 class MjcfGraph:
-    """The graph of a choice; ``shifts`` are the origins (3,) mm of its bodies in the MJCF's."""
+    """A machine in an MJCF: its base, its other bodies, parents first, the ties among them, and joints that others lead.
 
-    choice: Choice
+    ``section`` fills the names of the graph's bodies, and its joints.
+    """
+
+    parts: Parts
+    tip: Tip
     where: str
+    base: int
+    kept: tuple[int, ...]
+    ties: tuple[Tie, ...]
+    follows: Mapping[str, Follow]
     bodies: list[str] = field(default_factory=list)
     joints: list[dict[str, Any]] = field(default_factory=list)
 
-    def section(self, tip: Tip) -> dict[str, Any]:
-        """Return the section of the machine that ends at ``tip``. Raises InputError for a free body that no tie holds."""
-        self.bodies.append(self.names[self.choice.base])
-        for body in self.choice.bodies:
-            if body in self.held:
-                self._hang(body)
-            else:
+    @cached_property
+    def looped(self) -> frozenset[int]:
+        """Bodies whose joints a loop moves."""
+        return frozenset(body for tie in self.ties for body in self.parts.loop(tie))
+
+    @cached_property
+    def moving(self) -> list[tuple[int, PartJoint]]:
+        """All joints that move a body against another one of the machine, with their bodies."""
+        return [(body, joint) for body in self.kept for joint in self.parts.bodies[body].joints]
+
+    @cached_property
+    def drives(self) -> list[PartJoint]:
+        """Joints with a reading: those that lead themselves, and are driven or in no loop."""
+        driven = self.parts.driven or frozenset()
+        return [
+            joint
+            for body, joint in self.moving
+            if joint.name not in self.follows and (body not in self.looped or joint.name in driven)
+        ]
+
+    def left_out(self) -> tuple[str, ...]:
+        """Return in words what the file has and the machine has not."""
+        parts = self.parts
+        ties = [f"{tie.name!r}" for tie in parts.ties if tie not in self.ties]
+        known = {joint.name for _, joint in self.moving}
+        ties += [f"of joint {c.joint!r}" for c in parts.couplings if c.joint not in known]
+        kept = {0, *self.kept, *parts.way(self.base)}
+        off = [cut(body.name, 60) for k, body in enumerate(parts.bodies) if k not in kept]
+        lines = [f"bodies that are not on the way to the tip: {shortened(off, _NAMED)}"] if off else []
+        lines += [f"equality constraints that move none of these: {shortened(ties, _NAMED)}"] if ties else []
+        lines += [shortened(list(parts.unread), _NAMED)] if parts.unread else []
+        base = parts.bodies[self.base]
+        if base.free:
+            lines.append(
+                f"the free joint of the body {base.name!r}, which is the base: frames.base says where it stands"
+            )
+        return tuple(lines)
+
+    def section(self) -> dict[str, Any]:
+        """Return the section of the machine. Raises InputError for a free body that no tie holds."""
+        self.bodies.append(self.names[self.base])
+        for body in self.kept:
+            tie = self.held.get(body)
+            if tie is None:
                 self._add(body)
-        for tie in self.choice.ties:
+                continue
+            (other,) = set(tie.bodies) - {body}
+            self.bodies.append(self.names[body])
+            self._join(
+                tie.name, tie.kind, self.names[other], self.names[body], self._across(tie, other, body)
+            )
+        for tie in self.ties:
             if tie not in self.held.values():
                 self._close(tie)
-        flange, frame = self.names[tip.body], tip.frame.copy()
-        frame[:3, 3] -= self.shifts[tip.body]
+        flange, frame = self.names[self.tip.body], self.tip.frame.copy()
+        frame[:3, 3] -= self.shifts[self.tip.body]
         if not np.array_equal(frame, np.eye(4)):
-            flange = self._fixed(flange, tip.site or "tip", frame)
+            flange = self._fixed(flange, self.tip.site or "tip", frame)
         out: dict[str, Any] = {
             "type": "graph",
             "bodies": self.bodies,
             "flange": flange,
             "joints": self.joints,
         }
-        if self.choice.ties:  # where the file has the machine: joints that nothing drives count from there
-            drives = [joint for body, joint in self.choice.joints if self.choice.drives(body, joint)]
-            out["home"] = {joint.name: _written(joint, joint.reference) for joint in drives}
-        return out
-
-    @property
-    def pose(self) -> Array:
-        """The base (4, 4) mm in the world."""
-        out: Array = self.choice.parts.poses[self.choice.base]
+        if self.ties:  # where the file has the machine: joints that nothing drives count from there
+            out["home"] = {joint.name: joint.written(joint.reference) for joint in self.drives}
         return out
 
     @cached_property
     def names(self) -> Mapping[int, str]:
         """Names of the bodies; a body called base that is not the first has another one."""
-        kept = {k: self.choice.parts.bodies[k].name for k in (self.choice.base, *self.choice.bodies)}
-        return {k: f"{n}_body" if n == BASE and k != self.choice.base else n for k, n in kept.items()}
+        kept = {k: self.parts.bodies[k].name for k in (self.base, *self.kept)}
+        return {k: f"{n}_body" if n == BASE and k != self.base else n for k, n in kept.items()}
 
     @cached_property
     def held(self) -> Mapping[int, Tie]:
         """The tie that each free body hangs on."""
-        parts, out = self.choice.parts, dict[int, Tie]()
-        for body in self.choice.bodies:
+        parts, out = self.parts, dict[int, Tie]()
+        for body in self.kept:
             if not parts.bodies[body].free:
                 continue
-            found = next(
-                (tie for tie in self.choice.ties if body in tie.bodies and tie not in out.values()), None
-            )
+            found = next((tie for tie in self.ties if body in tie.bodies and tie not in out.values()), None)
             if found is None:
                 name = cut(parts.bodies[body].name)
                 raise InputError(
@@ -365,26 +346,17 @@ class MjcfGraph:
     @cached_property
     def shifts(self) -> Mapping[int, Array]:
         """Origins (3,) mm of the graph's bodies in the MJCF's."""
-        out = {self.choice.base: np.zeros(3)}
-        for body in self.choice.bodies:
-            joints = self.choice.parts.bodies[body].joints
+        out = {self.base: np.zeros(3)}
+        for body in self.kept:
+            joints = self.parts.bodies[body].joints
             out[body] = joints[-1].anchor if joints else np.zeros(3)
         for body, tie in self.held.items():
             out[body] = tie.frames[tie.bodies.index(body)][:3, 3]
         return out
 
-    def _hang(self, body: int) -> None:
-        """A free body at the tie that holds it."""
-        tie = self.held[body]
-        at = tie.bodies.index(body)
-        other = tie.bodies[1 - at]
-        frame = self._across(tie, other, body)
-        self.bodies.append(self.names[body])
-        self._join(tie.name, tie.kind, self.names[other], self.names[body], frame)
-
     def _add(self, body: int) -> None:
         """A body's joints, each with a body of its own that stands where its anchor is; one without is fixed."""
-        part, name = self.choice.parts.bodies[body], self.names[body]
+        part, name = self.parts.bodies[body], self.names[body]
         above, frame = self.names[part.parent], part.frame.copy()
         frame[:3, 3] -= self.shifts[part.parent]
         if not part.joints:
@@ -397,42 +369,42 @@ class MjcfGraph:
             self.bodies.append(child)
             still = self._stands(joint)
             if still is None:
-                self._join(joint.name, joint.kind, above, child, frame, **self._moving(body, joint))
+                self._join(joint.name, joint.kind, above, child, frame, **self._motion(joint))
             else:
                 self._join(joint.name, "fixed", above, child, frame @ still)
             above, here, frame = child, joint.anchor, np.eye(4)
 
     def _stands(self, joint: PartJoint) -> Array | None:
         """Return the motion (4, 4) of a joint that a constraint holds at a constant; None for others."""
-        led = self.choice.follows.get(joint.name)
+        led = self.follows.get(joint.name)
         if led is None or (led.lead and led.ratio):
             return None
         turns, way = joint.kind == "revolute", led.offset * joint.axis
         return pose_of(exp_so3(way * turns), way * (not turns))
 
-    def _moving(self, body: int, joint: PartJoint) -> dict[str, Any]:
+    def _motion(self, joint: PartJoint) -> dict[str, Any]:
         """Return how a joint moves: driven, led by another, or passive."""
         if joint.kind == "spherical":
             return {}
-        led = self.choice.follows.get(joint.name)
+        led = self.follows.get(joint.name)
         out: dict[str, Any] = {"axis": joint.axis.tolist()}
         if led is not None:
-            offset, ratio = _written(joint, led.offset), self._ratio(joint, led)
+            offset, ratio = joint.written(led.offset), self._ratio(joint, led)
             return (
                 out | {"mimic": {"joint": led.lead, "ratio": ratio}} | ({"offset": offset} if offset else {})
             )
-        if not self.choice.drives(body, joint):
+        if joint not in self.drives:
             return out
         out["actuated"] = True
         if joint.reference:  # the file's pose is where the joint reads this much
-            out["offset"] = -_written(joint, joint.reference)
+            out["offset"] = -joint.written(joint.reference)
         if joint.range is not None:
-            out["range"] = [_written(joint, end) for end in joint.range]
+            out["range"] = [joint.written(end) for end in joint.range]
         return out
 
     def _ratio(self, joint: PartJoint, led: Follow) -> float:
-        lead = next(other for _, other in self.choice.joints if other.name == led.lead)
-        return led.ratio * _written(joint, 1.0) / _written(lead, 1.0)
+        lead = next(other for _, other in self.moving if other.name == led.lead)
+        return led.ratio * joint.written(1.0) / lead.written(1.0)
 
     def _close(self, tie: Tie) -> None:
         """A joint whose child has its place already."""
@@ -460,7 +432,7 @@ class MjcfGraph:
             out: Array = here @ inverse_pose(there)
             out[:3, 3] += out[:3, :3] @ self.shifts[other]
         else:
-            poses = self.choice.parts.poses
+            poses = self.parts.poses
             out = inverse_pose(poses[one]) @ poses[other]
             out[:3, 3] = here[:3, 3]
         out[:3, 3] -= self.shifts[one]
@@ -475,16 +447,11 @@ class MjcfGraph:
         return name
 
     def _join(self, name: str, kind: str, parent: str, child: str, frame: Array, **more: Any) -> None:
-        taken = {joint["name"] for joint in self.joints} | set(self.choice.parts.places) - {name}
+        taken = {joint["name"] for joint in self.joints} | set(self.parts.places) - {name}
         while name in taken:
             name += "_"
         place = {"xyz": frame[:3, 3].tolist(), "rpy": np.degrees(_rpy(frame[:3, :3])).tolist()}
         self.joints.append({"name": name, "kind": kind, "parent": parent, "child": child, **place, **more})
-
-
-def _written(joint: PartJoint, value: float) -> float:
-    """Return a displacement as the section has it, in mm or deg."""
-    return float(value if joint.kind == "prismatic" else _DEG * value)
 
 
 def _rpy(rotation: Array) -> Array:

@@ -21,37 +21,32 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from truepose.bounded import check_input
 from truepose.errors import InputError
 from truepose.models.leaves.starting.start import Start, unranged
+from truepose.models.units import compatible, convert, parse_unit
 from truepose.wording import close_matches, shortened
 
-_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 1e-3, "µm": 1e-3, "in": 25.4, "inch": 25.4}
-_DEG = {
-    "deg": 1.0,
-    "°": 1.0,
-    "degree": 1.0,
-    "degrees": 1.0,
-    "rad": 180.0 / math.pi,
-    "radian": 180.0 / math.pi,
-}
-UNITS = {"length": _MM, "angle": _DEG}
-"""Factors to mm and to deg."""
 _NUMBER = r"(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][-+]?\d+)?"
-_PI = re.compile(rf"^([-+]?)({_NUMBER})?\*?(?:pi|π)(?:/({_NUMBER}))?$", re.IGNORECASE)
-_PLAIN = re.compile(rf"^[-+]?{_NUMBER}$")
-_UNIT = re.compile(r"^(.*?[\d.,iπ])\s*(mm|cm|m|um|µm|inch|in|deg|°|degrees?|rad|radian)$", re.IGNORECASE)
+_CELL = re.compile(
+    rf"(?P<sign>[-+]?)(?P<number>{_NUMBER})?(?P<pi>\*?(?:pi|π)(?:/(?P<by>{_NUMBER}))?)?\s*(?P<unit>°|[a-zµ]+)?",
+    re.I,
+)
 _LETTER = r"(?:θ|theta|th|q|d|var)_?\{?\d*\}?\*?"
 _VARIABLE = re.compile(rf"^([-+]?)({_LETTER})", re.IGNORECASE)
 _VARIABLE_LAST = re.compile(rf"^(.*?)\s*\+\s*({_LETTER})$", re.IGNORECASE)
 _PRINTED = str.maketrans("−–º˚₀₁₂₃₄₅₆₇₈₉", "--°°0123456789")
 _RADIANS = (math.pi / 4, math.pi / 2, math.pi, 3 * math.pi / 2)
+_USUAL = {"length": "mm", "angle": "deg"}
+_EXPECTED = {
+    "length": "a length such as 425, 0.425 m or 425 mm",
+    "angle": "an angle such as 90, -pi/2 or 90 deg",
+}
 
 
-@dataclass(frozen=True)
-class Cell:
+class Cell(NamedTuple):
     """A number in mm or deg, and whether its text (or its column) says in which unit it stood."""
 
     value: float
@@ -59,7 +54,7 @@ class Cell:
 
 
 def cell(text: str, dimension: str, unit: str, where: str, *, variable: bool = False) -> Cell:
-    """A number of ``dimension`` (length, angle) in mm or deg; ``unit`` is the column's, empty where it names none.
+    """Return a number of ``dimension`` (length, angle) in mm or deg; ``unit`` is the column's, empty if it names none.
 
     With ``variable`` the joint's own variable may stand before it (``θ1 - 90``). Empty text and a dash are 0.
     Raises InputError, opened by ``where``, for what is no number, and for an angle that looks like radians although
@@ -70,31 +65,29 @@ def cell(text: str, dimension: str, unit: str, where: str, *, variable: bool = F
         plain = _without_variable(plain, where, text)
     if plain in ("", "-"):
         return Cell(0.0, unit_said=True)
-    found = _UNIT.match(plain)
-    own = found[2].lower() if found else ""
-    said = own or unit
-    if said and said not in UNITS[dimension]:
-        raise InputError(f"{where}: found {text!r}, expected {_expected(dimension)}")
-    number = found[1].strip() if found else plain
-    turned = _PI.match(number) if dimension == "angle" else None
+    found, usual = _CELL.fullmatch(plain), _USUAL[dimension]
+    said = ((found and found["unit"]) or unit).lower()
+    turned = found is not None and found["pi"] is not None
+    if (
+        found is None
+        or not (found["number"] or turned)
+        or (turned and dimension == "length")
+        or (said and not compatible(said, usual))
+    ):
+        raise InputError(f"{where}: found {text!r}, expected {_EXPECTED[dimension]}")
+    value = _float(found["sign"] + (found["number"] or "1"))
     if turned:
-        sign = -1.0 if turned[1] == "-" else 1.0
-        return Cell(sign * _float(turned[2] or "1") * 180.0 / _float(turned[3] or "1"), unit_said=True)
-    if not _PLAIN.match(number):
-        raise InputError(f"{where}: found {text!r}, expected {_expected(dimension)}")
-    value = _float(number)
+        return Cell(value * 180.0 / _float(found["by"] or "1"), unit_said=True)
     if dimension == "angle" and not said and any(abs(abs(value) - r) < 5e-4 * r for r in _RADIANS):
         raise InputError(
             f"{where}: found {text!r} without a unit, which looks like radians, expected a header such as "
             "`alpha [rad]` or `alpha [deg]`"
         )
-    return Cell(
-        value * UNITS[dimension][said or ("mm" if dimension == "length" else "deg")], unit_said=bool(said)
-    )
+    return Cell(convert(value, said or usual, usual), unit_said=bool(said))
 
 
 def interval(text: str, dimension: str, unit: str, where: str) -> tuple[float, float]:
-    """A range in mm or deg: ``-170..170``, ``-170 to 170``, ``±170``, ``[-170, 170]``. Raises InputError otherwise."""
+    """Return a range in mm or deg: ``-170..170``, ``-170 to 170``, ``±170``, ``[-170, 170]``. Raises InputError otherwise."""
     plain = _normal(text).strip("[]()")
     symmetric = re.match(r"^(?:±|\+/-|\+-)(.*)$", plain)
     if symmetric:
@@ -108,19 +101,17 @@ def interval(text: str, dimension: str, unit: str, where: str) -> tuple[float, f
 
 
 def variable_in(text: str) -> str:
-    """Return the joint's variable that a cell names, as in ``θ1``, ``q2 - 90``, ``90 + q2``; empty where it names none."""
+    """Return the joint's variable that a cell names, as in ``θ1``, ``q2 - 90``, ``90 + q2``; empty if it names none."""
     plain = _normal(text)
     found = _VARIABLE.match(plain) or _VARIABLE_LAST.match(plain)
     return found[2].lower() if found else ""
 
 
 def _without_variable(text: str, where: str, found: str) -> str:
-    last = _VARIABLE_LAST.match(text)
-    match = _VARIABLE.match(text)
-    if last and not match:
-        return last[1]
-    if not match:
-        return text
+    """Return what a cell adds to the joint's variable."""
+    match, last = _VARIABLE.match(text), _VARIABLE_LAST.match(text)
+    if match is None:
+        return last[1] if last else text
     if match[1] == "-":
         raise InputError(
             f"{where}: found {found!r}, a joint that turns against its axis, expected a positive variable: turn its "
@@ -131,20 +122,12 @@ def _without_variable(text: str, where: str, found: str) -> str:
 
 
 def _normal(text: str) -> str:
-    """Text with plain minus signs and digits, without spaces at its ends."""
+    """Return a text with plain minus signs and digits, without spaces at its ends."""
     return text.strip().translate(_PRINTED)
 
 
 def _float(text: str) -> float:
     return float(text.replace(",", "."))
-
-
-def _expected(dimension: str) -> str:
-    return (
-        "a length such as 425, 0.425 m or 425 mm"
-        if dimension == "length"
-        else "an angle such as 90, -pi/2 or 90 deg"
-    )
 
 
 Cells = Mapping[str, str]
@@ -222,18 +205,20 @@ def _fixed_by_name(labels: Sequence[str]) -> list[bool]:
     return [end or (counted and stem is None) for end, stem in zip(ends, stems, strict=True)]
 
 
-CONVENTIONS = ("standard", "modified", "khalil")
 FIELDS: Mapping[str, tuple[str, ...]] = {
     "standard": ("a", "alpha", "d", "theta"),
     "modified": ("a", "alpha", "d", "theta"),
     "khalil": ("beta", "alpha", "d", "theta", "r"),
 }
-_ANGLES = ("alpha", "beta", "theta", "offset")
+"""Columns of each convention."""
 _ALIASES = {
     "α": "alpha", "θ": "theta", "β": "beta", "joint": "name", "link": "name", "i": "name", "type": "kind", "lower": "min",
     "upper": "max", "theta_offset": "offset", "θ_offset": "offset", "q_offset": "offset", "limits": "range",
 }  # fmt: skip
-_KNOWN = ("name", "kind", "a", "alpha", "d", "theta", "r", "beta", "offset", "min", "max", "range")
+_DIMENSION = {
+    **dict.fromkeys(("a", "d", "r"), "length"), **dict.fromkeys(("alpha", "beta", "theta", "offset"), "angle"),
+}  # fmt: skip
+_KNOWN = ("name", "kind", *_DIMENSION, "min", "max", "range")
 _FRAMES = ("base", "flange", "tool", "world")
 """Names of frames, which no row may have."""
 _METRES = 5.0
@@ -249,32 +234,31 @@ class Row:
     units: Mapping[str, str]
     where: str
 
-    def number(self, column: str, *, prismatic: bool) -> Cell:
-        own = "d" if prismatic else "theta"
-        dimension = "angle" if column in _ANGLES else "length"
-        variable = column == own or (prismatic and column == "r")
+    def number(self, column: str, kind: str, dimension: str = "") -> Cell:
+        """Return a cell of a joint of a kind; ``dimension`` is that of ends of its range."""
+        variable = column in (("d", "r") if kind == "prismatic" else ("theta",))
+        text, unit = self.cells.get(column, ""), self.units.get(column, "")
         where = f"{self.where}, column {column!r}"
-        return cell(
-            self.cells.get(column, ""), dimension, self.units.get(column, ""), where, variable=variable
-        )
+        return cell(text, dimension or _DIMENSION[column], unit, where, variable=variable)
 
-    def limits(self, *, prismatic: bool) -> tuple[float, float] | None:
-        dimension = "length" if prismatic else "angle"
+    def limits(self, kind: str) -> list[float] | None:
+        """Return the joint's range, None where there is none."""
+        dimension = "length" if kind == "prismatic" else "angle"
         text = self.cells.get("range", "").strip()
         if text:
-            return interval(text, dimension, self.units.get("range", ""), f"{self.where}, column 'range'")
-        ends = [self.cells.get(end, "").strip() for end in ("min", "max")]
-        if not any(ends):
+            where = f"{self.where}, column 'range'"
+            ends = interval(text, dimension, self.units.get("range", ""), where)
+        elif any(self.cells.get(end, "").strip() for end in ("min", "max")):
+            ends = self.number("min", kind, dimension).value, self.number("max", kind, dimension).value
+        else:
             return None
-        low, high = (
-            cell(text, dimension, self.units.get(end, ""), f"{self.where}, column {end!r}").value
-            for text, end in zip(ends, ("min", "max"), strict=True)
-        )
-        return low, high
+        if ends[0] >= ends[1]:
+            raise InputError(f"{self.where}: found the range {list(ends)}, expected its lower end first")
+        return list(ends)
 
 
 def table_start(path: Path, convention: str) -> Start:
-    """The start of a table file. Raises InputError naming file, row and column."""
+    """Return the start of a table file. Raises InputError naming file, row and column."""
     try:
         check_input(path)
         text = path.read_text(encoding="utf-8-sig")
@@ -282,60 +266,45 @@ def table_start(path: Path, convention: str) -> Start:
         reason = exc.strerror if isinstance(exc, OSError) else "not a text in UTF-8"
         raise InputError(f"{path}: cannot read the table: {reason}") from None
     rows = _rows(text, path)
-    if not convention:
-        convention = _stated(rows, path)
-    return start_of(rows, convention, path.stem, f"the table {path.name}", str(path))
-
-
-def start_of(rows: Sequence[Row], convention: str, name: str, title: str, where: str) -> Start:
-    """The start of read rows. Raises InputError for what the rows' cells do not say."""
-    if convention not in CONVENTIONS:
-        raise InputError(f"--convention: found {convention!r}, expected one of {', '.join(CONVENTIONS)}")
-    joints, lengths = [], []
+    columns = {column for row in rows for column in row.cells}
+    if not convention and "r" not in columns:
+        raise InputError(
+            f"{path}: found columns a, alpha, d and theta, which two conventions share, expected --convention standard "
+            "(a and alpha lie beyond the joint: most data sheets) or modified (Craig's: a and alpha lie before it)"
+        )
+    convention = convention or "khalil"
+    if convention not in FIELDS:
+        raise InputError(f"--convention: found {convention!r}, expected one of {', '.join(FIELDS)}")
     kinds, notes = row_kinds([row.cells for row in rows], [row.where for row in rows])
     _refuse_shared_variables(rows)
+    joints, lengths = [], []
     for k, (row, kind) in enumerate(zip(rows, kinds, strict=True), start=1):
-        joint, used = _joint(row, k, convention, kind)
-        joints.append(joint)
-        lengths += used
-    _refuse_metres(lengths, where)
+        cells = {field: row.number(field, kind) for field in FIELDS[convention]}
+        lengths += [found for field, found in cells.items() if _DIMENSION[field] == "length"]
+        joint: dict[str, Any] = {
+            "name": _name(row, k, kind),
+            "kind": kind,
+            **{f: found.value for f, found in cells.items()},
+        }
+        joint["theta"] += row.number("offset", kind).value
+        limits = row.limits(kind)
+        joints.append(joint if limits is None else joint | {"range": limits})
+    _refuse_metres(lengths, path)
     names = [joint["name"] for joint in joints]
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice or not joints:
         found = f"the joint {twice[0]!r} twice" if twice else "no rows"
-        raise InputError(f"{where}: found {found}, expected a row for each joint, with a name of its own")
-    mechanism = {"type": "serial", "convention": convention, "joints": joints}
-    missing = [
-        field
-        for field in FIELDS[convention]
-        if field != "beta" and not any(field in row.cells for row in rows)
-    ]
+        raise InputError(f"{path}: found {found}, expected a row for each joint, with a name of its own")
+    missing = [field for field in FIELDS[convention] if field not in (*columns, "beta")]
     if missing:
         notes = (*notes, f"CHECK columns that the table has not, all 0 here: {', '.join(missing)}.")
     about = ("CHECK every number against the drawing.", *notes, *unranged(joints))
-    return Start(name, title[:1].upper() + title[1:], mechanism, about)
-
-
-def _joint(row: Row, place: int, convention: str, kind: str) -> tuple[dict[str, Any], list[Cell]]:
-    """A row as a joint of a machine file, and its lengths."""
-    prismatic = kind == "prismatic"
-    joint: dict[str, Any] = {"name": _name(row, place, kind), "kind": kind}
-    lengths = []
-    for field in FIELDS[convention]:
-        found = row.number(field, prismatic=prismatic)
-        joint[field] = found.value
-        lengths += [] if field in _ANGLES else [found]
-    joint["theta"] += row.number("offset", prismatic=prismatic).value
-    limits = row.limits(prismatic=prismatic)
-    if limits is not None:
-        if limits[0] >= limits[1]:
-            raise InputError(f"{row.where}: found the range {list(limits)}, expected its lower end first")
-        joint["range"] = list(limits)
-    return joint, lengths
+    mechanism = {"type": "serial", "convention": convention, "joints": joints}
+    return Start(path.stem, f"The table {path.name}", mechanism, about)
 
 
 def _name(row: Row, place: int, kind: str) -> str:
-    """Name of a row: its own; of one that is only counted, q1 or, without a joint, row1."""
+    """Return the name of a row: its own; of one that is only counted, q1 or, without a joint, row1."""
     label = row.cells.get("name", "").strip() or str(place)
     if kind == "fixed" and label.lower() in _FRAMES:
         return f"{label.lower()}_frame"
@@ -355,46 +324,30 @@ def _refuse_shared_variables(rows: Sequence[Row]) -> None:
                 )
 
 
-def _refuse_metres(lengths: Sequence[Cell], where: str) -> None:
+def _refuse_metres(lengths: Sequence[Cell], path: Path) -> None:
+    """Refuse a table of short lengths of which none says its unit."""
     used = [length for length in lengths if length.value]
-    if (
-        used
-        and not any(length.unit_said for length in used)
-        and all(abs(length.value) < _METRES for length in used)
-    ):
-        largest = max(abs(length.value) for length in used)
+    largest = max((abs(length.value) for length in used), default=_METRES)
+    if largest < _METRES and not any(length.unit_said for length in used):
         raise InputError(
-            f"{where}: found no length above {largest:g} and no unit, which looks like metres, expected headers such as "
+            f"{path}: found no length above {largest:g} and no unit, which looks like metres, expected headers such as "
             "`a [m]`, `d [m]` (or [mm])"
         )
 
 
-def _stated(rows: Sequence[Row], path: Path) -> str:
-    """Khalil's convention shows by its column r; of the two others a table does not say which it is."""
-    if any("r" in row.cells for row in rows):
-        return "khalil"
-    raise InputError(
-        f"{path}: found columns a, alpha, d and theta, which two conventions share, expected --convention standard "
-        "(a and alpha lie beyond the joint: most data sheets) or modified (Craig's: a and alpha lie before it)"
-    )
-
-
 def _rows(text: str, path: Path) -> list[Row]:
     lines = [
-        (k, line)
+        (k, line.strip().strip("|"))
         for k, line in enumerate(text.splitlines(), start=1)
         if line.strip() and line.lstrip()[0] != "#"
     ]
     if not lines:
         raise InputError(f"{path}: found no header, expected the columns a, alpha, d, theta")
-    mark = next((mark for mark in ("\t", ";", "|", ",") if mark in lines[0][1]), ",")
-    table = [
-        (k, next(csv.reader([line.strip().strip("|")], delimiter=mark, skipinitialspace=True)))
-        for k, line in lines
-    ]
-    names, units = _header(table[0][1], path)
+    mark = next((mark for mark in "\t;|," if mark in lines[0][1]), ",")
+    header, *table = (next(csv.reader([line], delimiter=mark, skipinitialspace=True)) for _, line in lines)
+    names, units = _header(header, path)
     out = []
-    for k, cells in table[1:]:
+    for (k, _), cells in zip(lines[1:], table, strict=True):
         if all(set(text.strip()) <= set("-:") for text in cells):
             continue  # the rule under the header of a Markdown table
         if len(cells) > len(names):
@@ -406,8 +359,9 @@ def _rows(text: str, path: Path) -> list[Row]:
 
 
 def _header(cells: Sequence[str], path: Path) -> tuple[list[str], dict[str, str]]:
-    names: list[str] = []
+    """Return the columns' names, and the units of those that have one."""
     units: dict[str, str] = {}
+    names: list[str] = []
     for text in cells:
         with_unit = _HEADER.match(text.strip())
         label = (with_unit[1] if with_unit else text).strip().lower().replace(" ", "_")
@@ -418,18 +372,7 @@ def _header(cells: Sequence[str], path: Path) -> tuple[list[str], dict[str, str]
             raise InputError(f"{path}: found the column {name!r} twice, expected it once")
         names.append(name)
         if with_unit:
-            units[name] = _unit(name, with_unit[2], path)
+            units[name] = parse_unit(
+                with_unit[2].lower(), _DIMENSION.get(name, "reading"), f"{path}: column {name!r}"
+            )
     return names, units
-
-
-def _unit(name: str, unit: str, path: Path) -> str:
-    known = [*UNITS["angle"], *UNITS["length"]]
-    if name in _ANGLES:
-        known = list(UNITS["angle"])
-    elif name in ("a", "d", "r"):
-        known = list(UNITS["length"])
-    if unit.lower() not in known:
-        raise InputError(
-            f"{path}: column {name!r}: found the unit {unit!r}, expected one of {', '.join(known)}"
-        )
-    return unit.lower()

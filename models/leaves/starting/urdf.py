@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
 from truepose.errors import InputError
 from truepose.models.builders.urdf import Urdf, expanded
-from truepose.models.builders.urdf_file import KINDS, Robot, gravity_in, inertials_of
+from truepose.models.builders.urdf_file import Robot, gravity_in, inertials_of
 from truepose.models.leaves.starting.start import UPRIGHT, Start, readings_of, unranged
 from truepose.models.machine.mechanism import BASE
 from truepose.models.units import UnitSystem
@@ -32,28 +32,26 @@ def urdf_start(path: Path, output: Path, base: str, tip: str, *, written_out: bo
     several = len(tips) > 1 and tip not in robot.links
     section = Urdf(type="urdf", file=shown, base_link=base, tip_link=tuple(tips) if several else tip)
     graph = expanded(section, robot, UnitSystem(), "--urdf")
-    about = (f"Source: {path.name}, from the link {base} to the link {tip}.", *unranged(graph["joints"]))
-    left_out = _left_out(robot, graph["bodies"])
-    if not written_out:
-        weighs = bool(inertials_of(robot, graph["bodies"])[0])
-        return Start(
-            path.stem,
-            f"The URDF {path.name}",
-            {**section.model_dump(exclude_defaults=True), "tip_link": tips if several else tip},
-            about,
-            described_in=path.name if weighs else "",
-            readings=readings_of(graph),
-            left_out=left_out,
-        )
     inertials, notes = inertials_of(robot, graph["bodies"])
-    return Start(
+    about = (f"Source: {path.name}, from the link {base} to the link {tip}.", *unranged(graph["joints"]))
+    named = Start(
         path.stem,
         f"The URDF {path.name}",
-        graph,
-        (*about, *(f"Note: {note}" for note in notes)),
+        {**section.model_dump(exclude_defaults=True), "tip_link": tips if several else tip},
+        about,
+        described_in=path.name if inertials else "",
+        readings=readings_of(graph),
+        left_out=_left_out(robot, graph["bodies"]),
+    )
+    if not written_out:
+        return named
+    return replace(
+        named,
+        mechanism=graph,
+        about=(*about, *(f"Note: {note}" for note in notes)),
         gravity=gravity_in(robot, base) if inertials else UPRIGHT,
         masses={i.body: {"kg": i.kg, "com": list(i.com), "in": i.body} for i in inertials},
-        left_out=left_out,
+        described_in="",
     )
 
 
@@ -77,55 +75,25 @@ def _usual_base(robot: Robot, root: str) -> str:
 
 
 def _only_end(robot: Robot, base: str) -> str:
-    """Return the one link without joints beyond that a chain of driven joints, and of what follows them, leads to.
-
-    Where no such link can be reached without a floating or planar joint, it is one behind that joint.
-    """
-    ways = _ways(robot, base)
+    """Return the one link without joints beyond that a joint that moves leads to."""
+    known: dict[str, bool | None] = {base: False}
     carrying = {robot.end(joint, "parent") for joint in robot.above.values()}
-    leaves = sorted(link for link, way in ways.items() if way.moving and link not in carrying)
-    known = [link for link in leaves if not ways[link].unknown]
-    ends = [link for link in known if not ways[link].following or _follows_itself(robot, base, link)]
-    if leaves and not known:
-        return leaves[0]
-    if not leaves:
+    ends = sorted(link for link in robot.links if link not in carrying and robot.carried(link, known, _moves))
+    if not ends:
         raise InputError(
             f"{robot.path}: found no joint that moves beyond {cut(base)!r}, expected another --base-link"
         )
     if len(ends) != 1:
         raise InputError(
-            f"{robot.path}: found several ends of the chain from {cut(base)!r}: {_named(ends or known)}, expected one: say "
-            "which with --tip-link, which also takes a link before they part, such as the flange"
+            f"{robot.path}: found several ends of the chain from {cut(base)!r}: {_named(ends)}, expected one: say which with "
+            "--tip-link, which also takes a link before they part, such as the flange"
         )
     return ends[0]
 
 
-class _Way(NamedTuple):
-    """How many joints on the way to a link move, follow others, and are of kinds that a chain cannot have."""
-
-    moving: int = 0
-    following: int = 0
-    unknown: int = 0
-
-    def beyond(self, joint: Element) -> _Way:
-        """Return the way beyond a further joint."""
-        kind, follows = joint.get("type", ""), joint.find("mimic") is not None
-        return _Way(
-            self.moving + (kind != "fixed" and not follows),
-            self.following + (kind != "fixed" and follows),
-            self.unknown + (kind not in KINDS),
-        )
-
-
-def _follows_itself(robot: Robot, base: str, end: str) -> bool:
-    """Return whether joints on the way to a link follow only joints on that way."""
-    way, link = [], end
-    while link != base:
-        way.append(robot.above[link])
-        link = robot.end(way[-1], "parent")
-    names = {robot.joint_name(joint) for joint in way}
-    leads = [robot.mimic(joint) for joint in reversed(way)]
-    return all(lead is None or lead[0] in names for lead in leads)
+def _moves(before: bool, joint: Element) -> bool:
+    """Return True if a joint moves, or one before it does."""
+    return before or joint.get("type") != "fixed"
 
 
 def _left_out(robot: Robot, bodies: Sequence[str]) -> tuple[str, ...]:
@@ -134,13 +102,6 @@ def _left_out(robot: Robot, bodies: Sequence[str]) -> tuple[str, ...]:
     lines = [f"links that are not on the way to the tip: {_named(off)}"] if off else []
     lines += [f"elements that nothing reads: {_named(robot.unread)}"] if robot.unread else []
     return tuple(lines)
-
-
-def _ways(robot: Robot, base: str) -> dict[str, _Way]:
-    """Return the way from ``base`` to each link beyond."""
-    known: dict[str, _Way | None] = {base: _Way()}
-    ways = ((link, robot.carried(link, known, _Way.beyond)) for link in robot.links)
-    return {link: way for link, way in ways if way is not None}
 
 
 def _named(links: Sequence[str]) -> str:

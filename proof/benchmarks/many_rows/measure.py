@@ -10,7 +10,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from truepose.commands.gate import gated
+from truepose.commands.common import gated
 from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.report.files import write_diagnosis
 

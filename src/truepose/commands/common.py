@@ -6,15 +6,24 @@ import contextlib
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from truepose.commands.one_line import BAD_INPUT, NOT_CONVERGED, forget, say
-from truepose.commands.progress import progress, quiet
+from truepose.commands.progress import progress
 from truepose.commands.results import check_directory
 from truepose.errors import ConvergenceError, InputError, TrueposeError
 from truepose.files import check_place
+
+if TYPE_CHECKING:
+    from truepose.identification.fit.summary import Judgement
+    from truepose.identification.load import Caution
+    from truepose.identification.recording.recording import Recording
+    from truepose.models.machine.machine import Machine
+
+__all__ = ["BAD_INPUT", "NOT_CONVERGED", "check_directory", "progress"]
+"""What commands take from here beside what is defined here."""
 
 MachineArg = Annotated[Path, typer.Argument(metavar="MACHINE", help="Machine file (YAML).")]
 RecordingArg = Annotated[
@@ -42,16 +51,18 @@ AnywayOption = Annotated[
         help="Go on where the file is no calibration, or would leave the tool worse than a plain one.",
     ),
 ]
+GateOption = Annotated[
+    bool,
+    typer.Option(
+        "--anyway", help="Go on although 'truepose check' says that the files do not belong together."
+    ),
+]
 ShuffledOption = Annotated[
     bool,
     typer.Option(
         "--shuffled",
         help="Rows are no visits one after the other: nothing is looked for that depends on how joints came to a row.",
     ),
-]
-QuietOption = Annotated[
-    bool,
-    typer.Option("--quiet", help="Say nothing but errors: results stand in files, or in what --json prints."),
 ]
 PluginOption = Annotated[
     list[Path] | None,
@@ -83,6 +94,37 @@ def reported(plugins: Sequence[Path] | None = None) -> Iterator[None]:
         fail(words, BAD_INPUT)
 
 
+def gated(
+    machine: Path,
+    recordings: Sequence[Path],
+    *,
+    irradiance: Sequence[Path] = (),
+    anyway: bool = False,
+    tried: Sequence[str] | None = None,
+    shuffled: bool = False,
+) -> tuple[Machine, Recording, Caution]:
+    """Load and check files (``identification/gate.py``). Raises InputError where the check is certain of a mistake.
+
+    With ``anyway`` what was found stands above the result; a file without a sensor is refused all the same.
+    """
+    from truepose.identification.load import load_checked
+
+    caution, loaded, rows = load_checked(
+        machine, recordings, irradiance=irradiance, tried=tried, shuffled=shuffled
+    )
+    if loaded is None or rows is None or (caution.refusal and not anyway):
+        raise InputError(f"{machine}: {caution.refusal}")
+    return loaded, rows, caution
+
+
+def refuse(judgement: Judgement, output: Path, *, as_json: bool) -> None:
+    """Exit with 2 and one line on standard error where a result is no calibration; its files are there to be looked at."""
+    if judgement.calibrated:
+        return
+    why = judgement.refusal if as_json else "not calibrated, for the reason above"
+    fail(f"{why}; {output} holds it to be looked at: no command applies it without --anyway", BAD_INPUT)
+
+
 def fail(message: str, code: int) -> None:
     """One line on standard error, then out."""
     say(message)
@@ -104,13 +146,11 @@ def note(text: str) -> None:
 
 
 def finish(summary: Mapping[str, Any], lines: Iterable[str], notes: Iterable[str], *, as_json: bool) -> None:
-    """The end of a command: the JSON summary alone, or plain lines with notes on standard error; with --quiet nothing."""
+    """The end of a command: the JSON summary alone, or plain lines with notes on standard error."""
     if as_json:
         from truepose.identification.report.json_text import json_text
 
         tell(json_text({**summary, "notes": list(notes)}), nl=False)
-        return
-    if quiet():
         return
     for text in notes:
         note(f"note: {text}")
@@ -151,30 +191,3 @@ def pairs(option: str, texts: Iterable[str], expected: str) -> dict[str, str]:
 def written(directory: Path, names: Iterable[str]) -> list[str]:
     """Paths of the files written, as text."""
     return [str(directory / name) for name in names]
-
-
-__all__ = [
-    "BAD_INPUT",
-    "NOT_CONVERGED",
-    "AnywayOption",
-    "DirectoryOption",
-    "FileOption",
-    "JsonOption",
-    "MachineArg",
-    "PluginOption",
-    "QuietOption",
-    "RecordingArg",
-    "RecordingsArg",
-    "ShuffledOption",
-    "check_directory",
-    "check_file",
-    "fail",
-    "finish",
-    "note",
-    "pairs",
-    "progress",
-    "quiet",
-    "reported",
-    "tell",
-    "written",
-]

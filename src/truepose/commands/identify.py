@@ -13,20 +13,19 @@ import typer
 
 from truepose.commands.common import (
     DirectoryOption,
+    GateOption,
     JsonOption,
     MachineArg,
     RecordingsArg,
     ShuffledOption,
     finish,
+    gated,
     note,
     progress,
-    quiet,
+    refuse,
     written,
 )
-from truepose.commands.gate import GateOption, gated
-from truepose.commands.judgement import refuse
 from truepose.commands.results import DIAGNOSIS, FIT, check_directory, check_machine
-from truepose.commands.try_columns import TryColumnsOption, tried_names
 
 if TYPE_CHECKING:
     from truepose.identification.diagnosis.result import Diagnosis
@@ -67,6 +66,14 @@ IrradianceOption = Annotated[
         "in the order of the recordings.",
     ),
 ]
+TryColumnsOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="all|NAME,NAME...",
+        help="Try columns of numbers that the machine file does not declare as drivers: all, or those named. The more are "
+        "tried, the more evidence each needs.",
+    ),
+]
 PriorOption = Annotated[
     Path | None,
     typer.Option(
@@ -104,11 +111,14 @@ def calibrate(
             machine, recordings, irradiance=irradiance or (), anyway=anyway, shuffled=shuffled
         )
         check_machine(output, FIT, loaded.name)
-        names = [name.strip() for name in only.split(",") if name.strip()]
-        result = run(loaded, rows, estimator=estimator, solver=solver, only=names, progress=say)
+        result = run(loaded, rows, estimator=estimator, solver=solver, only=_names(only), progress=say)
         summary, lines = _calibration_written(result, caution, output, say)
     finish({"command": "calibrate", **summary}, lines, result.notes, as_json=as_json)
     refuse(result.judgement, output, as_json=as_json)
+
+
+def _names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",") if name.strip()]
 
 
 def _calibration_written(
@@ -117,7 +127,7 @@ def _calibration_written(
     """Write the results into ``output``; what is told of them, for --json and in lines."""
     from truepose.identification.diagnosis.null_fits import far_rows
     from truepose.identification.fit.tool_pose import calibrated_pose
-    from truepose.identification.report.documents import calibration_document
+    from truepose.identification.report.estimate import calibration_document
     from truepose.identification.report.files import write_calibration
     from truepose.identification.report.results import calibration_json
     from truepose.shown.text import first_screen
@@ -165,13 +175,18 @@ def diagnose(
     learned = None if prior is None else read_prior(prior)
     check_directory(output, DIAGNOSIS)
     with progress("checking"):
-        tried, light = tried_names(try_columns), irradiance or ()
+        tried = None if try_columns is None else [] if try_columns == "all" else _names(try_columns)
         loaded, rows, caution = gated(
-            machine, recordings, irradiance=light, anyway=anyway, shuffled=shuffled, tried=tried
+            machine,
+            recordings,
+            irradiance=irradiance or (),
+            anyway=anyway,
+            shuffled=shuffled,
+            tried=tried,
         )
         check_machine(output, DIAGNOSIS, loaded.name)
     with progress("diagnosing") as say:
-        with first_interrupt("" if quiet() else STOPPING) as stop:
+        with first_interrupt() as stop:
             result = run(loaded, rows, prior=learned, progress=say, stop=stop)
         say("writing the report")
         summary, lines = _diagnosis_written(result, caution, output)
@@ -180,15 +195,14 @@ def diagnose(
 
 
 @contextlib.contextmanager
-def first_interrupt(text: str) -> Iterator[Callable[[], bool]]:
+def first_interrupt() -> Iterator[Callable[[], bool]]:
     """Let a first Ctrl-C during the block ask for an end only; yield whether it came. A second one ends the command."""
     came = list[int]()
 
     def hear(number: int, _: object) -> None:
         came.append(number)
         signal.signal(signal.SIGINT, before)
-        if text:
-            note(text)
+        note(STOPPING)
 
     before = signal.signal(signal.SIGINT, hear)
     try:
@@ -199,7 +213,7 @@ def first_interrupt(text: str) -> Iterator[Callable[[], bool]]:
 
 def _diagnosis_written(result: Diagnosis, caution: Caution, output: Path) -> tuple[dict[str, Any], list[str]]:
     """Write the results into ``output``; what is told of them, for --json and in lines."""
-    from truepose.identification.report.documents import diagnosis_document
+    from truepose.identification.report.diagnosis import diagnosis_document
     from truepose.identification.report.files import REPORT, write_diagnosis
     from truepose.identification.report.results import diagnosis_summary
     from truepose.shown.text import first_screen

@@ -22,8 +22,6 @@ FAULT, BAD_INPUT, NOT_CONVERGED, STOPPED = 1, 2, 3, 130
 CLICK_ERROR: type[Exception] = next(  # typer has a click of its own, or another package's
     kind for kind in inspect.getmro(typer.BadParameter) if kind.__name__ == "ClickException"
 )
-FILES = ("FILE", "DIR", "FILE|DIR")
-"""What options of files and folders take, as the help has it."""
 
 
 class OneLineGroup(TyperGroup):
@@ -39,16 +37,13 @@ class OneLineGroup(TyperGroup):
 
 
 class OneLineCommand(TyperCommand):
-    """A command that refuses an empty file name: as a path it would be the working directory."""
+    """A command that refuses an empty word: as a path it would be the working directory."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Refuse empty names of files, then parse."""
-        named = {text for parameter in self.params if parameter.metavar in FILES for text in parameter.opts}
-        for before, text in pairwise(["", *args]):
-            option, sign, value = text.partition("=")
-            of_file = option in named and sign and not value
-            if of_file or (not text and (before in named or not before.startswith("-"))):
-                where = option if of_file else before if before in named else "arguments"
+        """Refuse empty words, as a variable that is not set leaves one, then parse."""
+        for before, word in pairwise(["arguments", *args]):
+            if not word or (word.startswith("--") and word.endswith("=")):
+                where = word.removesuffix("=") or before
                 raise typer.BadParameter(f"{where}: found an empty text, expected a name", ctx=ctx)
         return super().parse_args(ctx, args)
 

@@ -1,6 +1,6 @@
 """What a command shows while it works: a bar on a terminal, elsewhere a line every ten seconds.
 
-Nothing appears in the first two seconds, nor with ``--quiet``; standard output stays free.
+Nothing appears in the first two seconds; standard output stays free.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextvars import ContextVar
 
 import typer
 
@@ -18,22 +17,6 @@ DELAY, EVERY = 2.0, 10.0
 """Seconds of work before anything is shown, and between two lines where output is no terminal."""
 Say = Callable[[str], None]
 Count = Callable[[int, int, str], None]
-_quiet: ContextVar[bool] = ContextVar("quiet", default=False)
-
-
-def quiet() -> bool:
-    """Return True if the running command was asked to say nothing but errors."""
-    return _quiet.get()
-
-
-@contextlib.contextmanager
-def quietly(wanted: bool) -> Iterator[None]:
-    """Let commands inside the block be quiet."""
-    token = _quiet.set(wanted)
-    try:
-        yield
-    finally:
-        _quiet.reset(token)
 
 
 @contextlib.contextmanager
@@ -51,8 +34,6 @@ def counted(label: str) -> Iterator[Count]:
 
 
 def _shown(label: str) -> contextlib.AbstractContextManager[Count]:
-    if quiet():
-        return contextlib.nullcontext(lambda *_: None)
     return _bar(label) if sys.stderr.isatty() else _lines(label)
 
 
@@ -99,6 +80,3 @@ def _bar(label: str) -> Iterator[Count]:
         timer.cancel()
         timer.join()
         display.stop()
-
-
-__all__ = ["Say", "counted", "progress", "quiet", "quietly"]

@@ -29,33 +29,28 @@ def check_directory(path: Path, own: str = "") -> None:
     check_place(path, "directory")
     others = [name for name in WRITERS if own and name != own and (path / name).is_file()]
     if others:
-        raise InputError(
-            f"{path}: found {others[0]}, a result of truepose {WRITERS[others[0]]}, expected an empty folder or one of truepose"
-            f" {WRITERS[own]}; nothing is overwritten: give another folder with -o, or delete this one"
+        _refuse(
+            path, f"{others[0]}, a result of truepose {WRITERS[others[0]]}", f"one of truepose {WRITERS[own]}"
         )
 
 
 def check_machine(path: Path, own: str, name: str) -> None:
     """Refuse a folder that holds the same command's result of another machine. Raises InputError."""
-    try:
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
         held = json.loads((path / own).read_text(encoding="utf-8"))["machine"]
-    except (OSError, ValueError, KeyError, TypeError):
-        return
-    if held != name:
-        raise InputError(
-            f"{path}: found a result of the machine {held!r}, expected an empty folder or one of {name!r}; nothing is"
-            " overwritten: give another folder with -o, or delete this one"
-        )
+        if held != name:
+            _refuse(path, f"a result of the machine {held!r}", f"one of {name!r}")
 
 
 def check_code(path: Path, name: str) -> None:
     """Refuse a folder that holds another machine's C. Raises InputError."""
     others = sorted(file.name for file in path.glob(f"*{CODE}") if file.name != f"{name}{CODE}")
     if others and not (path / f"{name}{CODE}").exists():
-        raise InputError(
-            f"{path}: found {others[0]}, another machine's code, expected an empty folder or one of {name!r}; nothing is"
-            " overwritten: give another folder with -o, or delete this one"
-        )
+        _refuse(path, f"{others[0]}, another machine's code", f"one of {name!r}")
 
 
-__all__ = ["DIAGNOSIS", "DRIFT", "FIT", "FLEET", "check_code", "check_directory", "check_machine"]
+def _refuse(path: Path, found: str, expected: str) -> None:
+    raise InputError(
+        f"{path}: found {found}, expected an empty folder or {expected}; nothing is overwritten: give another folder with -o,"
+        " or delete this one"
+    )

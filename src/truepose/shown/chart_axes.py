@@ -9,7 +9,7 @@ from html import escape
 import numpy as np
 
 from truepose.arrays import Array
-from truepose.shown.chart import Axis, Band, Bars, Chart, Layer, Level, Line, Marks
+from truepose.shown.chart import Axis, Band, Chart, Layer, Level, Line, Marks
 from truepose.shown.scale import Scale, ends, ticks
 from truepose.shown.text import printable
 
@@ -17,8 +17,8 @@ WIDTH = 380.0
 LETTER = 6.6
 """Width of a letter, about, at the font's 12 px."""
 TOP, BOTTOM, RIGHT = 14.0, 44.0, 14.0
-NAME, ON_END = 30, 13
-"""Most letters of a name beside an axis, and of one below it that stands on end."""
+NAME = 30
+"""Most letters of a name beside an axis."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +36,8 @@ def frame_of(chart: Chart) -> Frame:
         low, high = high, low  # the first name stands on top
     labels = [text for _, text in _y_ticks(chart.y, low, high, chart.height)]
     left = 26.0 + LETTER * max((min(len(text), NAME) for text in labels), default=1)
-    bottom = BOTTOM if not _turned(chart.x) else 20.0 + LETTER * _longest(chart.x)
     across = Scale(*_ends(chart.x, xs), left, WIDTH - RIGHT)
-    return Frame(across, Scale(low, high, chart.height - bottom, TOP))
+    return Frame(across, Scale(low, high, chart.height - BOTTOM, TOP))
 
 
 def _ends(axis: Axis, values: Sequence[Array]) -> tuple[float, float]:
@@ -51,15 +50,10 @@ def _values(layers: Sequence[Layer], axis: str) -> list[Array]:
     """What an axis has to show."""
     out: list[Array] = []
     for layer in layers:
-        if isinstance(layer, Marks):
-            spread = np.zeros(1) if layer.error is None else layer.error
-            out += [layer.x] if axis == "x" else [layer.y, layer.y - spread, layer.y + spread]
-        elif isinstance(layer, Line):
+        if isinstance(layer, Marks | Line):
             out.append(layer.x if axis == "x" else layer.y)
         elif isinstance(layer, Band):
             out += [layer.x] if axis == "x" else [layer.low, layer.high]
-        elif isinstance(layer, Bars):
-            out += [np.zeros(1), layer.length] if axis == "x" else []
         elif isinstance(layer, Level) and layer.axis == axis:
             out.append(np.array([layer.value]))
     return out
@@ -71,16 +65,6 @@ def _y_ticks(axis: Axis, low: float, high: float, height: float) -> list[tuple[f
     return ticks(low, high, max(3, int(height / 45)))
 
 
-def _turned(axis: Axis) -> bool:
-    """Whether names below a chart have to stand on end."""
-    return _longest(axis) * LETTER * len(axis.names) > 0.8 * WIDTH
-
-
-def _longest(axis: Axis) -> int:
-    """Letters of the longest name across, as it is written."""
-    return min(max((len(name) for name in axis.names), default=0), ON_END)
-
-
 def axes(chart: Chart, frame: Frame) -> list[str]:
     x, y = frame.x, frame.y
     out = [f'<path class="axis" d="M{x.start:.1f} {y.end:.1f}V{y.start:.1f}H{x.end:.1f}"/>']
@@ -89,35 +73,22 @@ def axes(chart: Chart, frame: Frame) -> list[str]:
         if not chart.y.names:
             out.append(f'<path class="grid" d="M{x.start:.1f} {at:.1f}H{x.end:.1f}"/>')
         out.append(label(x.start - 6, at + 4, text, "end"))
-    out += _below(chart.x, frame)
+    out += _below(frame)
     middle = 0.5 * (y.start + y.end)
     if chart.y.title:
-        out.append(
-            f'<text class="name" transform="translate(11 {middle:.1f}) rotate(-90)" text-anchor="middle">'
-            f"{escape(printable(chart.y.title))}</text>"
-        )
+        turn = f'transform="translate(11 {middle:.1f}) rotate(-90)" text-anchor="middle"'
+        out.append(f'<text class="name" {turn}>{escape(printable(chart.y.title))}</text>')
     out.append(label(0.5 * (x.start + x.end), chart.height - 5, chart.x.title, "middle", "name"))
     return out
 
 
-def _below(axis: Axis, frame: Frame) -> list[str]:
-    """Ticks of the axis across, names on end where they would touch."""
-    x, y = frame.x, frame.y
-    if axis.names and _turned(axis):
-        return [
-            f'<text transform="translate({x.at(k) + 4:.1f} {y.start + 6:.1f}) rotate(-90)" text-anchor="end">'
-            f"{escape(printable(_short(name, ON_END)))}</text>"
-            for k, name in enumerate(axis.names)
-        ]
-    found = [(float(k), name) for k, name in enumerate(axis.names)]
-    marks = found or _fitting(x)
+def _below(frame: Frame) -> list[str]:
+    """Draw the ticks of the axis across."""
     out = []
-    for value, text in marks:
-        at = x.at(value)
-        if not axis.names:
-            out.append(f'<path class="grid" d="M{at:.1f} {y.end:.1f}V{y.start:.1f}"/>')
-        half = 0.5 * LETTER * len(text)
-        out.append(label(min(at, WIDTH - half - 1), y.start + 16, text, "middle"))
+    for value, text in _fitting(frame.x):
+        at, half = frame.x.at(value), 0.5 * LETTER * len(text)
+        out.append(f'<path class="grid" d="M{at:.1f} {frame.y.end:.1f}V{frame.y.start:.1f}"/>')
+        out.append(label(min(at, WIDTH - half - 1), frame.y.start + 16, text, "middle"))
     return out
 
 
@@ -132,8 +103,8 @@ def _fitting(x: Scale) -> list[tuple[float, str]]:
     return found
 
 
-def _short(name: str, most: int = NAME) -> str:
-    return name if len(name) <= most else f"{name[: most - 1]}\u2026"
+def _short(name: str) -> str:
+    return name if len(name) <= NAME else f"{name[: NAME - 1]}\u2026"
 
 
 def label(x: float, y: float, text: str, anchor: str, kind: str = "") -> str:

@@ -6,15 +6,14 @@ keeps a page of thousands of them small; a script finds the k-th point as the k-
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from html import escape
 
 import numpy as np
 
 from truepose.arrays import Array
-from truepose.shown.chart import Band, Bars, Cells, Chart, Level, Line, Marks, Span
-from truepose.shown.chart_axes import LETTER, WIDTH, Frame, axes, frame_of, label
+from truepose.shown.chart import Band, Chart, Level, Line, Marks
+from truepose.shown.chart_axes import WIDTH, Frame, axes, frame_of
 from truepose.shown.text import printable
 
 SIZE = {"dot": 4.5, "stroke": 2.0, "ring": 1.3, "tick": 1.2}
@@ -30,20 +29,15 @@ FAR = 1e5
 """Pixels beyond which a point is drawn no farther away."""
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def svg(chart: Chart) -> str:
-    """The chart as one SVG element; numbers that no axis can hold are left out."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        return _svg(chart)
-
-
-def _svg(chart: Chart) -> str:
+    """Return the chart as one SVG element; numbers that no axis can hold are left out."""
     frame = frame_of(chart)
-    below = sorted(chart.layers, key=lambda layer: not isinstance(layer, (Level, Span)))
+    below = sorted(chart.layers, key=lambda layer: not isinstance(layer, Level))
     drawn = [part for layer in below for part in _DRAWN[type(layer)](layer, frame)]
     title = escape(printable(f"{chart.title}: {chart.y.title} against {chart.x.title}"))
-    told = f"<desc>{escape(printable(chart.told))}</desc>" if chart.told else ""
     return (
-        f'<svg class="chart" role="img" viewBox="0 0 {WIDTH:.0f} {chart.height:.0f}"><title>{title}</title>{told}'
+        f'<svg class="chart" role="img" viewBox="0 0 {WIDTH:.0f} {chart.height:.0f}"><title>{title}</title>'
         f"{''.join(axes(chart, frame))}{''.join(drawn)}</svg>"
     )
 
@@ -52,23 +46,13 @@ def _marks(layer: Marks, frame: Frame) -> list[str]:
     x, y = frame.x.all(layer.x), frame.y.all(layer.y)
     top, floor = frame.y.end, frame.y.start
     gone = ~(np.isfinite(x) & np.isfinite(y))
-    out: list[str] = []
-    if layer.error is not None:
-        reach = frame.y.all(layer.y + layer.error) - y
-        bars = [
-            f"M{a:.1f} {b - r:.1f}V{b + r:.1f}"
-            for a, b, r in zip(x, y, reach, strict=True)
-            if math.isfinite(a) and math.isfinite(b) and math.isfinite(r)
-        ]
-        out.append(f'<path class="error t-{layer.tone}" d="{"".join(bars)}"/>')
     x, y = np.where(gone, -99.0, x), np.where(gone, -99.0, np.clip(y, top, floor))
     path = "".join(map(POINTS[layer.shape], x.tolist(), y.tolist()))
     rows = ' data-rows=""' if layer.by_row else ""
     name = f' data-name="{escape(printable(layer.name))}"' if layer.by_row else ""
-    out.append(
+    return [
         f'<path class="marks {layer.shape} t-{layer.tone}"{rows}{name} stroke-width="{SIZE[layer.shape]}" d="{path}"/>'
-    )
-    return out
+    ]
 
 
 def _line(layer: Line, frame: Frame) -> list[str]:
@@ -79,21 +63,12 @@ def _line(layer: Line, frame: Frame) -> list[str]:
 
 
 def _way(x: Array, y: Array) -> str:
-    """A line through points, in steps of a tenth of a pixel from one to the next, which are short to write; it breaks where
-    a point is not finite."""
-    out: list[str] = []
-    last: tuple[int, int] | None = None
-    for a, b in zip(x.tolist(), y.tolist(), strict=True):
-        if not (math.isfinite(a) and math.isfinite(b)):
-            last = None
-            continue
-        here = round(10 * min(max(a, -FAR), FAR)), round(10 * min(max(b, -FAR), FAR))
-        if last is None:
-            out.append(f"M{here[0] / 10:g} {here[1] / 10:g}")
-        else:
-            out.append(f"l{(here[0] - last[0]) / 10:g} {(here[1] - last[1]) / 10:g}")
-        last = here
-    return "".join(out)
+    """Return a line through points, which breaks where one is not finite."""
+    known = np.isfinite(x) & np.isfinite(y)
+    begins = known & ~np.concatenate([[False], known[:-1]])
+    letters = np.where(begins, "M", "L")[known]
+    places = np.clip(np.stack([x, y], axis=1)[known], -FAR, FAR).tolist()
+    return "".join(f"{letter}{a:.1f} {b:.1f}" for letter, (a, b) in zip(letters, places, strict=True))
 
 
 def _band(layer: Band, frame: Frame) -> list[str]:
@@ -107,33 +82,6 @@ def _band(layer: Band, frame: Frame) -> list[str]:
         x, low, high = every[:, own]
         ways.append(f"{_way(np.concatenate([x, x[::-1]]), np.concatenate([low, high[::-1]]))}Z")
     return [f'<path class="band t-{layer.tone}" d="{"".join(ways)}"/>']
-
-
-def _bars(layer: Bars, frame: Frame) -> list[str]:
-    out = []
-    zero, texts = frame.x.at(0.0), []
-    for k, (place, long) in enumerate(zip(frame.y.all(layer.at), frame.x.all(layer.length), strict=True)):
-        if not math.isfinite(long):
-            continue
-        out.append(f"M{zero:.1f} {place - 5:.1f}H{long:.1f}V{place + 5:.1f}H{zero:.1f}Z")
-        if k < len(layer.texts):
-            texts.append(_beside(long, place, layer.texts[k], zero))
-    return [f'<path class="bar t-{layer.tone}" d="{"".join(out)}"/>', *texts]
-
-
-def _beside(end: float, y: float, text: str, zero: float) -> str:
-    """A bar's number at its end: inside, where there is no room beyond."""
-    wide = LETTER * len(text) + 4
-    if end >= zero:
-        inside = end + wide > WIDTH
-        return label(
-            end - 4 if inside else end + 4,
-            y + 4,
-            text,
-            "end" if inside else "start",
-            "on" if inside else "beside",
-        )
-    return label(zero + 4, y + 4, text, "start", "beside")
 
 
 def _level(layer: Level, frame: Frame) -> list[str]:
@@ -150,45 +98,9 @@ def _level(layer: Level, frame: Frame) -> list[str]:
     return [f'<path class="level{dash} t-{layer.tone}" d="{way}"/>']
 
 
-def _span(layer: Span, frame: Frame) -> list[str]:
-    """Within the frame, also where a strip has no end."""
-    if math.isnan(layer.low) or math.isnan(layer.high):
-        return []
-    a, b = np.clip([frame.x.at(layer.low), frame.x.at(layer.high)], frame.x.start, frame.x.end)
-    return [
-        f'<path class="band t-{layer.tone}" d="M{a:.1f} {frame.y.start:.1f}V{frame.y.end:.1f}H{b:.1f}V{frame.y.start:.1f}Z"/>'
-    ]
-
-
-def _cells(layer: Cells, frame: Frame) -> list[str]:
-    """Positive cells in one colour, negative ones in another, the deeper the larger."""
-    known = np.abs(layer.values[np.isfinite(layer.values)])
-    largest = layer.largest or float(np.max(known, initial=0.0)) or 1.0
-    wide = abs(frame.x.at(1) - frame.x.at(0))
-    tall = abs(frame.y.at(1) - frame.y.at(0))
-    out = []
-    for r, row in enumerate(layer.values.tolist()):
-        for c, value in enumerate(row):
-            if not math.isfinite(value):
-                continue
-            x, y = frame.x.at(c), frame.y.at(r)
-            share = min(abs(value) / largest, 1.0)
-            negative = value < 0 and share >= 0.005  # of what is not seen the sign is rounding
-            out.append(
-                f'<rect class="cell t-{"before" if negative else "after"}" x="{x - wide / 2:.1f}" y="{y - tall / 2:.1f}"'
-                f' width="{wide:.1f}" height="{tall:.1f}" fill-opacity="{share:.2f}"/>'
-            )
-            if layer.texts:
-                out.append(label(x, y + 4, layer.texts[r][c], "middle", "on" if share > 0.6 else ""))
-    return out
-
-
 _DRAWN: dict[type, Callable[..., list[str]]] = {
     Marks: _marks,
     Line: _line,
     Band: _band,
-    Bars: _bars,
     Level: _level,
-    Span: _span,
-    Cells: _cells,
 }

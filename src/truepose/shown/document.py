@@ -1,4 +1,4 @@
-"""What a result says, free of any form: made once for each kind of result, and written as text, as a page or for a notebook.
+"""What a result says, free of any form: made once for each kind of result, and written as text or as a page.
 
 The headline, gains, summary and steps are the first screen; sections are what a page has below it.
 """
@@ -23,7 +23,6 @@ class Text:
 
     text: str
     tone: Tone = ""
-    kind: Literal["text"] = "text"
 
 
 @dataclass(frozen=True)
@@ -35,7 +34,6 @@ class Items:
     tone: Tone = ""
     label: str = ""
     weight: int = 1
-    kind: Literal["items"] = "items"
 
 
 @dataclass(frozen=True)
@@ -52,7 +50,6 @@ class Table:
     text_columns: int = 1
     csv: str = ""
     links: Sequence[str] = ()
-    kind: Literal["table"] = "table"
 
     @classmethod
     def of(cls, frame: pd.DataFrame) -> Table:
@@ -69,7 +66,6 @@ class Charts:
 
     charts: Sequence[Chart]
     caption: str
-    kind: Literal["charts"] = "charts"
 
 
 @dataclass(frozen=True)
@@ -78,7 +74,6 @@ class Command:
 
     command: str
     does: str = ""
-    kind: Literal["command"] = "command"
 
 
 @dataclass(frozen=True)
@@ -87,7 +82,6 @@ class Fold:
 
     title: str
     blocks: Sequence[Block]
-    kind: Literal["fold"] = "fold"
 
 
 @dataclass(frozen=True)
@@ -100,7 +94,6 @@ class Card:
     tone: Tone = ""
     slug: str = ""
     number: int = 0
-    kind: Literal["card"] = "card"
 
 
 Block = Text | Items | Table | Charts | Command | Fold | Card
@@ -151,21 +144,12 @@ class Section:
     blocks: Sequence[Block] = field(default_factory=tuple)
 
 
-def _nothing() -> Sequence[Any]:
-    return ()
-
-
-def _no_scene() -> Scene | None:
-    return None
-
-
 @dataclass(frozen=True)
 class Document:
     """A result as it is told.
 
     ``headline`` is the result in a sentence, below ``cautions``; ``notes`` are remarks beside it; ``more`` says where the rest
-    is. What may take a while is made when somebody looks: ``charts`` and ``tables`` of a notebook (a session shows the
-    tables), the page's ``sections`` and its ``scene``.
+    is. What may take a while is made when somebody looks: the page's ``sections`` and its ``scene``.
     """
 
     title: str
@@ -178,9 +162,7 @@ class Document:
     notes: Sequence[str] = ()
     cautions: Sequence[str] = ()
     more: str = ""
-    charts: Callable[[], Sequence[Chart]] = _nothing
-    tables: Callable[[], Sequence[Table]] = _nothing
-    sections: Callable[[], Sequence[Section]] = _nothing
-    scene: Callable[[], Scene | None] = _no_scene
+    sections: Callable[[], Sequence[Section]] = tuple
+    scene: Callable[[], Scene | None] = lambda: None
     rows: Sequence[int] = ()
     """Numbers, from 0, of the recording's rows that the k-th points of charts are of."""

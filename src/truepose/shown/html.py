@@ -1,4 +1,4 @@
-"""Documents as HTML that loads nothing: a page with its pictures, style and scripts inside, and a piece for a notebook."""
+"""A document as HTML that loads nothing: a page with its pictures, style and scripts inside."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import hashlib
 import json
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -15,13 +14,11 @@ from typing import Any
 import jinja2
 from markupsafe import Markup, escape
 
-from truepose.shown.chart import Chart, legend
+from truepose.shown.chart import legend
 from truepose.shown.chart_svg import svg
-from truepose.shown.document import Block, Document, Items, Table
+from truepose.shown.document import Document
 from truepose.shown.text import printable
 
-ROWS = 40
-"""Most rows of a table, and items of a list, of a notebook's piece."""
 _TEMPLATES = Path(__file__).parent / "templates"
 _CODE = re.compile(r"`([^`]+)`")
 _SLUG = re.compile(r"\(([a-z]+(?:-[a-z0-9]+)+)\)")
@@ -32,7 +29,7 @@ def page(document: Document) -> str:
     scripts = [f"\n{_text(name)}" for name in ("tables.js", "scene.js", "picks.js")]
     scene = document.scene()
     data = {"rows": list(document.rows), "scene": None if scene is None else scene.data}
-    return _template("page.html.j2").render(
+    return _template().render(
         document=document,
         scene=scene,
         sections=document.sections(),
@@ -43,43 +40,19 @@ def page(document: Document) -> str:
     )
 
 
-def fragment(document: Document) -> str:
-    """The first screen for a notebook, small enough for its file, in the notebook's own colours."""
-    notes = [Items(document.notes, title="Notes")] if document.notes else []
-    blocks: list[Block] = [*document.summary, *notes, *document.tables()]
-    left = sum(len(block.rows[ROWS:]) for block in blocks if isinstance(block, Table))
-    more = f"... {left} more rows{f': {document.more}' if document.more else ''}" if left else ""
-    return _template("fragment.html.j2").render(
-        document=document,
-        blocks=[_shortened(block) for block in blocks],
-        charts=document.charts(),
-        style=Markup(_text("charts.css")),
-        more=more,
-    )
-
-
-def _shortened(block: Block) -> Block:
-    if isinstance(block, Table):
-        return replace(block, rows=block.rows[:ROWS])
-    return replace(block, items=block.items[:ROWS]) if isinstance(block, Items) else block
-
-
 @cache
-def _template(name: str) -> jinja2.Template:
+def _template() -> jinja2.Template:
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_TEMPLATES),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         keep_trailing_newline=True,
-        finalize=lambda value: value if isinstance(value, Markup) else _printable(value),
+        finalize=lambda value: printable(value) if type(value) is str else value,
     )
-    environment.filters |= {"plain": _plain, "drawn": _drawn, "verbatim": escape}
+    environment.filters |= {"plain": _plain, "drawn": lambda chart: Markup(svg(chart)), "verbatim": escape}
+    environment.filters["kind"] = lambda block: type(block).__name__
     environment.globals |= {"legend": legend}
-    return environment.get_template(name)
-
-
-def _printable(value: object) -> object:
-    return printable(value) if isinstance(value, str) else value
+    return environment.get_template("page.html.j2")
 
 
 def _policy(scripts: Iterable[str]) -> str:
@@ -91,10 +64,6 @@ def _policy(scripts: Iterable[str]) -> str:
 
 def _text(name: str) -> str:
     return (_TEMPLATES / name).read_text(encoding="utf-8")
-
-
-def _drawn(chart: Chart) -> Markup:
-    return Markup(svg(chart))
 
 
 def _plain(text: str) -> Markup:

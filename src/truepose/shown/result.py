@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import singledispatch
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from truepose.files import atomic_write_text
 from truepose.leaves import modules_named
@@ -48,26 +48,13 @@ files: Declared[list[str]] = Declared("a result with files")
 
 
 class Shown:
-    """One screen of ``repr``, a table with a picture in notebooks. The repr of a broken object says so; it raises nothing."""
-
-    internal: ClassVar[frozenset[str]] = frozenset()
-    """Public names of a class that its user does not need: completion leaves them out."""
-
-    def __dir__(self) -> list[str]:
-        """The names that completion offers: fields and methods for a user."""
-        hidden = {"internal", "write", *self.internal}
-        return sorted(name for name in super().__dir__() if not name.startswith("_") and name not in hidden)
+    """One screen of ``repr``. The repr of a broken object says so; it raises nothing."""
 
     def __repr__(self) -> str:
         try:
             return screen(document(self))
         except Exception as exc:  # debuggers and messages show objects that are half made, or made up
             return f"<{type(self).__name__}, which cannot be shown: {type(exc).__name__}>"
-
-    def _repr_html_(self) -> str:
-        from truepose.shown.html import fragment
-
-        return fragment(document(self))
 
 
 class Written(Shown):

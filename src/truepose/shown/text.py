@@ -49,7 +49,7 @@ def first_screen(document: Document, most: int = LINES, *, notes: bool = False) 
 
 def _body(document: Document, items: int, each: int, rows: int, more: str, *, notes: bool) -> list[str]:
     out = [line for gain in document.gains for line in wrapped(_gain(gain), GAP, max(each, 2))]
-    listed = [Items(document.notes, label="note"), *document.tables()] if notes else []
+    listed = [Items(document.notes, label="note")] if notes else []
     tables = []
     for block in (*document.summary, *listed):
         if isinstance(block, Items):

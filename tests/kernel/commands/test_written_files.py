@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from truepose import files
 from truepose.errors import InputError
 from truepose.files import atomic_directory, atomic_file, atomic_write_text, check_place, write_table
 
@@ -135,17 +134,6 @@ def test_an_error_names_files_where_they_are_to_be() -> None:
         with pytest.raises(InputError) as told, atomic_directory("out"):
             raise other
         assert str(told.value) == said
-
-
-@pytest.mark.parametrize(("length", "fits"), [(255, True), (256, False)])
-def test_a_name_has_as_many_bytes_as_systems_give_it(length: int, fits: bool) -> None:
-    assert files.NAME_MAX == 255
-    for name in (f"new/{'x' * length}", f"{'x' * length}/new"):
-        if fits:
-            check_place(name, "directory")
-        else:
-            with pytest.raises(InputError, match="File name too long"):
-                check_place(name, "directory")
 
 
 def test_files_are_moved_one_by_one_and_the_one_that_names_them_last(

@@ -14,6 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from support.derivative_machines import ARM, MACHINES, read_machines, readings, symbols_of, written
+from support.effects import Campaign
 from support.moving_machines import FRAMED, drawn
 from support.other_numbers import complex_step
 from truepose.models import lie
@@ -110,18 +111,6 @@ def test_every_sensor_was_checked() -> None:
     assert set(sensors) <= set(SENSORS) | {"irradiance"}
 
 
-class _Logged:
-    """A recording in which everything was logged, over three sessions."""
-
-    n_sessions = 3
-
-    def driver(self, name: str) -> Array:
-        return np.linspace(0.0, 1000.0, 5)
-
-    def inferred(self, name: str) -> bool:
-        return False
-
-
 def _somewhere(machines: Mapping[str, Machine], slug: str) -> list[tuple[str, PlacedEffect]]:
     """The effect at its first and last place on every machine that has one, with coefficients of some size."""
     out = []
@@ -131,7 +120,7 @@ def _somewhere(machines: Mapping[str, Machine], slug: str) -> list[tuple[str, Pl
         if effect.needs_load and name == "hybrid":
             continue  # weights nothing
         for place in dict.fromkeys(tuple(p) for p in places[:1] + places[-1:]):
-            settings = dict(next(iter(effect.settings(machine, place, _Logged())), {}))
+            settings = dict(next(iter(effect.settings(machine, place, Campaign())), {}))
             placed = PlacedEffect.at(effect, machine, place, settings)
             sizes = [0.05 * c.scale if np.isfinite(c.scale) else 1e-3 for c in placed.coefficients]
             out.append((name, placed.with_values(sizes)))

@@ -15,7 +15,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from truepose.codegen.c import generate
 from truepose.errors import InputError
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import write_calibrated
@@ -172,21 +171,6 @@ def test_masses_of_a_written_file_weigh_where_they_did(tmp_path: Path) -> None:
     assert read.gravity == machine.gravity
     assert [(m.name, m.kg, m.body) for m in read.masses] == [("fore", 4.0, "link2")]
     np.testing.assert_allclose(read.masses[0].com, machine.masses[0].com, atol=1e-12)
-
-
-def test_generated_c_holds_the_table(tmp_path: Path) -> None:
-    """Generated for a table and for the same machine in Khalil's form: the same bytes."""
-    machine = machine_of(tmp_path, ARM, "standard", FRAMES)
-    assert machine.file is not None
-    own = {**machine.file.raw, "mechanism": machine.mechanism.expanded}
-    (tmp_path / "own").mkdir()
-    (tmp_path / "own" / "arm.yaml").write_text(yaml.safe_dump(own), encoding="utf-8")
-    generate(machine, tmp_path / "a")
-    generate(load_machine(tmp_path / "own" / "arm.yaml"), tmp_path / "b")
-    files = [path.relative_to(tmp_path / "a") for path in (tmp_path / "a").rglob("*") if path.is_file()]
-    assert Path("arm_kin.c") in files
-    for name in files:
-        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 
 
 def test_a_field_of_another_convention_is_explained(tmp_path: Path) -> None:

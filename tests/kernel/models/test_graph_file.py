@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,11 +10,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from support import ROOT
 from support.graph_machines import Document, document_of, machine_of, model_of, poses, spread, written
 from truepose.errors import InputError
 from truepose.models.effect_text import parse_effect
-from truepose.models.load import load_machine
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.mechanism import looped
 
@@ -136,16 +133,6 @@ def test_the_flange_is_the_body_that_the_file_names(tmp_path: Path) -> None:
     }
     document = {"schema": "truepose/machine/1", "name": "m", "mechanism": named}
     assert written(tmp_path, document).mechanism.flange == "flange"
-
-
-def test_machines_of_the_documentation_are_machines(tmp_path: Path) -> None:
-    text = (ROOT / "docs" / "topics" / "graphs.md").read_text(encoding="utf-8")
-    whole = [block for block in re.findall(r"```yaml\n(.*?)```", text, re.S) if block.startswith("schema:")]
-    assert whole
-    for block in whole:
-        (tmp_path / "machine.yaml").write_text(block, encoding="utf-8")
-        machine = load_machine(tmp_path / "machine.yaml")
-        assert len(symbolic_model(machine).home) == len(machine.mechanism.passive)
 
 
 @pytest.mark.parametrize(

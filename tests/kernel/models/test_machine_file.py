@@ -43,20 +43,6 @@ def _refusal(tmp_path: Path, text: str) -> str:
     return message
 
 
-def test_left_out_sections_take_their_meaning(tmp_path: Path) -> None:
-    machine = _read(tmp_path, BASIC)
-    assert machine.name == "rig"
-    assert machine.gravity is None
-    for name, frame in (("base", machine.frames.base), ("tool", machine.frames.tool)):
-        assert not machine.frames.is_stated(name)
-        assert frame.xyz == frame.rpy == frame.tolerance.xyz == frame.tolerance.rpy == (0.0, 0.0, 0.0)
-    assert (machine.tolerances.length, machine.tolerances.angle) == (0.0, 0.0)
-    assert not machine.masses
-    assert not machine.drivers
-    assert not machine.effects
-    assert [sensor["type"] for sensor in machine.sensors] == ["pose"]
-
-
 def test_values_are_in_internal_units(tmp_path: Path) -> None:
     machine = _read(
         tmp_path,
@@ -94,11 +80,6 @@ effects:
     assert effect.value("k", "1") == 3.0
     assert effect.std_of("k", "1") is None
     assert effect.settings == {"order": 2}
-
-
-def test_several_sensors_and_one_are_both_lists(tmp_path: Path) -> None:
-    text = BASIC.replace("sensor: {", "sensor:\n- {type: position, sigma: {xyz: 1}}\n- {")
-    assert [sensor["type"] for sensor in _read(tmp_path, text).sensors] == ["position", "pose"]
 
 
 @pytest.mark.parametrize(
@@ -153,12 +134,6 @@ def test_overrides_that_fit_nothing_are_found(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"tolerances\.leg3\.lenght: .*'leg3\.length'"):
         machine.tolerances.check(names)
     assert machine.tolerances.check([*names, "leg3.lenght"]) is None  # type: ignore[func-returns-value]
-
-
-def test_a_vector_for_a_single_parameter_is_refused(tmp_path: Path) -> None:
-    machine = _read(tmp_path, BASIC + "tolerances: {leg3.length: [1, 1, 1]}\n")
-    with pytest.raises(InputError, match=r"tolerances\.leg3\.length: expected 1 number"):
-        machine.override_for("leg3.length", "mm")
 
 
 REFUSED = {
@@ -307,9 +282,3 @@ def test_machine_files_at_hand_are_accepted_and_write_back(shared: Path, tmp_pat
         machine = read_machine(path)
         write_machine(tmp_path / "copy.yaml", machine.raw)
         assert read_machine(tmp_path / "copy.yaml").raw == machine.raw, path
-
-
-def test_reading_does_not_share_the_raw_document(tmp_path: Path) -> None:
-    machine = _read(tmp_path, BASIC)
-    assert machine.mechanism == machine.raw["mechanism"]
-    assert machine.mechanism is not machine.raw["mechanism"]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 from numpy.typing import NDArray
 
@@ -96,18 +95,6 @@ def test_one_wrench_is_one_load_however_it_is_written(tmp_path: Path, force: str
     expected = loads(machine_of(tmp_path, text()), q, wrench)
     other = loads(machine_of(tmp_path, text(force=force)), q, moved(q, wrench))
     np.testing.assert_allclose(other, expected, rtol=1e-9, atol=1e-9)
-
-
-def test_units_of_columns_and_file_play_no_part(tmp_path: Path) -> None:
-    q, wrench = drawn(4)
-    expected = loads(machine_of(tmp_path, text()), q, wrench)
-    declared = "drivers: [" + ", ".join(f"{{name: {c}, unit: kN}}" for c in COLUMNS[:3]) + "]\n"
-    scaled = wrench * [1e-3, 1e-3, 1e-3, 1e3, 1e3, 1e3]
-    table = pd.DataFrame(rows(q, scaled)).rename(columns={c: f"{c} [N*mm]" for c in COLUMNS[3:]})
-    machine = machine_of(tmp_path, text() + declared)
-    predictor = Predictor(machine, load_recording(machine, table, need_observations=False), ports=True)
-    found = predictor.loads(predictor.model.p_home, np.zeros((4, 0)))
-    np.testing.assert_allclose([found[f"{n}.displacement"] for n in JOINTS], expected.T, rtol=1e-9, atol=1e-9)
 
 
 def test_virtual_work(tmp_path: Path) -> None:
@@ -240,11 +227,6 @@ def test_wrong_columns_are_refused(tmp_path: Path, old: str, new: str, found: st
     with pytest.raises(InputError) as told:
         machine_of(tmp_path, text().replace(old, new))
     assert found in str(told.value)
-
-
-def test_a_column_in_another_unit_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"found 'ft.x' in 'bar', expected a unit of forces such as N"):
-        machine_of(tmp_path, text() + "drivers: [{name: ft.x, unit: bar}]\n")
 
 
 def test_a_file_without_the_force_is_free_of_it_and_half_a_force_is_refused(tmp_path: Path) -> None:

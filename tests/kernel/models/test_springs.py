@@ -113,17 +113,6 @@ def test_loads_are_slopes_of_the_energy(tmp_path: Path, changes: tuple[tuple[str
         np.testing.assert_allclose(loads[f"q{k + 1}.displacement"], expected, rtol=1e-6, atol=1e-6)
 
 
-def test_a_spring_without_masses_pulls_too(tmp_path: Path) -> None:
-    text = (
-        TEXT.split("masses", maxsplit=1)[0].replace("gravity: [0, 0, -9.81]\n", "")
-        + "loads"
-        + TEXT.split("loads")[1]
-    )
-    machine = machine_of(tmp_path, text)
-    assert machine.loaded
-    assert machine.load_cases == ("",)
-
-
 def test_an_unknown_stiffness_is_found_and_written_back(tmp_path: Path) -> None:
     """The joint's compliance is known, and the spring is 5 N/mm for 4 on the drawing."""
     rng, read = np.random.default_rng(6), []

@@ -103,24 +103,3 @@ def test_fields_convert_from_the_files_units() -> None:
 def test_what_is_no_number_is_refused(field: str, value: object) -> None:
     with pytest.raises(ValidationError):
         _Part.model_validate({"a": [0, 0, 0], field: value})
-
-
-@pytest.mark.parametrize("value", [[1, 2], [1, 2, 3, 4], [1, 2, math.inf], [1, 2, "3"], [1, 2, True], 5])
-def test_what_is_no_vector_is_refused(value: object) -> None:
-    with pytest.raises(ValidationError, match="3 finite numbers"):
-        _Part.model_validate({"a": value})
-
-
-def test_infinity_belongs_to_tolerances_only() -> None:
-    with pytest.raises(ValidationError):
-        _Part.model_validate({"a": [0, 0, 0], "turn": math.inf})
-    with pytest.raises(ValidationError):
-        _Part.model_validate({"a": [0, 0, 0], "sigma": -1.0})
-
-
-def test_sections_are_frozen_and_know_their_fields() -> None:
-    part = _Part(a=(0.0, 0.0, 0.0))
-    with pytest.raises(ValidationError, match="frozen"):
-        part.turn = 1.0  # type: ignore[misc]
-    with pytest.raises(ValidationError, match="did you mean 'sigma'"):
-        _Part.model_validate({"a": [0, 0, 0], "sigam": 1})

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
-import casadi as ca
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from support.described_machines import urdf_machine
 from truepose.errors import InputError
-from truepose.models.machine.assembly import Statics
 from truepose.models.machine.effect import effects
-from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine
 
 URDF = """<?xml version="1.0"?>
@@ -119,25 +114,3 @@ def test_joints_can_be_compliant_where_nobody_stated_a_mass(tmp_path: Path) -> N
 def test_inertials_that_are_none_are_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         machine_of(tmp_path, urdf=URDF.replace(old, new))
-
-
-def test_loads_are_those_of_the_urdfs_own_links(tmp_path: Path) -> None:
-    """Gravity's torque about q2 is minus the slope of the weights' energy by q2, from centres in the world."""
-    machine, pan, lift = machine_of(tmp_path), 0.3, 0.7
-    upper = Rotation.from_euler("x", 90, degrees=True) * Rotation.from_rotvec([0, 0, pan])
-
-    def energy(angle: float) -> float:
-        fore = upper * Rotation.from_rotvec([angle, 0, 0])
-        return math.fsum(
-            9.80665 * kg * fore.apply(com)[2] / 1000.0 for kg, com in ((3, [300, 0, 0]), (0.5, [510, 20, 0]))
-        )
-
-    model = symbolic_model(machine)
-    q = dict(zip(model.readings, ca.vertsplit(model.q), strict=True))
-    nominal = {p.name: ca.SX(p.nominal) for p in machine.parameters} | {
-        port: ca.SX(0) for port in machine.ports
-    }
-    load = Statics.of(machine, nominal, q, {}, model.x).loads(nominal)["q2.displacement"]
-    torque = float(ca.Function("load", [model.q], [load])([pan, lift]))
-    step = 1e-5
-    assert torque == pytest.approx((energy(lift - step) - energy(lift + step)) / (2 * step), rel=1e-7)

@@ -1,4 +1,4 @@
-"""A user's own effect, mechanism and sensor go the whole way: calibrated, written back, diagnosed, turned into C."""
+"""A user's own mechanism and sensor go the whole way: calibrated, written back, diagnosed, turned into C."""
 
 from __future__ import annotations
 
@@ -24,38 +24,6 @@ from truepose.models.machine.machine import Machine
 from truepose.models.registry import load_plugin
 
 Array = NDArray[np.float64]
-
-STRETCHED_BELT = '''
-from truepose.models.effects.base import Coefficient, Effect, effects
-
-
-@effects.add("stretched-belt")
-class StretchedBelt(Effect):
-    """A belt that runs out of round: dq = k q^3."""
-
-    slug = "stretched-belt"
-
-    def places(self, machine):
-        return [(a.reading,) for a in machine.mechanism.actuators if a.unit == "rad"]
-
-    def coefficients(self, machine, place, settings):
-        return (Coefficient("k", "1/rad^2", 0.01),)
-
-    def shifts(self, site):
-        return {site.port(site.place[0]): site.c["k"] * site.displacement(site.place[0]) ** 3}
-'''
-TRUE_K = -1e-4
-ARM = f"""
-schema: truepose/machine/1
-name: arm
-mechanism:
-  type: serial
-  joints:
-    - {{name: q1, kind: revolute, r: 300, range: [-150, 150]}}
-    - {{name: q2, kind: revolute, alpha: 90, d: 80, range: [-110, 110]}}
-frames: {{tool: {{in: flange, xyz: [500, 0, 40]}}}}
-effects: [{{effect: stretched-belt, place: [q2], parameters: {{k: {{value: {TRUE_K}, unit: 1/rad^2}}}}}}]
-"""
 
 SLIDES_AND_DIALS = '''
 from __future__ import annotations
@@ -143,17 +111,6 @@ def written(folder: Path, plugin: str, machine: str) -> Job:
     job.plugin.write_text(plugin)
     job.machine.write_text(machine)
     return job
-
-
-@needs_compiler
-def test_a_new_effect_is_compiled_into_the_controllers_code(tmp_path: Path) -> None:
-    job = written(tmp_path, STRETCHED_BELT, ARM)
-    machine = job.load(job.machine)
-    rng = np.random.default_rng(6)
-    for q, pose in zip(*compiled_poses(job, machine, rng.uniform(-1.8, 1.8, (20, 2))), strict=True):
-        np.testing.assert_allclose(pose, modelled_pose(machine, q), rtol=0, atol=1e-9)
-        still = modelled_pose(machine.with_effects(()), q)
-        assert np.linalg.norm((pose - still)[:3, 3]) > 0.5 * abs(TRUE_K * 500 * q[1] ** 3)
 
 
 @pytest.fixture(scope="module")

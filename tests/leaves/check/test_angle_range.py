@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from support.skips import NOTHING_BESIDE, SHARED
 from truepose.errors import InputError
 from truepose.identification.leaves.check.run import check
 from truepose.identification.load import load_recording
@@ -46,9 +45,9 @@ DRIVERS = [f"{kind}.{joint}" for kind in ("approach", "step") for joint in ("q1"
 def arms(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Machine]:
     """Return arms by what their files say of the joints."""
     out = {}
-    for name, text in {**WRAPPED, "turntable": ", range: [0, 360]"}.items():
+    for name, text in WRAPPED.items():
         path = tmp_path_factory.mktemp(name) / "arm.yaml"
-        path.write_text(ARM.replace("%s", text if name != "turntable" else "", 1) % text)
+        path.write_text(ARM % (text, text))
         out[name] = load_machine(path)
     return out
 
@@ -57,11 +56,6 @@ def recorded(machine: Machine, q: np.ndarray, **more: object) -> Recording:
     """Return the recording of columns q (n, 2), deg."""
     table = {"q1": q[:, 0].tolist(), "q2": q[:, 1].tolist(), **dict.fromkeys("xyz", [0.0] * len(q)), **more}
     return load_recording(machine, table)
-
-
-def readings(machine: Machine, q: np.ndarray) -> np.ndarray:
-    """Return the joint readings, deg, that a recording of these columns is read as."""
-    return np.degrees(recorded(machine, q).q)
 
 
 def logged(q: np.ndarray, lowest: float) -> np.ndarray:
@@ -251,32 +245,3 @@ def test_readings_beyond_a_range_of_a_turn_are_brought_into_it(arms: dict[str, M
         InputError, match="row 1, column 'q1': found 350 deg, expected a value in the joint's range"
     ):
         recorded(arms["ranged"], np.array([[350.0, 10.0], [-20.0, 20.0]]))
-
-
-@given(
-    angles=st.lists(st.floats(-179.0, 179.0), min_size=4, max_size=12),
-    beside=st.floats(-179.0, 179.0),
-)
-def test_angles_logged_from_zero_are_read_as_those_about_zero(
-    arms: dict[str, Machine], angles: list[float], beside: float
-) -> None:
-    q = np.array([[*pair] for pair in zip([-5.0, 5.0, *angles], [beside] * (len(angles) + 2), strict=True)])
-    np.testing.assert_allclose(readings(arms["free"], q % 360.0)[:, 0], q[:, 0], atol=1e-9)
-    np.testing.assert_allclose(readings(arms["free"], q)[:, 0], q[:, 0], atol=1e-9)
-
-
-def test_an_arc_that_is_whole_and_a_stated_range_stay(arms: dict[str, Machine]) -> None:
-    q = np.column_stack([np.linspace(100.0, 250.0, 7), np.linspace(5.0, 355.0, 7)])
-    np.testing.assert_allclose(readings(arms["turntable"], q), q)
-
-
-@pytest.mark.parametrize("case", ["s_", ""])
-def test_both_ways_of_logging_read_the_same_recording(case: str) -> None:
-    folder = SHARED / "cases" / "wrapped-readings"
-    if not folder.is_dir():
-        pytest.skip(NOTHING_BESIDE)
-    machine = load_machine(folder / "nolim.yaml")
-    wrapped, signed = (
-        load_recording(machine, [folder / f"{case}{name}.csv"]) for name in ("wrapped", "signed")
-    )
-    np.testing.assert_allclose(wrapped.q, signed.q, atol=1e-12)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -56,59 +57,33 @@ def told(folder: Path, table: pd.DataFrame, machine: Document | None = None) -> 
     return list(encoders(loaded, truepose.load_recording(loaded, recording)))
 
 
-def _rad(table: pd.DataFrame) -> None:
-    table["angle.q2"] = np.radians(table["angle.q2"])
+def _scaled(column: str, factor: float) -> Callable[[pd.DataFrame], pd.DataFrame]:
+    return lambda table: table.assign(**{column: table[column] * factor})
 
 
-def _mrad(table: pd.DataFrame) -> None:
-    table["angle.q2"] = 1e3 * np.radians(table["angle.q2"])
-
-
-def _cm(table: pd.DataFrame) -> None:
-    table["angle.q1"] = table["angle.q1"] / 10.0
-
-
-def _inch(table: pd.DataFrame) -> None:
-    table["angle.q1"] = table["angle.q1"] / 25.4
-
-
-def _said_rad(table: pd.DataFrame) -> None:
-    table["angle.q3 [rad]"] = table.pop("angle.q3")
-
-
-def _backwards(table: pd.DataFrame) -> None:
-    table["angle.q3"] = -table["angle.q3"]
-
-
+RAD = np.pi / 180.0
 SLIPS = [
-    (_rad, "unit-angle", "angle.q2", "angle.q2 in rad", "write the unit in the header: angle.q2 [rad]"),
-    (_mrad, "unit-angle", "angle.q2", "angle.q2 in mrad", "write the unit in the header: angle.q2 [mrad]"),
-    (_cm, "unit-length", "angle.q1", "angle.q1 in cm", "write the unit in the header: angle.q1 [cm]"),
-    (_inch, "unit-length", "angle.q1", "angle.q1 in inch", "write the unit in the header: angle.q1 [inch]"),
-    (_said_rad, "unit-angle", "angle.q3", "angle.q3 in deg", "write the unit in the header: angle.q3 [deg]"),
-    (
-        _backwards,
-        "sign",
-        "angle.q3",
-        "angle.q3 counts the other way than q3",
-        "change the sign of column angle.q3",
-    ),
+    (_scaled("angle.q2", RAD), "unit-angle", "angle.q2", "angle.q2 in rad"),
+    (_scaled("angle.q2", 1e3 * RAD), "unit-angle", "angle.q2", "angle.q2 in mrad"),
+    (_scaled("angle.q1", 0.1), "unit-length", "angle.q1", "angle.q1 in cm"),
+    (_scaled("angle.q1", 1.0 / 25.4), "unit-length", "angle.q1", "angle.q1 in inch"),
+    (lambda t: t.rename(columns={"angle.q3": "angle.q3 [rad]"}), "unit-angle", "angle.q3", "angle.q3 in deg"),
+    (_scaled("angle.q3", -1.0), "sign", "angle.q3", "angle.q3 counts the other way than q3"),
 ]
 
 
 @pytest.mark.parametrize("lost", [0, 9])
-@pytest.mark.parametrize(("spoil", "kind", "where", "says", "fix"), SLIPS)
+@pytest.mark.parametrize(("spoil", "kind", "where", "says"), SLIPS)
 def test_a_slip_is_told_in_words_and_mended(
-    spoil: Any, kind: str, where: str, says: str, fix: str, lost: int, tmp_path: Path
+    spoil: Any, kind: str, where: str, says: str, lost: int, tmp_path: Path
 ) -> None:
     """Alone among the columns, also where half of its readings were lost."""
-    table = rows()
-    spoil(table)
+    table = spoil(rows())
     named = [name for name in table.columns if name.startswith(where)]
     table.loc[: lost - 1, named] = np.nan
     (found,) = told(tmp_path, table)
     assert (found.kind, found.where, found.verdict) == (kind, (where,), "wrong")
-    assert (found.says, found.fix) == (says, fix)
+    assert found.says == says
     assert found.before is not None and found.after is not None
     assert found.after == pytest.approx(0.0, abs=1e-9) and found.unit == (
         "mm" if where == "angle.q1" else "deg"
@@ -151,10 +126,6 @@ def test_a_column_that_follows_nothing_is_told_with_what_it_differs_by(tmp_path:
     assert (
         found.before == pytest.approx(200.0 * np.sqrt(5 / 16)) and found.after is None and found.mend is None
     )
-    assert found.says == (
-        "angle.q1 does not follow q1: they differ by 112 mm rms, and no slip that was tried explains it"
-    )
-    assert found.fix == "compare the columns angle.q1 and q1, their units and their rows with their source"
 
 
 @pytest.mark.parametrize(("share", "kinds"), [(0.198, []), (0.202, ["unexplained"])])
@@ -168,8 +139,7 @@ def test_a_fifth_of_a_joint_s_way_is_physics(
 
 
 def test_joints_at_rest_and_whole_turns_are_passed_over(tmp_path: Path) -> None:
-    table = rows()
-    _backwards(table)
+    table = _scaled("angle.q3", -1.0)(rows())
     assert told(tmp_path, table.assign(q3=20.0)) == []
     assert told(tmp_path, rows()) == []
     turns = rows()
@@ -212,19 +182,19 @@ def test_a_zero_is_off_by_five_tolerances_or_sigmas_or_three_times_the_scatter(
 
 
 @pytest.mark.parametrize(
-    ("own", "joint", "at", "verdict", "file", "key"),
+    ("own", "joint", "at", "verdict", "key"),
     [
-        (encoder(0.0), "q2", 2.9, "suspect", "exactly 0 deg", "angle"),
-        (encoder(0.0), "q2", 3.1, "wrong", "exactly 0 deg", "angle"),
-        (encoder(0.0), "q2", -3.1, "wrong", "exactly 0 deg", "angle"),
-        (encoder(0.0), "q1", 90.0, "suspect", "exactly 0 mm", "length"),
-        (encoder(), "q2", 90.0, "suspect", "0 deg", "angle"),
-        (encoder(zero={"q2": 20.0}), "q2", 25.0, "suspect", "20 deg", "angle"),
-        (encoder(zero={"q2": 170.0}), "q2", 190.0, "suspect", "170 deg", "angle"),
+        (encoder(0.0), "q2", 2.9, "suspect", "angle"),
+        (encoder(0.0), "q2", 3.1, "wrong", "angle"),
+        (encoder(0.0), "q2", -3.1, "wrong", "angle"),
+        (encoder(0.0), "q1", 90.0, "suspect", "length"),
+        (encoder(), "q2", 90.0, "suspect", "angle"),
+        (encoder(zero={"q2": 20.0}), "q2", 25.0, "suspect", "angle"),
+        (encoder(zero={"q2": 170.0}), "q2", 190.0, "suspect", "angle"),
     ],
 )
 def test_a_zero_is_certain_where_it_is_said_to_be_exact_and_no_calibration_finds_it(
-    own: Document, joint: str, at: float, verdict: str, file: str, key: str, tmp_path: Path
+    own: Document, joint: str, at: float, verdict: str, key: str, tmp_path: Path
 ) -> None:
     table = rows()
     table[f"angle.{joint}"] += at
@@ -236,14 +206,6 @@ def test_a_zero_is_certain_where_it_is_said_to_be_exact_and_no_calibration_finds
     ):
         whole = table.assign(x=1.0, y=2.0, z=3.0)
         (found,) = told(tmp_path, whole, gantry(None, sensor=sensor))
-        unit = "mm" if key == "length" else "deg"
-        assert found.says == (
-            f"angle.{joint} reads {at:.4g} {unit} where {joint} reads 0; the machine file has {file} there"
-        )
-        assert found.fix == (
-            f"state 'zero: {{{joint}: {at:.4g}}}' and 'tolerance: {{{key}: .inf}}' of this sensor"
-            " if nobody measured it"
-        )
         assert (found.verdict, found.before, found.after) == (verdict, None, None) and found.mend is not None
         pair = found.mend(Pair.read(tmp_path / "arm.yaml", [tmp_path / "r.csv"]))
         assert pair.get((*head, "zero", joint)) == pytest.approx(at)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +37,7 @@ def fit_of(rig: Rig) -> tuple[FrameFit, NDArray[np.intp]]:
     bare = rig.scene.p.copy()
     bare[np.concatenate([rig.at["base"], rig.at["tool"]])] = 0.0
     x, good = rig.assembled(here, bare, rig.scene)
-    return FrameFit(rig.ends, here, here.poses(bare, x)[0], good, rig.scene, rig.scale(rig.scene)), rows
+    return FrameFit(rig, rig.tolerance, here, here.poses(bare, x)[0], good, rig.scene), rows
 
 
 def off(rig: Rig, seed: int, mm: float, rad: float) -> Array:
@@ -117,18 +116,16 @@ def test_a_frame_that_is_not_free_is_pulled_by_its_tolerance(tmp_path: Path) -> 
     x = rig.at["base"][0]
     free = fit.descended(rig.scene.p, ("base", "tool"), rows, 12)
     assert free.p[x] - rig.scene.p[x] == pytest.approx(50.0, abs=1e-4)
-    tight = replace(
-        rig.ends, tolerance=np.where(np.arange(len(rig.ends.names)) == 0, 0.03, rig.ends.tolerance)
-    )
-    here = FrameFit(
-        tight, rig.predictor.over(rig.recording), fit.flange, fit.good, rig.scene, rig.scale(rig.scene)
-    )
-    held = here.descended(rig.scene.p, ("tool",), rows, 12)
+    here = rig.predictor.over(rig.recording)
+
+    def held(frame: NDArray[np.intp], tolerance: float) -> float:
+        """Where the base is with other tolerances of some constants."""
+        other = rig.tolerance.copy()
+        other[frame] = tolerance
+        fit = FrameFit(rig, other, here, fit_of(rig)[0].flange, fit_of(rig)[0].good, rig.scene)
+        return float(fit.descended(rig.scene.p, ("tool",), rows, 12).p[x] - rig.scene.p[x])
+
     loose = fit.descended(rig.scene.p, ("tool",), rows, 12)
     assert 1e-6 < 50.0 - (loose.p[x] - rig.scene.p[x]) < 0.01
-    assert held.p[x] - rig.scene.p[x] < 50.0 - 1.0
-    exact = replace(rig.ends, tolerance=np.where(np.arange(len(rig.ends.names)) < 6, 0.0, rig.ends.tolerance))
-    still = FrameFit(
-        exact, rig.predictor.over(rig.recording), fit.flange, fit.good, rig.scene, rig.scale(rig.scene)
-    )
-    assert still.descended(rig.scene.p, ("tool",), rows, 12).p[x] == rig.scene.p[x]
+    assert held(rig.at["base"][:1], 0.03) < 50.0 - 1.0
+    assert held(rig.at["base"], 0.0) == 0.0

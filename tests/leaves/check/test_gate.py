@@ -101,25 +101,6 @@ def test_the_command_and_the_gate(right: pd.DataFrame, tmp_path: Path) -> None:
     assert "WRONG: unit-length" in (tmp_path / "out/report.html").read_text()
 
 
-def test_notes_on_the_recording_are_in_the_answer(right: pd.DataFrame, tmp_path: Path) -> None:
-    def notes(machine: Document, rows: pd.DataFrame) -> list[str]:
-        paths = [str(path) for path in written(tmp_path, machine, rows)]
-        return list(json.loads(CliRunner().invoke(app, ["check", *paths, "--json"]).stdout)["notes"])
-
-    assert any("fan" in note for note in notes(document(), right.assign(fan=1.0)))
-    assert notes(document(sensor=None), right) == []  # of which no recording could be made
-
-
-def test_a_convention_that_is_stated_wrongly_is_told_and_none_is_guessed(
-    right: pd.DataFrame, tmp_path: Path
-) -> None:
-    machine = document()
-    assert "convention" in machine["mechanism"]
-    machine["mechanism"]["convention"] = "denavit"
-    with pytest.raises(truepose.InputError, match="'denavit'"):
-        checked(tmp_path, machine, right)
-
-
 @pytest.mark.nightly
 def test_readings_that_two_sensors_share(right: pd.DataFrame, tmp_path: Path) -> None:
     both = [ARM["sensor"], {"type": "position", "sigma": {"xyz": 0.03}}]

@@ -211,17 +211,6 @@ def test_angles_are_turned_as_their_words_say(tmp_path: Path) -> None:
         assert slip.where == (("x", "y", "z") if "inverse)" in slip.says else ()) + ("rx", "ry", "rz")
 
 
-def test_an_inverse_pose_inverted_is_the_pose(tmp_path: Path) -> None:
-    case = Case(tmp_path, *columns_of("pose"))
-    slip = next(s for s in poses(case.rig, case.rig.scene) if s.kind == "inverse-pose")
-    twice = slip.change(slip.change(case.rig.scene))
-    for name, values in case.rig.scene.rows.observations.items():
-        np.testing.assert_allclose(twice.rows.observations[name], values, atol=1e-9)
-    there = slip.change(case.rig.scene)
-    place = [np.column_stack([s.rows.observations[n] for n in "xyz"]) for s in (case.rig.scene, there)]
-    np.testing.assert_allclose(turns(case.rig.scene).apply(place[1]) + place[0], 0.0, atol=1e-9)
-
-
 def test_a_mirror_maps_points_and_turns_alike(tmp_path: Path) -> None:
     """S x and S R S': of the other hand for ``mirrored``, of the same for ``turned``; the first leaves no turn as it was."""
     case = Case(tmp_path, *columns_of("pose"))
@@ -241,36 +230,6 @@ def test_a_mirror_maps_points_and_turns_alike(tmp_path: Path) -> None:
                 a for a, row in zip("xyz", s, strict=True) if not np.allclose(row, np.eye(3)["xyz".index(a)])
             )
             assert tuple(sorted(slip.where)) == moved
-
-
-@pytest.mark.parametrize(("kind", "says"), [
-    ("pose", {"measured x and y exchanged": "exchange the headers of the sensor's columns: x and y exchanged",
-              "measured z with the other sign": "change the sensor's columns: z with the other sign",
-              "measured x and y exchanged, turns mirrored too": None,
-              "measured x, y and z in another order (x in y, y in z, z in x) and x with the other sign": None}),
-])  # fmt: skip
-def test_axes_are_told_in_words(kind: str, says: dict[str, str | None], tmp_path: Path) -> None:
-    case = Case(tmp_path, *columns_of(kind))
-    every = [s for maker in (mirrored, turned) for s in maker(case.rig, case.rig.scene)]
-    told = {s.says: s for s in every}
-    assert len(told) == len(every) == len({s.fix for s in every})  # each can be told from all others
-    for text, fix in says.items():
-        assert text in told, sorted(told)
-        assert fix is None or told[text].fix == fix
-        assert told[text].kind == ("permutation" if "sign" not in text else "handedness")
-
-
-def test_words_of_joints_and_rows(tmp_path: Path) -> None:
-    case = Case(tmp_path, *columns_of("pose"))
-    rig, scene = case.rig, case.rig.scene
-    told = {s.says: s.fix for maker in (signs, exchanged, quarter_turns, shifted) for s in maker(rig, scene)}
-    assert told["q3 counted the other way"].startswith("change the sign of column q3, or turn its axis")
-    assert told["q4 and q5 exchanged"] == "exchange the headers of columns q4 and q5"
-    along = told["q1, q2, q3, q4, q5 and q6 in another order"]
-    assert along.startswith("rename the columns: ") and along.count(" is q") == 6
-    assert "add -90 deg to the zero of q2 in the machine file, or to its column" in told.values()
-    assert told["readings 1 row too late"] == "move x, y, z and 3 more 1 row up, against the joints"
-    assert told["readings 2 rows too early"].endswith("2 rows down, against the joints")
 
 
 def test_rows_are_shifted_where_enough_are_left(tmp_path: Path) -> None:

@@ -170,15 +170,6 @@ def test_a_sheet_keeps_what_is_not_changed(tmp_path: Path) -> None:
     assert sheet.with_numbers({"q1": -sheet.numbers("q1")}).text().splitlines()[1] == "-1.5,2,fine"
 
 
-def test_documents_are_mended_where_they_are(tmp_path: Path) -> None:
-    (tmp_path / "m.yaml").write_text(document_text(document()), encoding="utf-8")
-    pair = Pair.read(tmp_path / "m.yaml", [])
-    changed = pair.with_field(("mechanism", "joints", 2, "theta"), 5.0)
-    assert changed.get(("mechanism", "joints", 2, "theta")) == 5.0
-    assert pair.get(("mechanism", "joints", 2, "theta")) == 0.0
-    assert pair.get(("mechanism", "legs", 0)) is None
-
-
 @pytest.mark.nightly
 def test_ranges_and_pitches_are_lengths_of_the_mechanism_too(tmp_path: Path) -> None:
     """A mechanism in inches in a file in millimetres: all its lengths are mended, those of its slides as well."""

@@ -22,11 +22,12 @@ from support.checked_arm import (
     metres,
     recorded,
 )
-from support.examples import by_day
 from truepose.identification.leaves.check.pair import Pair
 from truepose.identification.leaves.check.result import Check
 from truepose.identification.leaves.check.run import check_files
 from truepose.models.file.yaml_document import document_text
+
+Spoil = Callable[[pd.DataFrame], Spoilt]
 
 
 @pytest.fixture(scope="module")
@@ -34,133 +35,71 @@ def right() -> pd.DataFrame:
     return recorded()
 
 
-def radians(rows: pd.DataFrame) -> Spoilt:
-    return columns(rows, np.radians, *JOINTS)
+def scaled(factor: float, *names: str, plus: float = 0.0) -> Spoil:
+    """Columns times a factor, and shifted."""
+    return lambda rows: columns(rows, lambda v: plus + factor * v, *names)
 
 
-def backwards(rows: pd.DataFrame) -> Spoilt:
-    return columns(rows, lambda v: -v, "q3")
+def turned(change: Callable[[Rotation], Rotation]) -> Spoil:
+    """Rotation vectors, deg, of other turns."""
+
+    def spoil(rows: pd.DataFrame) -> Spoilt:
+        out = rows.copy()
+        seen = Rotation.from_rotvec(rows[TURNS].to_numpy(), degrees=True)
+        out[TURNS] = change(seen).as_rotvec(degrees=True)
+        return document(), out
+
+    return spoil
 
 
-def all_backwards(rows: pd.DataFrame) -> Spoilt:
-    return columns(rows, lambda v: -v, *JOINTS)
+def table(change: Callable[[Document], Document]) -> Spoil:
+    """Rows of the machine file's table typed otherwise."""
 
+    def spoil(rows: pd.DataFrame) -> Spoilt:
+        machine = document()
+        mechanism = machine["mechanism"]
+        mechanism["joints"] = [change(row) for row in mechanism["joints"]]
+        return machine, rows
 
-def exchanged(rows: pd.DataFrame) -> Spoilt:
-    return document(), rows.rename(columns={"q4": "q5", "q5": "q4"})[list(rows.columns)]
-
-
-def mirrored(rows: pd.DataFrame) -> Spoilt:
-    return columns(rows, lambda v: -v, "y")
+    return spoil
 
 
 def inverse(rows: pd.DataFrame) -> Spoilt:
-    back = Rotation.from_rotvec(rows[["rx", "ry", "rz"]].to_numpy(), degrees=True).inv()
+    back = Rotation.from_rotvec(rows[TURNS].to_numpy(), degrees=True).inv()
     out = rows.copy()
-    out[["x", "y", "z"]] = -back.apply(rows[["x", "y", "z"]].to_numpy(copy=True))
-    out[["rx", "ry", "rz"]] = np.degrees(back.as_rotvec())
+    out[XYZ] = -back.apply(rows[XYZ].to_numpy(copy=True))
+    out[TURNS] = back.as_rotvec(degrees=True)
     return document(), out
 
 
 def euler(rows: pd.DataFrame) -> Spoilt:
-    out = rows.copy()
-    seen = Rotation.from_rotvec(rows[["rx", "ry", "rz"]].to_numpy(), degrees=True)
-    out[["rx", "ry", "rz"]] = seen.as_euler("ZYZ", degrees=True)
-    return document(), out
-
-
-def quarter(rows: pd.DataFrame) -> Spoilt:
-    machine = document()
-    machine["mechanism"]["joints"][1]["theta"] = 0.0
-    return machine, rows
-
-
-def never_set(rows: pd.DataFrame) -> Spoilt:
-    return columns(rows, lambda v: v + 37.0, "q4")
+    seen = Rotation.from_rotvec(rows[TURNS].to_numpy(), degrees=True).as_euler("ZYZ", degrees=True)
+    return document(), rows.assign(**dict(zip(TURNS, seen.T, strict=True)))
 
 
 def typed_as_khalil(rows: pd.DataFrame) -> Spoilt:
-    machine = document()
-    keep = ("name", "kind", "alpha", "theta")
-    joints = [
-        {**{key: row[key] for key in keep}, "d": row["a"], "r": row["d"]}
-        for row in machine["mechanism"]["joints"]
-    ]
-    machine["mechanism"] = {"type": "serial", "joints": joints}
-    return machine, rows
-
-
-def alpha_in_radians(rows: pd.DataFrame) -> Spoilt:
-    machine = document()
+    machine, _ = table(lambda row: {**row, "d": row["a"], "r": row["d"]})(rows)
+    del machine["mechanism"]["convention"]
     for row in machine["mechanism"]["joints"]:
-        row["alpha"] = float(np.radians(row["alpha"]))
+        del row["a"]
     return machine, rows
 
 
-def file_in_metres(rows: pd.DataFrame) -> Spoilt:
-    machine = document()
-    for row in machine["mechanism"]["joints"]:
-        row["a"], row["d"] = row["a"] / 1000, row["d"] / 1000
-    return machine, rows
+def frames(change: Callable[[Document], object]) -> Spoil:
+    """Base and tool stated otherwise."""
+
+    def spoil(rows: pd.DataFrame) -> Spoilt:
+        machine = document()
+        change(machine["frames"])
+        return machine, rows
+
+    return spoil
 
 
-def swapped(rows: pd.DataFrame) -> Spoilt:
-    machine = document()
-    base, tool = machine["frames"]["base"], machine["frames"]["tool"]
+def swap(frames: Document) -> None:
+    base, tool = frames["base"], frames["tool"]
     for part in ("xyz", "rpy"):
         base[part], tool[part] = tool[part], base[part]
-    return machine, rows
-
-
-def without_base(rows: pd.DataFrame) -> Spoilt:
-    machine = document()
-    del machine["frames"]["base"]
-    return machine, rows
-
-
-def without_tool(rows: pd.DataFrame) -> Spoilt:
-    machine = document()
-    del machine["frames"]["tool"]
-    return machine, rows
-
-
-def late(rows: pd.DataFrame) -> Spoilt:
-    out = rows.copy()
-    for name in ("x", "y", "z", "rx", "ry", "rz"):
-        out[name] = out[name].shift(1)
-    return document(), out.dropna()
-
-
-def in_order(rows: pd.DataFrame) -> Spoilt:
-    out = rows.copy()
-    names = ["x", "y", "z", "rx", "ry", "rz"]
-    out[names] = rows[names].sort_values("x").to_numpy()
-    return document(), out
-
-
-def si(rows: pd.DataFrame) -> Spoilt:
-    return document(), radians(metres(rows)[1])[1].assign(
-        **{n: np.radians(rows[n]) for n in ("rx", "ry", "rz")}
-    )
-
-
-def gradians(rows: pd.DataFrame) -> Spoilt:
-    return columns(rows, lambda v: v / 0.9, *JOINTS)
-
-
-def scalar_first(rows: pd.DataFrame) -> Spoilt:
-    """Quaternions w, x, y, z that were read as x, y, z, w."""
-    out = rows.copy()
-    names = ["rx", "ry", "rz"]
-    xyzw = Rotation.from_rotvec(rows[names].to_numpy(), degrees=True).as_quat()
-    out[names] = Rotation.from_quat(xyzw[:, [3, 0, 1, 2]]).as_rotvec(degrees=True)
-    return document(), out
-
-
-def stated_as_modified(rows: pd.DataFrame) -> Spoilt:
-    machine = document()
-    machine["mechanism"]["convention"] = "modified"
-    return machine, rows
 
 
 def rows_of_the_table_exchanged(rows: pd.DataFrame) -> Spoilt:
@@ -170,47 +109,80 @@ def rows_of_the_table_exchanged(rows: pd.DataFrame) -> Spoilt:
     return machine, rows
 
 
-def horizon(rows: pd.DataFrame) -> Spoilt:
-    """The third joint counted from the horizon: with the second one's angle."""
-    return document(), rows.assign(q3=rows["q3"] + rows["q2"])
+def stated_as_modified(rows: pd.DataFrame) -> Spoilt:
+    machine = document()
+    machine["mechanism"]["convention"] = "modified"
+    return machine, rows
 
 
-def in_counts(rows: pd.DataFrame) -> Spoilt:
-    return columns(rows, lambda v: (v * 8192 / 360).round(), "q5")
+def si(rows: pd.DataFrame) -> Spoilt:
+    return document(), metres(scaled(RAD, *JOINTS, *TURNS)(rows)[1])[1]
 
 
-def turned_and_mirrored(rows: pd.DataFrame) -> Spoilt:
-    return columns(rows, lambda v: 90.0 - v, "q4")
-
-
-SLIPS: list[tuple[Callable[[pd.DataFrame], Spoilt], str, str, str]] = [
-    (metres, "unit-length", "x", "readings in m"),
-    (radians, "unit-angle", "q1", "joints in rad"),
-    (gradians, "unit-angle", "q1", "joints in grad"),
-    (si, "unit-length", "q1", "the recording in m and rad"),
-    (backwards, "sign", "q3", "q3 counted the other way"),
-    (all_backwards, "sign", "q6", "q1, q2, q3, q4, q5 and q6 counted the other way"),
-    (turned_and_mirrored, "sign", "q4", "q4 counted the other way, zero of q4 off by [+-]90 deg"),
-    (exchanged, "permutation", "q4", "q4 and q5 exchanged"),
-    (mirrored, "handedness", "y", "measured y with the other sign"),
-    (inverse, "inverse-pose", "x", "inverse"),
-    (euler, "rotation-convention", "rx", "about z, y, z, moving axes"),
-    (scalar_first, "rotation-convention", "rx", "was scalar first .* and read as scalar last"),
-    (quarter, "offset", "q2", "zero of q2 off by -90 deg"),
-    (never_set, "offset", "q4", "zero of q4 off by -3[67]"),
-    (horizon, "coupled", "q3", r"q3 is coupled: .* \+ q2 .*k = 1\)"),
-    (in_counts, "counts", "q5", "q5 in counts of an encoder, 8192 a turn"),
-    (typed_as_khalil, "dh-convention", "mechanism.joints", "standard table .* a typed as d and d typed as r"),
-    (stated_as_modified, "dh-convention", "mechanism.convention", "a standard table"),
-    (rows_of_the_table_exchanged, "permutation", "mechanism.joints", "constants of q2 and q3 stand in each other's row"),
-    (alpha_in_radians, "unit-angle", "mechanism.alpha", "alpha of the mechanism in rad"),
-    (file_in_metres, "unit-length", "mechanism", "the mechanism's lengths in m"),
-    (swapped, "frames-swapped", "frames.base", "exchanged"),
-    (without_base, "base-missing", "frames.base", "left out"),
-    (without_tool, "tool-missing", "frames.tool", "left out"),
-    (late, "rows-shifted", "x", "readings 1 row too late"),
-    (in_order, "rows-shifted", "x", "rows sorted by x"),
-]  # fmt: skip
+XYZ, TURNS, RAD = ["x", "y", "z"], ["rx", "ry", "rz"], np.pi / 180
+SEEN = [*XYZ, *TURNS]
+SLIPS: dict[str, tuple[Spoil, str, str, str]] = {
+    "metres": (metres, "unit-length", "x", "readings in m"),
+    "radians": (scaled(RAD, *JOINTS), "unit-angle", "q1", "joints in rad"),
+    "gradians": (scaled(1 / 0.9, *JOINTS), "unit-angle", "q1", "joints in grad"),
+    "si": (si, "unit-length", "q1", "the recording in m and rad"),
+    "backwards": (scaled(-1.0, "q3"), "sign", "q3", "q3 counted the other way"),
+    "all backwards": (scaled(-1.0, *JOINTS), "sign", "q6", "q1, q2, q3, q4, q5 and q6 counted the other way"),
+    "turned and mirrored": (
+        scaled(-1.0, "q4", plus=90.0), "sign", "q4", "q4 counted the other way, zero of q4 off by [+-]90 deg"
+    ),
+    "exchanged": (
+        lambda rows: (document(), rows.rename(columns={"q4": "q5", "q5": "q4"})[list(rows.columns)]),
+        "permutation", "q4", "q4 and q5 exchanged",
+    ),
+    "mirrored": (scaled(-1.0, "y"), "handedness", "y", "measured y with the other sign"),
+    "inverse": (inverse, "inverse-pose", "x", "inverse"),
+    "euler": (euler, "rotation-convention", "rx", "about z, y, z, moving axes"),
+    "scalar first": (
+        turned(lambda seen: Rotation.from_quat(seen.as_quat()[:, [3, 0, 1, 2]])),
+        "rotation-convention", "rx", "was scalar first .* and read as scalar last",
+    ),
+    "quarter": (
+        table(lambda row: row | ({"theta": 0.0} if row["name"] == "q2" else {})),
+        "offset", "q2", "zero of q2 off by -90 deg",
+    ),
+    "never set": (scaled(1.0, "q4", plus=37.0), "offset", "q4", "zero of q4 off by -3[67]"),
+    "horizon": (
+        lambda rows: (document(), rows.assign(q3=rows["q3"] + rows["q2"])),
+        "coupled", "q3", r"q3 is coupled: .* \+ q2 .*k = 1\)",
+    ),
+    "counts": (
+        lambda rows: columns(rows, lambda v: (v * 8192 / 360).round(), "q5"),
+        "counts", "q5", "q5 in counts of an encoder, 8192 a turn",
+    ),
+    "khalil": (
+        typed_as_khalil, "dh-convention", "mechanism.joints", "standard table .* a typed as d and d typed as r"
+    ),
+    "modified": (stated_as_modified, "dh-convention", "mechanism.convention", "a standard table"),
+    "table's rows": (
+        rows_of_the_table_exchanged,
+        "permutation", "mechanism.joints", "constants of q2 and q3 stand in each other's row",
+    ),
+    "alpha in rad": (
+        table(lambda row: row | {"alpha": float(np.radians(row["alpha"]))}),
+        "unit-angle", "mechanism.alpha", "alpha of the mechanism in rad",
+    ),
+    "file in m": (
+        table(lambda row: row | {key: row[key] / 1000 for key in ("a", "d")}),
+        "unit-length", "mechanism", "the mechanism's lengths in m",
+    ),
+    "swapped": (frames(swap), "frames-swapped", "frames.base", "exchanged"),
+    "no base": (frames(lambda own: own.pop("base")), "base-missing", "frames.base", "left out"),
+    "no tool": (frames(lambda own: own.pop("tool")), "tool-missing", "frames.tool", "left out"),
+    "late": (
+        lambda rows: (document(), rows.assign(**{n: rows[n].shift(1) for n in SEEN}).dropna()),
+        "rows-shifted", "x", "readings 1 row too late",
+    ),
+    "in order": (
+        lambda rows: (document(), pd.concat([rows[[*JOINTS]], rows[SEEN].sort_values("x", ignore_index=True)], axis=1)),
+        "rows-shifted", "x", "rows sorted by x",
+    ),
+}  # fmt: skip
 
 
 def mended_check(found: Check, folder: Path) -> Check:
@@ -218,23 +190,15 @@ def mended_check(found: Check, folder: Path) -> Check:
     return check_files(folder / "mended/arm.yaml", [folder / "mended/r.csv"])[0]
 
 
-BY_DAY = {metres, backwards, inverse, never_set, swapped}
+BY_DAY = {"metres", "backwards", "inverse", "never set", "swapped"}
 
 
 @pytest.mark.parametrize(
-    ("slip", "kind", "where", "says"),
-    by_day(SLIPS, *(case for case in SLIPS if case[0] in BY_DAY)),
-    ids=[s[0].__name__ for s in SLIPS],
+    "slip", [one if one in BY_DAY else pytest.param(one, marks=pytest.mark.nightly) for one in SLIPS]
 )
-def test_a_slip_is_named_and_the_mended_pair_is_right(
-    slip: Callable[[pd.DataFrame], Spoilt],
-    kind: str,
-    where: str,
-    says: str,
-    right: pd.DataFrame,
-    tmp_path: Path,
-) -> None:
-    found = checked(tmp_path, *slip(right))
+def test_a_slip_is_named_and_the_mended_pair_is_right(slip: str, right: pd.DataFrame, tmp_path: Path) -> None:
+    spoil, kind, where, says = SLIPS[slip]
+    found = checked(tmp_path, *spoil(right))
     first = found.found[0]
     assert (first.verdict, first.kind, where in first.where) == ("wrong", kind, True), found.found
     assert re.search(says, first.says), first.says
@@ -289,7 +253,7 @@ def test_of_two_scales_that_fit_alike_the_machine_of_a_usual_size(
 def test_gross_readings_hide_no_slip(right: pd.DataFrame, tmp_path: Path) -> None:
     rows = right.copy()
     rows.loc[[4, 30, 41], "z"] += 5000.0
-    machine, spoilt = backwards(rows)
+    machine, spoilt = SLIPS["backwards"][0](rows)
     assert checked(tmp_path, machine, spoilt).found[0].kind == "sign"
     alone = checked(tmp_path, document(), rows)
     assert [(f.kind, f.verdict) for f in alone.found] == [("rows-stand-out", "suspect")]
@@ -297,24 +261,22 @@ def test_gross_readings_hide_no_slip(right: pd.DataFrame, tmp_path: Path) -> Non
 
 @pytest.mark.nightly
 @pytest.mark.parametrize(
-    "both",
+    ("first", "second"),
     [
-        (metres, backwards),
-        (inverse, backwards),
-        (euler, exchanged),
-        (quarter, exchanged),
-        (mirrored, backwards),
+        ("metres", "backwards"),
+        ("inverse", "backwards"),
+        ("euler", "exchanged"),
+        ("quarter", "exchanged"),
+        ("mirrored", "backwards"),
     ],
-    ids=lambda both: " and ".join(slip.__name__ for slip in both),
 )
 def test_two_slips_at_once_are_told_for_what_they_are(
-    both: tuple[Callable[[pd.DataFrame], Spoilt], ...], right: pd.DataFrame, tmp_path: Path
+    first: str, second: str, right: pd.DataFrame, tmp_path: Path
 ) -> None:
     """Neither of which shows alone; the first may change the machine file."""
-    machine, rows = both[0](right)
-    found = checked(tmp_path, machine, both[1](rows)[1])
-    wanted = {kind for slip, kind, *_ in SLIPS if slip in both}
-    assert {f.kind for f in found.found} == wanted, found.found
+    machine, rows = SLIPS[first][0](right)
+    found = checked(tmp_path, machine, SLIPS[second][0](rows)[1])
+    assert {f.kind for f in found.found} == {SLIPS[first][1], SLIPS[second][1]}, found.found
     assert mended_check(found, tmp_path).verdict == "ok"
 
 

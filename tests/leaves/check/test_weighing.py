@@ -42,11 +42,6 @@ def drawn(length: float = 0.2, angle: float = 0.05, sensor: dict[str, Any] = FIN
     return document(sensor=sensor, tolerances={"length": length, "angle": angle})
 
 
-def excess(rig: Rig) -> float:
-    """Squared misfit that tolerances add to the noise."""
-    return expected(rig, rig.stand()) ** 2 - 1.0
-
-
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory: pytest.TempPathFactory) -> Rig:
     return rig_of(tmp_path_factory.mktemp("arm"), document(sensor=EXACT))
@@ -55,14 +50,6 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Rig:
 @pytest.fixture(scope="module")
 def whole(arm: Rig) -> Weighed:
     return weigh(arm, Hypothesis((), arm.scene))
-
-
-def test_what_tolerances_leave_adds_up_by_squares(tmp_path: Path) -> None:
-    lengths, angles, both = (rig_of(tmp_path, drawn(*t)) for t in ((0.2, 0.0), (0.0, 0.05), (0.2, 0.05)))
-    assert excess(both) == pytest.approx(excess(lengths) + excess(angles), rel=1e-6)
-    assert excess(rig_of(tmp_path, drawn(0.6, 0.0))) == pytest.approx(9.0 * excess(lengths), rel=1e-6)
-    assert min(excess(lengths), excess(angles)) > 100.0
-    assert expected(rig_of(tmp_path, drawn(0.0, 0.0)), both.stand()) == 1.0
 
 
 def test_what_tolerances_leave_is_what_the_frames_cannot_take(tmp_path: Path) -> None:
@@ -237,28 +224,7 @@ def test_what_nothing_explains_is_told_by_its_size(tmp_path: Path) -> None:
         found = unexplained(rig, replace(stand, misfit=misfit, length=12.3456))
         assert (found.kind, found.where, found.verdict) == ("unexplained", (), verdict)
         assert (found.before, found.after, found.unit, found.mend) == (12.3456, None, "mm", None)
-        assert found.says.startswith(
-            "with base and tool fitted, the drawn machine misses the readings by 12.3 mm,"
-            " where drawing and noise make at most "
-        )
-        assert found.says.endswith(" and no slip that was tried explains it")
     turned = unexplained(rig, replace(stand, misfit=12.3456, length=None))
-    assert "by 12.3 sigma" in turned.says and (turned.before, turned.unit) == (12.3456, "sigma")
+    assert (turned.before, turned.unit) == (12.3456, "sigma")
     nowhere = unexplained(rig, replace(stand, misfit=INF, length=None))
-    assert nowhere.says.startswith("the drawn machine cannot stand as its joints were read, and no slip")
     assert (nowhere.verdict, nowhere.before) == ("wrong", None)
-
-
-@pytest.mark.parametrize(
-    ("moves", "words"), [([1, 1, 0, 1, 0, 1], "q3 and q5 never move"), ([1, 1, 0, 1, 1, 1], "q3 never moves")]
-)
-def test_a_joint_that_never_moves_may_be_what_nothing_else_explains(
-    moves: list[int], words: str, tmp_path: Path
-) -> None:
-    rig = rig_of(tmp_path, drawn())
-    still = Rig(rig.machine, replace(rig.recording, q=rig.recording.q * moves))
-    told = unexplained(still, replace(rig.stand(), misfit=12.3456, length=0.5))
-    names = words.partition(" never")[0]
-    assert (told.kind, told.where, told.fix) == ("joint-never-moves", still.still, f"record {names}")
-    assert told.says.startswith(f"{words} in the recording, and ")
-    assert told.says.endswith(" may have moved without being logged")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,8 +18,7 @@ from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.problem import Prior, Problem, prior_of
 from truepose.identification.fit.summary import rms_by_kind
-from truepose.identification.leaves.drift import analysis
-from truepose.identification.leaves.drift.sessions import Likeliest, Session, bounded, likeliest, sessions_of
+from truepose.identification.leaves.drift.sessions import Session, bounded, sessions_of
 from truepose.identification.leaves.drift.sizes import Check, durability, fit_when_met, noise_of
 from truepose.identification.prediction.predict import predict
 from truepose.identification.recording.load import load_recording
@@ -188,33 +186,3 @@ def test_a_check_is_that_of_the_gaussian_of_all_readings(
 
 
 # -- the joint fit ---------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("noise", [0.5, 10.0])
-@pytest.mark.parametrize("share", [0.08, 0.12])
-def test_the_joint_fit_rests_when_no_sessions_readings_change_by_a_tenth_of_their_noise(
-    moved: Met, monkeypatch: pytest.MonkeyPatch, noise: float, share: float
-) -> None:
-    """Of the noise that was found, not of the stated one. Parameters start far away, then one session's walk on."""
-    places = np.tile(moved.prior.mean, (2, 1))
-    rounds: list[float] = []
-    found = likeliest
-
-    def walk(top: Likeliest, prior: Prior) -> Array:
-        if rounds:
-            shown = float(np.linalg.norm(top.stack.jacobian[1, :, 0]))
-            places[1, prior.free[0]] += share * noise / shown * prior.scale[prior.free[0]]
-        rounds.append(top.noise)
-        return places.copy()
-
-    def said(*given: Any) -> Likeliest:
-        top = found(*given)
-        top.__dict__["noise"] = noise
-        return top
-
-    monkeypatch.setattr(analysis, "likeliest", said)
-    monkeypatch.setattr(analysis, "joint_parameters", walk)
-    machine = moved.sessions[0].predictor.machine
-    _, settled = analysis.joint_fit(machine, moved.sessions, moved.fits, moved.prior, lambda _: None)
-    assert settled is (share < 0.1)
-    assert rounds == pytest.approx([noise] * (2 if settled else analysis.ROUNDS))

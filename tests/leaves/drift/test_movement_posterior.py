@@ -116,19 +116,6 @@ def test_the_grid_holds_the_stated_noise_and_what_is_left_when_nothing_moves(rms
     assert unknowns.widening[0] == (1.0,) * 3 and unknowns.size.values == (0.0,)  # no smooth remainder
 
 
-def test_what_is_left_when_nothing_moves_is_held_by_tolerances() -> None:
-    """Of parameters that are hardly seen, and would have to leave their tolerances to explain the readings."""
-    stack = stacked(6)
-    faint = 0.02 * stack.jacobian
-    far = replace(stack, jacobian=faint, offset=faint @ (300.0 * SIGMA_STEPS))
-    whole = np.vstack([faint.reshape(-1, 3), np.diag(1.0 / SIGMA_STEPS)])
-    right = np.append(far.offset.ravel(), np.zeros(3))
-    still = right - whole @ np.linalg.lstsq(whole, right)[0]
-    largest = 1.3 * np.linalg.norm(still) / np.sqrt(stack.n_observations)
-    noise = movement_problem(far, KINDS).unknowns.noise[0].values
-    assert largest > 4.0 and largest * (1 - 1e-9) <= noise[-1] < largest * np.exp(0.1)
-
-
 def test_frames_go_first_where_they_explain_as_much() -> None:
     """A part and a frame that show alike: the frame is named, and the part beside it as alike."""
     rng = np.random.default_rng(7)

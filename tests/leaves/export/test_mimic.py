@@ -27,7 +27,6 @@ from truepose.cli import app
 from truepose.codegen.c import generate
 from truepose.errors import InputError
 from truepose.identification.fit.write_machine import write_calibrated
-from truepose.models.leaves.export.write import export
 from truepose.models.load import load_machine
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine
@@ -122,14 +121,11 @@ def test_a_joint_may_follow_one_that_follows(
 @pytest.mark.parametrize(
     ("leads", "message"),
     [
-        (
-            {"j1": "j2", "j2": "j1"},
-            "joint 'j1': mimic: found 'j1', by way of j2, expected a joint that moves",
-        ),
+        ({"j1": "j2", "j2": "j1"}, "joint 'j1': mimic: found 'j1', by way of j2, expected a joint that moves"),
         ({"j1": "j1"}, "joint 'j1': mimic: found 'j1', expected a joint that moves"),
         ({"j1": "j9", "j2": "j0"}, "joint 'j1': mimic: found 'j9', expected a joint that moves"),
     ],
-)
+)  # fmt: skip
 def test_what_follows_itself_or_nothing_is_refused(
     tmp_path: Path, leads: Mapping[str, str], message: str
 ) -> None:
@@ -252,30 +248,15 @@ def test_the_c_has_the_same_poses(tmp_path: Path, name: str) -> None:
     np.testing.assert_allclose(out[others], again[others], atol=1e-12)
 
 
-def test_a_urdf_that_is_written_has_them_again(tmp_path: Path) -> None:
-    machine = grip(tmp_path)
-    export(machine, tmp_path / "grip.urdf")
-    (tmp_path / "grip.yaml").write_text(
-        "schema: truepose/machine/1\nname: grip\nmechanism: {type: urdf, file: grip.urdf, base_link: base, tip_link: finger}\n"
-    )
-    model = symbolic_model(load_machine(tmp_path / "grip.yaml"))
-    at = ca.Function("at", [model.q, model.p], [model.pose])
-    np.testing.assert_allclose(np.array(at(0.6, model.p_home)), expected(0.6), atol=1e-9)
-
-
 @pytest.mark.parametrize(
     ("old", "new", "found"),
     [
         ("mimic: {joint: q2, ratio: 0.5}", "mimic: {joint: m}", "joints[3].mimic.joint: found 'm'"),
         ("{joint: q2, ratio: -0.2}", "{joint: q1}", "joints[2].mimic[1].joint: found 'q1' a second time"),
-        (
-            "offset: 3}",
-            "offset: 3, actuated: true}",
-            "mimic on a revolute or prismatic joint that is not actuated",
-        ),
+        ("offset: 3}", "offset: 3, actuated: true}", "mimic on a revolute or prismatic joint that is not actuated"),
         ("{joint: q2, ratio: 0.5}", "{joints: q2}", "joints[3].mimic"),
     ],
-)
+)  # fmt: skip
 def test_what_cannot_follow_is_refused(tmp_path: Path, old: str, new: str, found: str) -> None:
     assert old in LOOP
     (tmp_path / "loop.yaml").write_text(

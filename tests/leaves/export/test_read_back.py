@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from support import MACHINES, ROOT
 from support.effect_machines import TEXTS, read_machines
 from support.examples import by_day
-from support.exported import mujoco_module, read_table, tool_of
+from support.exported import EXTRA, mujoco_module, read_table, tool_of
 from support.generated_machines import BODIES, HEAD, machine_of
 from truepose.errors import InputError, ReadBackError
 from truepose.identification.compensation.inverse import PoseSolver, base_frame
@@ -23,7 +23,7 @@ from truepose.models.file.yaml_document import parse_document
 from truepose.models.leaves.export.write import Format, LinkFormat, export, formats, render
 from truepose.models.leaves.starting.mjcf import mjcf_start
 from truepose.models.leaves.starting.start import bundled_names, bundled_start
-from truepose.models.leaves.starting.written import Asked, written
+from truepose.models.leaves.starting.written import files_of
 from truepose.models.load import build_machine, load_machine
 from truepose.models.machine.machine import Machine
 
@@ -31,15 +31,24 @@ Array = NDArray[np.float64]
 FILES = [*sorted(MACHINES.glob("*.yaml")), *sorted((ROOT / "models" / "machines").glob("*/machine.yaml"))]
 NAMES = [
     *BODIES,
+    *EXTRA,
     "carriage",
     *(f"effects/{name}" for name in TEXTS),
     *(f"arms/{name}" for name in bundled_names()),
     *(str(file.relative_to(ROOT)) for file in FILES),
 ]
-BY_DAY = {*BODIES, "carriage", "arms/ur5e", "arms/gantry", "models/machines/nanopositioner/machine.yaml"}
+BY_DAY = {
+    *BODIES,
+    *EXTRA,
+    "carriage",
+    "arms/ur5e",
+    "arms/gantry",
+    "models/machines/nanopositioner/machine.yaml",
+}
 TABLES = ("iso230",)
 TABLED = {
     "nano",
+    "mounted",
     "carriage",
     "effects/stage",
     "effects/cavity",
@@ -67,23 +76,24 @@ def effect_machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Ma
 
 
 def machine_named(name: str, folder: Path, others: Mapping[str, Machine]) -> Machine:
-    if name in BODIES or name == "carriage":
+    if name in (*BODIES, *EXTRA, "carriage"):
         return drawn(folder, name)
     kind, _, own = name.partition("/")
     if kind == "effects":
         return others[own]
     if kind == "arms":
         path = folder / f"{own}.yaml"
-        text = written(bundled_start(own), Asked()).machine_text
+        text = files_of(bundled_start(own))[0]
         return build_machine(checked_machine(path, parse_document(text, path)))
     return load_machine(ROOT / name)
 
 
 def drawn(folder: Path, name: str) -> Machine:
-    if name != "carriage":
+    if name in BODIES:
         return machine_of(folder, name)
-    (folder / "carriage.yaml").write_text(HEAD.format(name=name) + CARRIAGE)
-    return load_machine(folder / "carriage.yaml")
+    path = folder / f"{name}.yaml"
+    path.write_text(HEAD.format(name=name) + (EXTRA | {"carriage": CARRIAGE})[name])
+    return load_machine(path)
 
 
 def rows_of(machine: Machine, file: Path, format: str) -> Array:
@@ -149,11 +159,16 @@ def test_an_exported_mjcf_starts_the_same_machine(
     rows = rows_of(machine, tmp_path / "out.xml", "mjcf")
     (tool,) = re.findall(r'<site name="(.*)" />', done.text)
     start = mjcf_start(tmp_path / "out.xml", tool)
-    text = written(start, Asked()).machine_text
+    text = files_of(start)[0]
     again = build_machine(
         checked_machine(tmp_path / "again.yaml", parse_document(text, tmp_path / "again.yaml"))
     )
-    own, other = ({a.reading: a for a in m.mechanism.actuators} for m in (machine, again))
+    own, other = (
+        {
+            a.reading: a for a in m.mechanism.actuators if a.reading != "look"
+        }  # a branch beside the way to the tool
+        for m in (machine, again)
+    )
     assert own.keys() == other.keys()
     for reading, actuator in own.items():
         assert (other[reading].range is None) == (actuator.range is None)
@@ -199,10 +214,8 @@ CHANGED = [
 ]  # fmt: skip
 UNREADABLE = [
     ("urdf", "carriage", '<parent link="bridge" />', '<parent link="case" />'),
-    ("urdf", "carriage", "</robot>", ""),
     ("mjcf", "carriage", 'joint name="pan"', 'joint name="pen"'),
     ("ur-kinematics", "arm", "  forearm:", "  lower_arm:"),
-    ("ur-kinematics", "arm", "to tool: x", "to tool x"),
     ("iso230", "carriage", "EX [um],EY [um]", "EY [um],EX [um]"),
     ("iso230", "carriage", "Y (pan)", "Y (pen)"),
 ]

@@ -15,9 +15,9 @@ from truepose.cli import app
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.learned_prior import EffectPrior, LearnedPrior, PlacePrior
 from truepose.identification.leaves.fleet.evidence import kept
+from truepose.identification.leaves.fleet.learn import write_prior
 from truepose.identification.leaves.fleet.place_evidence import PlaceEvidence, evidence
-from truepose.identification.leaves.fleet.prior_file import write_prior
-from truepose.identification.leaves.fleet.summary import Summary
+from truepose.identification.leaves.fleet.pooled import Pooled
 from truepose.identification.prior import SIZES
 
 CASE = TESTS / "golden_diagnoses/arm-two"
@@ -89,7 +89,7 @@ def test_what_is_kept_is_small_and_every_effect_at_every_place_is_in_it(usual: D
     assert size.log_amount == pytest.approx(
         np.log(abs(value.value)), abs=3.0 * value.std / abs(value.value) + 0.05
     )
-    assert Summary.of(document).machines == 1
+    assert Pooled.of([document]).machines == 1
 
 
 def test_the_command_takes_the_file_and_says_where_it_is_from(tmp_path: Path) -> None:
@@ -101,13 +101,3 @@ def test_the_command_takes_the_file_and_says_where_it_is_from(tmp_path: Path) ->
     assert done.exit_code == 0, done.output
     notes = json.loads((tmp_path / "out/diagnosis.json").read_text(encoding="utf-8"))["notes"]
     assert "the prior was learned from 80 machines (80 serial)" in notes
-
-
-def test_a_file_that_is_no_prior_is_refused_in_one_line(tmp_path: Path) -> None:
-    (tmp_path / "prior.yaml").write_text("schema: truepose/prior/1\nmachines: -1\n", encoding="utf-8")
-    files = [str(CASE / "machine.yaml"), str(CASE / "recording.csv")]
-    refused = CliRunner().invoke(
-        app, ["diagnose", *files, "--prior", str(tmp_path / "prior.yaml"), "-o", str(tmp_path / "out")]
-    )
-    assert refused.exit_code == 2 and not (tmp_path / "out").exists()
-    assert "prior.yaml: machines:" in refused.output and len(refused.output.strip().splitlines()) == 1

@@ -25,7 +25,6 @@ def line(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--limit", "0"], "--limit: found 0, expected minutes above 0"),
         (["--dask", "tcp://nowhere:1", "-j", "2"], "--dask: found with --workers, expected one of them"),
         (["--prior", "machine.yaml"], "schema: found 'truepose/machine/1', expected 'truepose/prior/1'"),
         (["--prior", "none.yaml"], "none.yaml: cannot read the file"),

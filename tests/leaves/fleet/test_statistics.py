@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.special import expit
 from scipy.stats import t as student
 
 from support.fleets import DrawnFleet
-from truepose.identification.leaves.fleet.hierarchy import FINE, joined, quantiles, single
+from truepose.identification.leaves.fleet.hierarchy import FINE, Hierarchy, quantiles, single
 from truepose.identification.leaves.fleet.likelihood import (
     LOG_ODDS,
     RATIOS,
@@ -20,15 +21,9 @@ from truepose.identification.leaves.fleet.likelihood import (
     of_presence,
     of_spread,
 )
+from truepose.identification.leaves.fleet.pooled import NUMBERS, Pooled
 from truepose.identification.leaves.fleet.record import figures_of, parameters_of, rounded
-from truepose.identification.leaves.fleet.statistics import (
-    EffectInFleet,
-    Interval,
-    log_normal,
-    most_frequent,
-    statistics,
-)
-from truepose.identification.leaves.fleet.summary import Summary, total
+from truepose.identification.leaves.fleet.statistics import log_normal, statistics
 
 
 def kept(**changes: Any) -> dict[str, Any]:
@@ -41,7 +36,7 @@ def fleet(deviations: list[float], std: float = 0.1) -> list[dict[str, Any]]:
 
 def test_a_constant_has_the_mean_and_the_spread_of_its_machines() -> None:
     x = [1.0, 2.0, 4.0, 5.0]
-    told = statistics(total(Summary.of(one) for one in fleet(x)))
+    told = statistics(Pooled.of(fleet(x)))
     first, second = told.constants
     assert (told.machines, first.name, second.name, first.machines) == (
         4,
@@ -55,14 +50,14 @@ def test_a_constant_has_the_mean_and_the_spread_of_its_machines() -> None:
     # what the fits themselves scatter by is no difference between machines
     assert first.spread == pytest.approx(np.sqrt(np.var(x, ddof=1) - 0.1**2), rel=1e-4)
     assert second.spread == 0.0
-    assert statistics(Summary.of(fleet([1.0])[0])).constants == ()  # one machine has no spread
+    assert statistics(Pooled.of(fleet([1.0]))).constants == ()  # one machine has no spread
 
 
 @pytest.mark.parametrize("ratio", [0.3, 1.0, 3.0])
 def test_a_tolerance_is_met_where_parts_scatter_less(ratio: float) -> None:
     x = ratio * np.random.default_rng(1).standard_normal(100)
     machines = [kept(parameters={"c1": [float(v), 0.01, "length"]}) for v in x]
-    (alone,) = statistics(total(Summary.of(one) for one in machines)).tolerances
+    (alone,) = statistics(Pooled.of(machines)).tolerances
     assert (alone.deviations, alone.parts) == (100, "length")
     # 100 deviations tell a spread to 7 %
     assert alone.ratio.value == pytest.approx(ratio, rel=0.2)
@@ -89,17 +84,6 @@ def test_quantiles_of_shares_on_a_grid() -> None:
     )
 
 
-def effect(frequency: float, machines: int) -> EffectInFleet:
-    return EffectInFleet(
-        "serial", "backlash", ("q1",), machines, Interval(frequency, 0.0, 1.0), 0.1, 1.0, 1.0
-    )
-
-
-def test_the_most_frequent_are_those_that_enough_machines_have() -> None:
-    every = [effect(0.5, 10), effect(0.1, 49), effect(0.1, 50)]
-    assert most_frequent(every, 5.0) == [every[0], every[2]]
-
-
 def test_an_effect_without_machines_is_as_frequent_as_before() -> None:
     for usual in (-5.0, -2.0):
         posterior = single(usual, np.zeros(len(LOG_ODDS)))
@@ -109,16 +93,16 @@ def test_an_effect_without_machines_is_as_frequent_as_before() -> None:
         low, high = posterior.interval
         assert posterior.shares[expit(FINE) < low].sum() == pytest.approx(0.05, abs=0.01)
         assert posterior.shares[expit(FINE) > high].sum() == pytest.approx(0.05, abs=0.01)
-    tree = joined(
-        [(-4.0, np.zeros((len(SLAB), len(LOG_ODDS)))), (-3.0, np.zeros((len(SLAB), len(LOG_ODDS))))]
-    )
+    tree = Hierarchy(np.array([-4.0, -3.0]), np.zeros((2, len(SLAB), len(LOG_ODDS))))
     np.testing.assert_allclose(tree.sizes, SLAB, rtol=1e-9)
     assert tree.elsewhere.usual == -3.5
 
 
 def test_machines_that_have_it_at_one_place_raise_the_others() -> None:
     often = 20.0 * np.log(expit(LOG_ODDS))  # in each of twenty machines
-    told = joined([(-4.0, np.tile(often, (len(SLAB), 1))), (-4.0, np.zeros((len(SLAB), len(LOG_ODDS))))])
+    likely = np.zeros((2, len(SLAB), len(LOG_ODDS)))
+    likely[0] = often
+    told = Hierarchy(np.array([-4.0, -4.0]), likely)
     alone = single(-4.0, np.zeros(len(LOG_ODDS)))
     assert told.place(0).mean > 0.7 > told.place(1).mean > 2.0 * alone.mean
     assert told.elsewhere.mean == pytest.approx(told.place(1).mean)
@@ -128,14 +112,14 @@ def test_machines_that_have_it_at_one_place_raise_the_others() -> None:
 def test_likelihoods_of_one_machine() -> None:
     """1 - q + q B; where a rival explains it with a probability, that share of the machine says that there is nothing."""
     q = expit(LOG_ODDS)
-    sure = Told.of(np.array([[0.9, 0.1, 2.0, 0.25, 1.0]]))
+    sure = Told.of(pd.DataFrame([[0.9, 0.1, 2.0, 0.25, 1.0]], columns=NUMBERS))
     assert sure.rival[0] == 0.0 and sure.log_factor[0] == pytest.approx(2.0)
     expected = np.log(1.0 - q + q * (0.25 + 0.75 * np.exp(2.0)))
     np.testing.assert_allclose(of_presence(sure)[0], expected)
     nobody = np.full((1, len(SLAB)), np.nan)
     whole = np.log(SLAB @ np.exp(of_frequency(sure, nobody)[0]))  # over the slab, sizes say no more
     np.testing.assert_allclose(whole, expected, rtol=1e-6)
-    shared = Told.of(np.array([[0.4, 0.1, 2.0, 0.25, 0.5]]))
+    shared = Told.of(pd.DataFrame([[0.4, 0.1, 2.0, 0.25, 0.5]], columns=NUMBERS))
     assert shared.rival[0] == pytest.approx(0.4)
     assert shared.log_factor[0] == pytest.approx(2.0 + np.log(0.6) - np.log(0.2))
     there = np.log(1.0 - q + q * (0.25 + 0.75 * np.exp(shared.log_factor[0])))
@@ -162,12 +146,7 @@ def side(chi2: float, rms: dict[str, float], held: dict[str, float]) -> dict[str
 def test_figures_of_a_diagnosis_are_those_of_held_out_rows_where_there_are_some(held: bool) -> None:
     after = side(1.0, {"position": 0.1, "new": 1.0}, {"position": 0.25, "new": 1.0} if held else {})
     before = side(9.1234567, {"position": 0.4}, {"position": 0.5})
-    finding = {
-        "effect": "backlash",
-        "place": ["q2"],
-        "levels": {"driver": {"kind": "sure"}},
-        "probability": 0.98765432,
-    }
+    finding = {"effect": "backlash", "place": ["q2"]}
     diagnosis = {
         "machine": "arm", "verdict": "adequate", "concealed": False, "fit": {"before": before, "after": after},
         "proof": None, "noise": 1.0, "findings": [finding], "remainder": None,
@@ -180,11 +159,14 @@ def test_figures_of_a_diagnosis_are_those_of_held_out_rows_where_there_are_some(
     }  # fmt: skip
     found = figures_of(diagnosis, "ok")
     first, last = (0.5, 0.25) if held else (0.4, 0.1)
-    assert found["rms"] == {"position": {"before": first, "after": last, "unit": "mm", "held_out": held}}
-    assert found["chi2"] == [9.12346, 1.0] and found["ratio"] is None and found["remainder"] is None
-    assert found["findings"] == [
-        {"effect": "backlash", "place": ["q2"], "driver": "sure", "probability": 0.987654}
-    ]
+    assert (found["reading"], found["rms_before"], found["rms_after"], found["unit"]) == (
+        "position",
+        first,
+        last,
+        "mm",
+    )
+    assert found["held_out"] is held and found["findings"] == "backlash at q2"
+    assert (found["chi2_before"], found["chi2_after"], found["ratio"]) == (9.12346, 1.0, None)
     more = figures_of({**diagnosis, "proof": {"ratio": 2.0}, "remainder": {"driver": "payload"}}, "ok")
     assert more["ratio"] == 2.0 and more["remainder"] == "payload"
     # to a thousandth of the 1-sigma, and no coarser

@@ -41,7 +41,7 @@ def one(sign: int | None = None, row: int = 1) -> Series:
 
 
 def moved(change: float, sigma: float = 1e-6, *, signed: bool = True, faults: tuple[Fault, ...] = ()) -> Move:
-    return Move(change, sigma, signed, BASE, COUNT, faults)
+    return Move(change, sigma, signed, COUNT, faults)
 
 
 def test_a_move_that_is_left_out_is_so_with_every_reason_and_its_place() -> None:
@@ -126,21 +126,10 @@ def test_returns_that_miss_by_a_count_are_left_out_at_the_end() -> None:
     assert found.left_out.tolist() == [False, True, True, True]
     assert (found.change == 0.0).all()
     assert len(found.notes) == 1 and "+1 counts" in found.notes[0]
-    read = lengths.ReadLengths(found.change, found.sigma, found.left_out, tuple(found.notes))
-    rows = lengths.with_lengths(found.rows, read)
-    assert rows.from_row is not None
-    assert rows.from_row.tolist() == [0, 1, 2, 3] and rows.notes == read.notes
-
-
-def test_what_was_read_stands_in_the_recording_and_what_was_left_out_refers_to_itself() -> None:
-    rows = recording([0, 1, 2, 3], [0, 0, 1, 2])
-    change = np.array([0.0, 0.01, 0.0, -0.02])
-    out = np.array([False, False, True, False])
-    found = lengths.with_lengths(rows, lengths.ReadLengths(change, np.ones(4), out, ("said",)))
-    assert found.from_row is not None
-    assert found.from_row.tolist() == [0, 0, 2, 2]
-    assert not found.from_row.flags.writeable and not found.observations["dL"].flags.writeable
-    assert found.observations["dL"].tolist() == change.tolist() and found.notes == (*rows.notes, "said")
+    rows = lengths.with_lengths(found.rows, found)
+    assert rows.from_row is not None and not rows.from_row.flags.writeable
+    assert rows.from_row.tolist() == [0, 1, 2, 3] and rows.notes == tuple(found.notes)
+    assert rows.observations["dL"].tolist() == [0.0] * 4 and not rows.observations["dL"].flags.writeable
 
 
 def test_series_of_a_pose_go_to_its_moves_in_order_of_time() -> None:

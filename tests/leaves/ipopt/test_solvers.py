@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from support import ROOT
 from support.built_machines import FRAMES, manufactured, nominal
 from support.moving_machines import record, written
 from support.solvers import GRAPHS, MACHINES, MADE, SAME, apart, bounded, hexapod, read_machines, simulated
@@ -18,11 +17,7 @@ from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.problem import Problem, prior_of
 from truepose.identification.leaves.ipopt.solving import OPTIONS, Program
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.recording.load import load_recording
-from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
-
-TELESCOPE = ROOT / "models/machines/telescope"
 
 
 @pytest.fixture(scope="module")
@@ -46,14 +41,6 @@ def test_all_solvers_find_one_minimum(machines: Mapping[str, Machine], name: str
     np.testing.assert_allclose(ipopt.x, gn.x, atol=1e-5)
     assert type(ipopt) is type(gn) and ipopt.factor.shape == gn.factor.shape
     assert ipopt.solution.iterations < 30
-
-
-def test_all_solvers_find_one_minimum_of_the_telescope() -> None:
-    machine = load_machine(TELESCOPE / "machine.yaml")
-    recording = load_recording(machine, [TELESCOPE / "recording.csv"])
-    gn, lm = (estimate(machine, recording, damping=damping, tolerance=1e-13) for damping in (0.0, 1e-4))
-    assert apart(lm, gn) < SAME
-    assert apart(bounded(machine, recording), gn) < SAME
 
 
 def test_robust_fits_agree_too(machines: Mapping[str, Machine]) -> None:

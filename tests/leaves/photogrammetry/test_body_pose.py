@@ -10,10 +10,9 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, kstest
 
 from truepose.errors import InputError
-from truepose.identification.leaves.photogrammetry.body_pose import BodyPose, body_pose
+from truepose.identification.leaves.photogrammetry.body_pose import body_pose
 from truepose.identification.leaves.photogrammetry.pose_table import COLUMNS, PAIRS, pose_table
 from truepose.models import lie
-from truepose.models.units import UnitSystem
 
 Array = NDArray[np.float64]
 SIGMA = 0.005
@@ -63,17 +62,6 @@ def test_points_in_one_plane_are_never_mirrored() -> None:
     found = body_pose(x, moved(true, x) + SIGMA * rng.normal(size=x.shape), SIGMA)
     assert np.linalg.det(found.pose[:3, :3]) > 0.999
     assert np.max(np.abs(twist_error(found.pose, true)) / found.std) < 5.0
-
-
-def test_the_displacement_agrees_with_scipy() -> None:
-    rng = np.random.default_rng(1)
-    x, true = scatter(rng, 9), motion(rng)
-    y = moved(true, x) + SIGMA * rng.normal(size=x.shape)
-    found = body_pose(x, y, SIGMA)
-    middle_x, middle_y = x.mean(axis=0), y.mean(axis=0)
-    turn, _ = Rotation.align_vectors(y - middle_y, x - middle_x)
-    assert np.max(np.abs(found.pose[:3, :3] - turn.as_matrix())) < EXACT
-    assert np.max(np.abs(found.pose[:3, 3] - (middle_y - turn.apply(middle_x)))) < EXACT * 100
 
 
 def test_the_displacement_moves_with_either_scatter() -> None:
@@ -135,22 +123,7 @@ def test_a_point_that_moved_on_the_body_is_the_first_suspect() -> None:
     assert body_pose(x, y, SIGMA).suspects == ()
     y[3] += [0.0, 20 * SIGMA, 0.0]
     found = body_pose(x, y, SIGMA)
-    assert found.suspects[0] == 3 and found.p_value < 1e-6
-
-
-def test_a_point_of_the_body_is_placed_with_its_own_uncertainty() -> None:
-    rng = np.random.default_rng(8)
-    x, true = scatter(rng), motion(rng)
-    middle, far = x.mean(axis=0), np.array([900.0, 0.0, 0.0])
-    places: list[Array] = []
-    for _ in range(300):
-        found = body_pose(x, moved(true, x) + SIGMA * rng.normal(size=x.shape), SIGMA)
-        place, covariance = found.at(far)
-        error = place - moved(true, far[None])[0]
-        places.append(error @ np.linalg.solve(covariance, error))
-        near = found.at(middle)[1]
-        assert np.trace(near) == pytest.approx(3 * SIGMA**2 / 7, rel=1e-3)  # a mean of seven points
-    assert kstest(places, chi2(3).cdf).pvalue > 1e-3
+    assert found.suspects[0] == 3 and chi2(found.dof).sf(found.chi2) < 1e-6
 
 
 @pytest.mark.parametrize(
@@ -254,17 +227,6 @@ def test_without_a_body_the_first_row_is_the_reference() -> None:
     assert np.max(np.abs(pulls(frame[1:], relative[1:]))) < 5
 
 
-def test_units_are_the_caller_s() -> None:
-    table, _ = measured(np.random.default_rng(15), 3)
-    in_um = table.copy()
-    in_um.iloc[:, 1:] *= 1e3
-    body = {name: tuple(1e3 * v for v in point) for name, point in BODY.items()}
-    frame = pose_table(table, SIGMA, BODY)
-    other = pose_table(in_um, 1e3 * SIGMA, body, units=UnitSystem("um", "rad"))
-    assert other["x"].to_numpy() == pytest.approx(1e3 * frame["x"].to_numpy())
-    assert other["rz.std"].to_numpy() == pytest.approx(np.deg2rad(frame["rz.std"].to_numpy()))
-
-
 def test_suspects_are_named_and_bad_tables_refused() -> None:
     table, _ = measured(np.random.default_rng(16), 3)
     table["P4.z"] = table["P4.z"] + np.array([0.0, 0.0, 1.0])
@@ -276,10 +238,3 @@ def test_suspects_are_named_and_bad_tables_refused() -> None:
         pose_table(table[["P1.x", "P1.y", "P1.z"]], SIGMA)
     with pytest.raises(InputError, match=r"column 'P1\.x': found text"):
         pose_table(table.astype({"P1.x": str}).assign(**{"P1.x": "a"}), SIGMA)
-
-
-def test_a_result_says_what_it_is() -> None:
-    x = scatter(np.random.default_rng(17), 3)
-    found = body_pose(x, x, SIGMA)
-    assert isinstance(found, BodyPose) and found.dof == 3 and found.suspects == ()
-    assert found.std.shape == (6,) and found.residuals.shape == (3, 3)

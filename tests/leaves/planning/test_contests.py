@@ -82,7 +82,7 @@ def test_a_rival_imitates_as_much_as_it_can_beside_all_that_may_be_there(beside:
     at = field(rows, *(PARTS[-2:-1] if beside else ()))
     also = [PLAY] if beside else []
     true, rival, size = [YIELDS], [5, 6], np.array([[0.5]])
-    left, answer = at.imitated(at.gram(np.ones(ROWS, dtype=bool)), np.array(true), size, np.array(rival))
+    left, answer = at.imitated(at.rows.gram, np.array(true), size, np.array(rival))
     told = signal(rows, true, size[:, 0])
     whole, missed = dense(rows, told, also), dense(rows, told, [*also, *rival])
     assert 0.0 < left < 0.5 and left == pytest.approx(missed / whole, rel=1e-6)
@@ -95,7 +95,7 @@ def test_a_rival_imitates_as_much_as_it_can_beside_all_that_may_be_there(beside:
 def test_nobody_can_say_what_imitates_a_signal_that_no_diagnosis_would_find() -> None:
     rows = drawn()
     at = field(rows)
-    gram = at.gram(np.ones(ROWS, dtype=bool))
+    gram = at.rows.gram
     whole = dense(rows, signal(rows, [YIELDS], np.ones(1)), [])
     for chi2, known in ((0.99 * FOUND, False), (1.01 * FOUND, True)):
         size = np.array([[np.sqrt(chi2 / whole)]])
@@ -110,9 +110,9 @@ def test_rows_that_exist_count_as_rows_that_are_taken() -> None:
         geometry=np.concatenate([first.geometry, later.geometry]),
         effects=np.concatenate([first.effects, later.effects]),
     )
-    at, mask = field(later, earlier=first), np.ones(ROWS, dtype=bool)
+    at = field(later, earlier=first)
     true, rival, size = np.array([PLAY]), np.array([GAIN]), np.array([[0.2]])
-    left, _ = at.imitated(at.gram(mask) + at.base, true, size, rival)
+    left, _ = at.imitated(at.rows.gram + at.base, true, size, rival)
     told = signal(every, [PLAY], size[:, 0])
     assert left == pytest.approx(dense(every, told, [GAIN]) / dense(every, told, []), rel=1e-6)
 
@@ -125,7 +125,7 @@ def explained() -> tuple[Explanation, Explanation, Explanation]:
 
 
 def everywhere(at: Field) -> Array:
-    return np.asarray(at.gram(np.ones(ROWS, dtype=bool)) + at.base)
+    return np.asarray(at.rows.gram + at.base)
 
 
 def test_what_is_thought_of_is_as_large_as_it_imitates_or_as_the_catalogue_expects() -> None:
@@ -167,9 +167,8 @@ def some(at: Field) -> tuple[Hypothesis, ...]:
 def test_a_pair_is_worth_half_of_what_the_best_version_of_its_rival_leaves(beside: bool) -> None:
     rows = drawn(3)
     at = field(rows, *(PARTS[-1:] if beside else ()))
-    mask, found = np.arange(ROWS) % 7 > 0, some(at)
-    on, design = race(at, found, mask), [0, 2, 3, 7]
-    taken = rows.take(np.flatnonzero(mask)[design])
+    found, design = some(at), [1, 3, 4, 9]
+    on, taken = race(at, found), rows.take(np.array(design))
     values = on.values(design)
     for (i, j), value in zip(ordered(3), values, strict=True):
         cases = [signal(taken, found[i].true.tolist(), a) for a in found[i].amplitude.T]
@@ -184,27 +183,27 @@ def test_a_pair_is_worth_half_of_what_the_best_version_of_its_rival_leaves(besid
 def test_what_no_row_tells_apart_does_not_count_nor_do_twins() -> None:
     rows = drawn(3)
     rows.effects[:, :, PLAY] = 3.0 * rows.effects[:, :, YIELDS]  # play does what compliance does
-    at, mask = field(rows), np.ones(ROWS, dtype=bool)
-    on = race(at, some(at), mask)
+    at = field(rows)
+    on = race(at, some(at))
     assert on.counted.tolist() == [{i, j} != {0, 2} for i, j in ordered(3)]
     encoder = Explanation("encoder-eccentricity", ("q2",), ((part("encoder-eccentricity@q2:order=1"),),))
     series = Explanation("transmission-error", ("q2",), ((part("transmission-error@q2:orders=60"),),))
     for rival, counted in ((encoder, False), (replace(encoder, place=("q3",)), True)):
         pair = [replace(some(at)[1], explanation=series), replace(some(at)[2], explanation=rival)]
-        assert race(at, pair, mask).counted.tolist() == [counted, counted]
+        assert race(at, pair).counted.tolist() == [counted, counted]
 
 
 def test_the_share_of_a_signal_is_that_of_all_rows_together() -> None:
-    rows, earlier = drawn(4), drawn(5)
-    at, mask = field(rows, earlier=earlier), np.arange(ROWS) < 9
+    rows, earlier = drawn(4).take(np.arange(9)), drawn(5)
+    at = field(rows, earlier=earlier)
     found = some(at)
-    on = race(at, found, mask)
-    told = shares(at, found, on, mask)
+    on = race(at, found)
+    told = shares(at, found, on)
     values = on.values(list(range(9)))
     for (i, _), share, value in zip(ordered(3), told, values, strict=True):
         every = sum(
             float(np.sum(signal(one, found[i].true.tolist(), a) ** 2))
-            for one in (rows.take(mask), earlier)
+            for one in (rows, earlier)
             for a in found[i].amplitude.T
         )
         assert share == pytest.approx(value / (0.5 * every), rel=1e-9) and 0.0 < share <= 1.0
@@ -217,13 +216,13 @@ def test_constants_that_no_row_sees_leave_everything_else_as_it_is() -> None:
     assert field(unseen).geometry == 2 and field(rows).geometry == 3
     size = np.array([10.0, 0.1, 3.0])
     other = replace(rows, geometry=rows.geometry * size, precision=rows.precision * size**2)
-    mask, design = np.ones(ROWS, dtype=bool), [1, 4, 6]
-    values = [race(field(one), some(field(one)), mask).values(design) for one in (rows, other)]
+    design = [1, 4, 6]
+    values = [race(field(one), some(field(one))).values(design) for one in (rows, other)]
     np.testing.assert_allclose(values[0], values[1], rtol=1e-6)
     earlier = drawn(7)
     scaled = replace(earlier, geometry=earlier.geometry * size)
     pairs = ((rows, earlier), (other, scaled))
     fields = [field(one, earlier=before) for one, before in pairs]
-    values = [race(at, some(at), mask).values(design) for at in fields]
+    values = [race(at, some(at)).values(design) for at in fields]
     np.testing.assert_allclose(values[0], values[1], rtol=1e-6)
     assert field(unseen, earlier=earlier).geometry == 3  # the rows that exist see it

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
 from support import MACHINES
-from support.experiments import BENT, COMPLIANT, UNEVEN, YIELDING, arm, planned, poses, telescope
+from support.experiments import BENT, COMPLIANT, UNEVEN, YIELDING, arm, planned, poses
 from truepose.cli import app
 from truepose.errors import InputError
-from truepose.identification.leaves.planning.discriminate.command import Request, findings_of
+from truepose.identification.leaves.planning.command import findings_of
 from truepose.identification.leaves.planning.discriminate.experiment import discriminate
-from truepose.identification.leaves.planning.discriminate.factors import Offer, Target, class_of
+from truepose.identification.leaves.planning.discriminate.factors import class_of, read_offer
 from truepose.identification.leaves.planning.discriminate.words import experiment_json, sentences
 from truepose.identification.report.notes import worded
 from truepose.models.load import load_machine
@@ -51,7 +49,7 @@ def test_a_class_is_read_from_a_diagnosis(tmp_path: Path) -> None:
     assert wanted.explanations[0].amplitude == pytest.approx([0.1])
     assert [other.label for other in wanted.others] == ["backlash@q3"]
     assert len(wanted.explanations[1].forms) > 10  # any order, but no long series
-    found = discriminate(machine, 8, wanted, offer=Offer.of(machine, "0,5"), candidates=poses(machine, 30))
+    found = discriminate(machine, 8, wanted, offer=read_offer(machine, "0,5"), candidates=poses(machine, 30))
     assert found.splits
     named = class_of(
         findings_of(diagnosis_file(tmp_path)), machine, ["joint-compliance@q2", "axis-coupling@q2+q3"]
@@ -91,16 +89,12 @@ def test_a_diagnosis_without_a_class_is_refused(
 )
 def test_offers_that_mean_nothing_are_refused(texts: tuple[str, ...], named: str) -> None:
     with pytest.raises(InputError, match=named):
-        Offer.of(arm(), named=texts)
+        read_offer(arm(), named=texts)
 
 
-def test_payloads_and_targets_are_checked() -> None:
+def test_payloads_and_names_are_checked() -> None:
     with pytest.raises(InputError, match="not negative"):
-        Offer.of(arm(), "-1,5")
-    with pytest.raises(InputError, match="NAME=x,y,z"):
-        Target.of("T1=1,2", telescope())
-    with pytest.raises(InputError, match="not taken"):
-        Target.of("P1=1,2,3", telescope())
+        read_offer(arm(), "-1,5")
     with pytest.raises(InputError, match="two or more"):
         planned("arm", YIELDING, "joint-compliance@q2")
 
@@ -121,7 +115,6 @@ def test_the_command_writes_rows_that_simulate_reads(tmp_path: Path) -> None:
     told = json.loads(found.stdout)
     assert told["split"] is True and told["expected"] > told["random"]["mean"]
     assert {"pose", "q1", "q2", "q3", "payload", "approach.q2"} == set(told["columns"])
-    assert told["factors"][0]["held"] <= told["expected"]
     after = CliRunner().invoke(
         app,
         [
@@ -149,7 +142,8 @@ def test_the_command_says_of_twins_that_no_plan_splits_them(tmp_path: Path) -> N
     ("options", "named"),
     [
         (("--payload", "0,5"), "without --discriminate"),
-        (("--discriminate", YIELDING, UNEVEN, "--criterion", "a"), "--criterion"),
+        (("--temperature", "air=15,20"), "without --discriminate"),
+        (("--discriminate", YIELDING, UNEVEN, "--method", "random"), "--method"),
         (("--discriminate", YIELDING, "backlash@q9"), "--discriminate backlash@q9"),
     ],
 )
@@ -158,49 +152,6 @@ def test_options_that_do_not_fit_are_refused_in_one_line(
 ) -> None:
     found = run(tmp_path, *options)
     assert found.exit_code == 2 and named in found.stderr and len(found.stderr.splitlines()) == 1
-
-
-LEFT_OUT: dict[str, Any] = {
-    "discriminate": None,
-    "rival": None,
-    "diagnosis": None,
-    "payload": "",
-    "temperature": None,
-    "vary": None,
-    "recorded": None,
-    "target": None,
-}
-GIVEN: dict[str, Any] = {
-    "discriminate": ("a", "b"),
-    "rival": ["c"],
-    "diagnosis": Path("d.json"),
-    "payload": "0,5",
-    "temperature": ["air=15,20"],
-    "vary": ["pressure=900,1000"],
-    "recorded": [Path("r.csv")],
-    "target": ["T=1,2,3"],
-}
-
-
-def test_what_is_offered_needs_explanations_to_tell_apart() -> None:
-    """Every choice of options: names or a diagnosis ask for an experiment, and what is offered for one asks for those."""
-    for given in itertools.product([False, True], repeat=len(GIVEN)):
-        chosen = {name: GIVEN[name] for name, there in zip(GIVEN, given, strict=True) if there}
-        asked = Request.of(**{**LEFT_OUT, **chosen})
-        if chosen.keys() & {"discriminate", "rival", "diagnosis"}:
-            assert asked.wanted is True
-        elif chosen:
-            with pytest.raises(InputError, match="found without --discriminate A B or --diagnosis FILE"):
-                _ = asked.wanted
-        else:
-            assert asked.wanted is False and asked == Request()
-
-
-def test_every_option_reaches_the_request() -> None:
-    asked = Request.of(**GIVEN)
-    assert asked.names == ("a", "b", "c") and asked.diagnosis == Path("d.json")
-    assert asked.vary == ("temperature.air=15,20", "pressure=900,1000") and asked.payload == "0,5"
-    assert (asked.recorded, asked.targets) == ((Path("r.csv"),), ("T=1,2,3",))
 
 
 def test_json_and_words_agree() -> None:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from support.generated_c import built_of, needs_compiler
 from truepose import parse_effect, predict
 from truepose.codegen.c import generate
-from truepose.identification.leaves.planning.discriminate.factors import Offer, factors
+from truepose.identification.leaves.planning.discriminate.factors import factors
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.drivers import columns
 from truepose.models.effects.base import Coefficient, Effect, PlacedEffect
@@ -100,9 +100,8 @@ def test_humidity_is_known_wherever_a_driver_is_met(tmp_path: Path) -> None:
     humidity = recording.driver("humidity")
     assert humidity is not None and np.allclose(humidity, [40.0, 50.0, 60.0])
     assert [c.title for c in columns(machine, recording) if c.name == "humidity"] == ["humidity [%]"]
-    (factor,) = factors(machine, wet.effects, Offer({}))
-    assert factor.nominal == driver_default(machine, "humidity") and factor.nominal in factor.levels
-    assert not factor.offered and np.ptp(factor.levels) > 0
+    (factor,) = factors(machine, wet.effects, {})
+    assert factor.levels == (driver_default(machine, "humidity"),)
     generate(wet, tmp_path / "c")
     assert "arm_Z_humidity 0 /* %: humidity */" in (tmp_path / "c" / "arm_kin.h").read_text(encoding="utf-8")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,8 +14,8 @@ from truepose.errors import InputError
 from truepose.identification.leaves.planning.discriminate.factors import (
     MOST,
     Factor,
-    Offer,
     factors,
+    read_offer,
     settings,
     unplanned,
 )
@@ -34,72 +33,71 @@ def reads(*drivers: str, load: bool = False, slug: str = "some", **settings: flo
 @pytest.mark.parametrize(
     ("driver", "factor"),
     [
-        ("approach.q2", Factor("approach.q2", (1.0, -1.0), 1.0, True)),
-        ("stop.q2~0.01", Factor("approach.q2", (1.0, -1.0), 1.0, True)),
-        ("time", Factor("time", (0.0, 1800.0, 3600.0, 5400.0, 7200.0), 0.0, True)),
-        ("session.after.2", Factor("session", (1.0, 2.0), 1.0, True)),
-        ("pressure", Factor("pressure", (983.25, 1013.25, 1043.25), 1013.25, False)),
-        ("humidity", Factor("humidity", (30.0, 50.0, 70.0), 50.0, False)),
-        ("temperature.link2~300", Factor("temperature.link2", (20.0, 25.0), 20.0, False)),
-        ("payload", Factor("payload", (0.0, 5.0), 0.0, False)),
-        ("velocity.q1", Factor("velocity.q1", (0.0, 30.0), 0.0, False)),
-        ("torque.q2", None),  # nobody can say what would be usual
+        ("approach.q2", Factor("approach.q2", (1.0, -1.0), 1.0)),
+        ("stop.q2~0.01", Factor("approach.q2", (1.0, -1.0), 1.0)),
+        ("time", Factor("time", (0.0, 1800.0, 3600.0, 5400.0, 7200.0), 0.0)),
+        ("session.after.2", Factor("session", (1.0, 2.0), 1.0)),
+        ("pressure", Factor("pressure", (1013.25,), 1013.25)),
+        ("humidity", Factor("humidity", (50.0,), 50.0)),
+        ("temperature.link2~300", Factor("temperature.link2", (20.0,), 20.0)),
+        ("payload", Factor("payload", (0.0,), 0.0)),
+        ("velocity.q1", Factor("velocity.q1", (0.0,), 0.0)),
+        ("torque.q2", None),  # nobody can hold it
         ("creep.q1~0.1", None),
     ],
 )
-def test_a_driver_has_usual_levels_where_nobody_offers_others(driver: str, factor: Factor | None) -> None:
-    found = factors(arm(), [reads(driver), reads(driver)], Offer({}))
+def test_a_driver_that_nobody_offers_is_held(driver: str, factor: Factor | None) -> None:
+    found = factors(arm(), [reads(driver), reads(driver)], {})
     assert found == (() if factor is None else (factor,))
 
 
 def test_an_experiment_begins_no_earlier_than_a_drift() -> None:
     """Of a recording with seconds since 1970: at time 0 a drift at a constant rate was 50 m away."""
-    (found,) = factors(arm(), [reads("time"), reads("time", start=1.8e9)], Offer({}))
+    (found,) = factors(arm(), [reads("time"), reads("time", start=1.8e9)], {})
     assert found == Factor(
-        "time", (1.8e9, 1.8e9 + 1800.0, 1.8e9 + 3600.0, 1.8e9 + 5400.0, 1.8e9 + 7200.0), 1.8e9, True
+        "time", (1.8e9, 1.8e9 + 1800.0, 1.8e9 + 3600.0, 1.8e9 + 5400.0, 1.8e9 + 7200.0), 1.8e9
     )
 
 
 @pytest.mark.parametrize(
-    ("driver", "levels", "nominal", "offered"),
+    ("driver", "levels", "nominal"),
     [
-        ("temperature.link2", (10.0, 18.0, 30.0), 18.0, True),  # the level next to what the file means
-        ("temperature.link2", (26.0,), 26.0, False),
-        ("time", (60.0, 120.0), 60.0, True),
-        ("torque.q2", (-1.0, 0.5, 4.0), 0.5, True),
+        ("temperature.link2", (10.0, 18.0, 30.0), 18.0),  # the level next to what the file means
+        ("temperature.link2", (26.0,), 26.0),
+        ("time", (60.0, 120.0), 60.0),
+        ("torque.q2", (-1.0, 0.5, 4.0), 0.5),
     ],
 )
 def test_levels_that_are_offered_take_the_place_of_usual_ones(
-    driver: str, levels: tuple[float, ...], nominal: float, offered: bool
+    driver: str, levels: tuple[float, ...], nominal: float
 ) -> None:
-    offer = Offer({driver: levels, "pressure": (990.0, 1000.0)})
+    offer = {driver: levels, "pressure": (990.0, 1000.0)}
     (found,) = factors(arm(), [reads(driver)], offer)
-    assert found == Factor(driver, levels, nominal, offered)
+    assert found == Factor(driver, levels, nominal)
 
 
 def test_loads_are_varied_where_a_machine_has_masses_and_an_explanation_asks_for_them() -> None:
     bare = load_machine(MACHINES / "pus.yaml")
     for machine, load, expected in ((arm(), True, ["payload"]), (arm(), False, []), (bare, True, [])):
-        assert [f.driver for f in factors(machine, [reads(load=load)], Offer({}))] == expected
-    still = replace(arm(), mechanism=replace(arm().mechanism, actuators=tuple(
-        replace(a, range=None) for a in arm().mechanism.actuators)))  # fmt: skip
-    assert factors(still, [reads("velocity.q1")], Offer({})) == ()
+        assert [f.driver for f in factors(machine, [reads(load=load)], {})] == expected
 
 
 def test_offers_are_sorted_levels_each_once() -> None:
-    offer = Offer.of(arm(), "5,0,2.5,5", [" pressure = 1000,990", "velocity.q2=3", "temperature.tool=21,20"])
-    assert offer.levels == {
+    offer = read_offer(
+        arm(), "5,0,2.5,5", [" pressure = 1000,990", "velocity.q2=3", "temperature.tool=21,20"]
+    )
+    assert offer == {
         "payload": (0.0, 2.5, 5.0), "pressure": (990.0, 1000.0), "velocity.q2": (3.0,), "temperature.tool": (20.0, 21.0),
     }  # fmt: skip
-    assert Offer.of(arm()).levels == {} and Offer.of(arm(), "0").levels == {"payload": (0.0,)}
-    assert Offer.of(arm(), named=["temperature.shelf=20"]).levels == {"temperature.shelf": (20.0,)}
+    assert read_offer(arm()) == {} and read_offer(arm(), "0") == {"payload": (0.0,)}
+    assert read_offer(arm(), named=["temperature.shelf=20"]) == {"temperature.shelf": (20.0,)}
     for text in ("velocity.q9=1", "pressure", "payload=1", "=1,2"):
         with pytest.raises(InputError, match="expected DRIVER=value,value"):
-            Offer.of(arm(), named=[text])
+            read_offer(arm(), named=[text])
     for wrong, meant in (("temperatur.link2", "temperature.link2"), ("presure", "pressure"), ("velocty.q3", "velocity.q3"),
                          ("temprature.tool", "temperature.tool"), ("temperatur.air", "temperature.air")):  # fmt: skip
         with pytest.raises(InputError, match=f"did you mean .*{meant}"):
-            Offer.of(arm(), named=[f"{wrong}=1,2"])
+            read_offer(arm(), named=[f"{wrong}=1,2"])
 
 
 def test_what_has_a_past_is_noted_each_with_its_effect() -> None:
@@ -113,49 +111,27 @@ def test_what_has_a_past_is_noted_each_with_its_effect() -> None:
 
 def test_half_of_the_settings_that_are_tried_are_extremes_where_there_are_so_many() -> None:
     """Of 81 settings: as the machine stands, eleven of sixteen corners, and others whatever they are."""
-    varied = [Factor(name, (0.0, 1.0, 2.0), 1.0, True) for name in "abcd"]
+    varied = [Factor(name, (0.0, 1.0, 2.0), 1.0) for name in "abcd"]
     found = settings(varied, np.random.default_rng(3))
     assert found[0].tolist() == [1.0] * 4 and len(np.unique(found, axis=0)) == len(found) == MOST
     corners = np.all(found != 1.0, axis=1)
     assert corners[1 : MOST // 2].all() and not corners[MOST // 2 :].all()
 
 
-VARIED = (
-    Factor("payload", (0.0, 2.5, 5.0), 0.0, True),
-    Factor("temperature.link2", (20.0, 25.0), 20.0, False),
-    Factor("approach.q2", (1.0, -1.0), 1.0, True),
-    Factor("approach.q3", (1.0, -1.0), 1.0, True),
-    Factor("temperature.link3", (20.0, 25.0), 20.0, False),
-)
-
-
 def test_rows_to_choose_from_vary_what_is_offered_and_hold_the_rest() -> None:
-    machine, given = arm(), poses(arm(), 10)
-    pool = Pool.of(machine, VARIED, given, np.random.default_rng(0))
-    levels = {f.driver: pool.rows.drivers[f.driver] for f in VARIED}
+    varied = (
+        Factor("payload", (0.0, 2.5, 5.0), 0.0),
+        Factor("temperature.link2", (20.0,), 20.0),
+        Factor("approach.q2", (1.0, -1.0), 1.0),
+        Factor("approach.q3", (1.0, -1.0), 1.0),
+    )
+    given = poses(arm(), 10)
+    pool = Pool.of(arm(), varied, given, np.random.default_rng(0))
     assert {row.tobytes() for row in pool.rows.q} == {row.tobytes() for row in given}
-    assert int(np.sum(pool.main)) == 10 * 3 * 2 * 2
-    assert len(pool.rows) == 10 * (12 + MOST)  # 48 settings with both temperatures, of which some are tried
-    for name in ("temperature.link2", "temperature.link3"):
-        assert set(levels[name][pool.main]) == {20.0} and set(levels[name]) == {20.0, 25.0}
-    settled = {kind: levels[kind][pool.still[kind]] for kind in ("payload",)}
-    assert set(pool.still) == {"payload", "approach"} and set(pool.beyond) == {"temperature"}
-    assert set(settled["payload"]) == {0.0} and np.sum(pool.still["payload"]) == 40
-    sides = np.column_stack([levels["approach.q2"], levels["approach.q3"]])
-    assert (sides[pool.still["approach"]] == 1.0).all() and np.sum(pool.still["approach"]) == 30
-    assert not (pool.still["approach"] & ~pool.main).any() and not (pool.still["payload"] & ~pool.main).any()
-    assert pool.beyond["temperature"].all() and np.sum(pool.nominal()) == 10
-    assert (levels["payload"][pool.nominal()] == 0.0).all()
-
-
-@pytest.mark.parametrize(("count", "taken"), [(1, 300), (12, 200), (24, 120)])
-def test_the_more_settings_there_are_the_fewer_poses_are_tried(count: int, taken: int) -> None:
-    """2400 rows, and at least 120 poses; 120 of them with a factor that was not offered."""
-    payload = Factor("payload", tuple(map(float, range(count))), 0.0, count > 1)
-    varied = [payload, Factor("pressure", (1e3, 990.0), 1e3, False)]
-    pool = Pool.of(arm(), varied, poses(arm(), 300), np.random.default_rng(0))
-    assert int(np.sum(pool.main)) == taken * count
-    assert len(np.unique(pool.rows.q[~pool.main], axis=0)) == 120
+    assert len(pool.rows) == 10 * 3 * 2 * 2 and np.sum(pool.nominal) == 10
+    for factor in varied:
+        assert set(pool.rows.drivers[factor.driver]) == set(factor.levels)
+        assert set(pool.rows.drivers[factor.driver][pool.nominal]) == {factor.nominal}
 
 
 def test_poses_that_are_drawn_are_short_numbers_and_those_that_are_given_stay() -> None:

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from support import MACHINES
 from truepose.errors import InputError
-from truepose.identification.leaves.planning.discriminate.factors import Target, with_targets
 from truepose.identification.prediction import predict as predict_module
 from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.prediction.predict import predict, simulate
@@ -23,6 +22,8 @@ from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine
 from truepose.models.machine.closure import slides_of
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.mechanism import Parameter
+from truepose.models.sensors.targets import Targets
 
 Array = NDArray[np.float64]
 
@@ -85,7 +86,12 @@ def test_rows_out_of_newton_s_reach_are_followed_from_others_or_given_up() -> No
 
 def test_a_lost_reading_takes_the_channels_with_it_that_depend_on_it() -> None:
     """Of a pose all turns with one of them, a length alone; of points each by itself."""
-    machine = with_targets(machine_of("ups"), [Target("T1", (10.0, 20.0, 30.0))])
+    machine = machine_of("ups")
+    point = (
+        Parameter(f"T1.{axis}", "mm", value, 0.0, "target")
+        for axis, value in zip("xyz", (1.0, 2.0, 3.0), strict=True)
+    )
+    machine = replace(machine, sensors=(*machine.sensors, Targets(tuple(point), 0.01)))
     q = drawn(machine, 4)
     read = simulate(machine, rows_of(machine, q), seed=None)
     read.loc[1, "ry"] = read.loc[2, "x"] = read.loc[2, "T1.z"] = np.nan

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from truepose.identification.leaves.planning.discriminate.experiment import Experiment
 from truepose.identification.leaves.planning.discriminate.race import Rows
 from truepose.identification.leaves.planning.plan import Plan
-from truepose.identification.leaves.planning.pose_tables import BETWEEN, experiment_table, plan_table
+from truepose.identification.leaves.planning.showing import BETWEEN, experiment_table, plan_table
 from truepose.models.file.driver import SESSION, TIME
 from truepose.models.machine.machine import Machine
 
@@ -62,13 +62,6 @@ def test_rows_of_the_same_joints_share_a_number_in_order_of_appearance() -> None
     assert plan_table(plan())["pose"].tolist() == [1, 2, 1, 3]
     backwards = cast(Plan, SimpleNamespace(q=Q[::-1], origin=None, machine=machine()))
     assert plan_table(backwards)["pose"].tolist() == [1, 2, 3, 2]
-
-
-def test_a_change_counts_from_the_row_of_its_origin() -> None:
-    """Rows are numbered one by one then, also those of the same joints."""
-    table = plan_table(plan(np.array([0, 0, 1, 2])))
-    assert list(table) == ["pose", "from", "q1", "q2"]
-    assert table["pose"].tolist() == [1, 2, 3, 4] and table["from"].tolist() == [1, 1, 2, 3]
 
 
 def test_an_experiment_of_changes_begins_with_its_reference() -> None:

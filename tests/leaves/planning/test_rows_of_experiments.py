@@ -1,9 +1,8 @@
-"""What rows of an experiment would tell: as simulated readings say, whatever the sensor, and with further targets."""
+"""What rows of an experiment would tell: as simulated readings say, whatever the sensor."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,17 +10,13 @@ from numpy.typing import NDArray
 
 from support import MACHINES
 from support.experiments import arm, poses, telescope
-from support.moving_machines import ARM as SIX_JOINTS
-from support.moving_machines import FRAMED, POSE, TOLERANCES, written
-from truepose.errors import InputError
-from truepose.identification.leaves.planning.discriminate.factors import Target, explanation, with_targets
+from truepose.identification.leaves.planning.discriminate.factors import explanation
 from truepose.identification.leaves.planning.discriminate.race import Rows, recording_of, signals
 from truepose.identification.leaves.planning.information import PoseInformation
 from truepose.identification.prediction.predict import simulate
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
-from truepose.models.sensors.pose import Pose
 from truepose.models.sensors.targets import Targets
 
 Array = NDArray[np.float64]
@@ -130,65 +125,3 @@ def test_rows_have_no_past_but_their_own() -> None:
     assert loop == pytest.approx([0.5 - 0.5 * 0.5, -0.5 + 0.5 * 0.3])
     assert found.from_row is not None and found.from_row.tolist() == [0, 0, 0] and found.shuffled
     assert found.session_recorded.all() and found.session.tolist() == [1, 1, 1] and found.time is None
-
-
-def test_information_among_more_constants_is_the_same_in_their_places() -> None:
-    machine = arm()
-    rows = recording_of(machine, rows_of(machine, poses(machine, 5)), PoseInformation(machine).home)
-    found = signals(machine, rows, [part("backlash@q2", machine)])
-    names = ["none", *reversed(found.names), "nor this"]
-    wide, k = found.gram_among(names), len(found.names)
-    at = [*(names.index(name) for name in found.names), len(names)]
-    np.testing.assert_array_equal(wide[np.ix_(at, at)], found.gram)
-    assert wide.shape == (k + 3, k + 3) and not wide[[0, k + 1]].any() and not wide[:, [0, k + 1]].any()
-    some = found.take(np.array([4, 2]))
-    np.testing.assert_array_equal(some.geometry, found.geometry[[4, 2]])
-    np.testing.assert_array_equal(some.effects, found.effects[[4, 2]])
-
-
-# -- further targets -----------------------------------------------------------------------------------
-
-CORNERS = [Target("T8", (1.0, 2.0, 3.0)), Target("T9", (4.0, 5.0, 6.0))]
-
-
-def test_further_targets_are_read_as_the_points_that_are_there() -> None:
-    machine = with_targets(telescope(), CORNERS)
-    (points,) = machine.sensors
-    assert isinstance(points, Targets)
-    before = telescope().sensors[0]
-    assert isinstance(before, Targets)
-    assert points.points[:9] == before.points and points.sigma_xyz == before.sigma_xyz
-    told = [(p.name, p.unit, p.nominal, p.tolerance, p.part) for p in points.points[9:]]
-    assert told == [
-        (f"{t.name}.{axis}", "mm", value, before.points[0].tolerance, "target")
-        for t in CORNERS
-        for axis, value in zip("xyz", t.point, strict=True)
-    ]
-
-
-def test_beside_a_pose_further_targets_are_read_as_precisely_as_its_position(tmp_path: Path) -> None:
-    machine = written(tmp_path, FRAMED + SIX_JOINTS + POSE + TOLERANCES)
-    more = with_targets(machine, CORNERS[:1])
-    pose, points = more.sensors
-    assert isinstance(pose, Pose) and pose is machine.sensors[0] and isinstance(points, Targets)
-    assert points.sigma_xyz == 0.01 and {p.tolerance for p in points.points} == {0.1}
-    (bare,) = with_targets(replace(machine, file=None), CORNERS[:1]).sensors[1:]
-    assert isinstance(bare, Targets) and {p.tolerance for p in bare.points} == {0.0}
-    q = poses(machine, 3)
-    told = [
-        signals(one, recording_of(one, Rows(q, {}), q[0]), ()).gram_among(signals_names(more))
-        for one in (machine, more)
-    ]
-    assert np.linalg.eigvalsh(told[1] - told[0]).min() > -1e-9 * np.max(told[1])
-
-
-def signals_names(machine: Machine) -> tuple[str, ...]:
-    q = poses(machine, 1)
-    return signals(machine, recording_of(machine, Rows(q, {}), q[0]), ()).names
-
-
-@pytest.mark.parametrize("name", ["distance", "serial"])
-def test_targets_beside_what_reads_no_point_and_no_pose_are_refused(name: str) -> None:
-    machine = load_machine(MACHINES / f"{name}.yaml")
-    with pytest.raises(InputError, match=f"--target: found the sensor {machine.sensors[0].type}, expected"):
-        with_targets(machine, CORNERS)

@@ -16,7 +16,6 @@ from support.program_robots import (
     TOOL,
     Arm,
     arms,
-    difference,
     frame,
     joints,
     machine_file,
@@ -24,10 +23,8 @@ from support.program_robots import (
     status_turn,
 )
 from truepose.errors import InputError
-from truepose.identification.compensation.inverse import PoseSolver
-from truepose.identification.leaves.programs.correct import NEARBY, Correction, correct
+from truepose.identification.leaves.programs.correct import Correction, correct
 from truepose.identification.leaves.programs.dialects import DIALECTS
-from truepose.identification.leaves.programs.meaning import Robot
 from truepose.identification.leaves.programs.program import Cell
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
@@ -35,24 +32,11 @@ from truepose.models.machine.machine import Machine
 Array = NDArray[np.float64]
 DRAWN, REAL = arms()
 GUN = frame((30.0, 0.0, 150.0, 0.0, 80.0, 15.0))
-PLAY = """drivers: [approach.q2, approach.q3, payload]
-masses: {payload: {kg: 0, com: [0, 12, 60], in: tool}}
-effects:
-  - {effect: backlash, place: [q2], parameters: {b: {value: 4.0e-4, unit: rad}}}
-  - {effect: backlash, place: [q3], parameters: {b: {value: -9.0e-4, unit: rad}}}
-  - {effect: joint-compliance, place: [q2], parameters: {c: {value: 2.0e-5, unit: rad/(N*m)}}}
-"""
 
 
 @pytest.fixture(scope="module")
 def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
     return load_machine(machine_file(tmp_path_factory.mktemp("arm"), REAL))
-
-
-@pytest.fixture(scope="module")
-def playing(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    """With play in two joints and a payload that bends one; its links are as drawn."""
-    return load_machine(machine_file(tmp_path_factory.mktemp("arm"), DRAWN, PLAY))
 
 
 def corrected(machine: Machine, text: str, dialect: str = "kuka", **cell: Any) -> Correction:
@@ -67,58 +51,6 @@ def ptp(arm: Arm, q: Array) -> str:
     """A motion to where an arm's tool is, with status and turn."""
     status, turn = status_turn(DRAWN, q)
     return f"PTP {numbers_of(arm.pose(q), 'kuka')[:-1]},S {status},T {turn}}}\n"
-
-
-def test_a_robot_is_the_nominal_or_the_real_one_with_any_tool(machine: Machine) -> None:
-    robot, q = Robot(machine, {}), joints(3)
-    for tool in (None, GUN):
-        for at, arm in ((robot.nominal, DRAWN), (robot.real, REAL)):
-            at(tool)
-            held = arm if tool is None else arm.with_tool(GUN)
-            expected = [held.pose(row) for row in q]
-            np.testing.assert_allclose(robot.solver.forward(q)[0], expected, atol=1e-9)
-    np.testing.assert_array_equal(robot.reach, np.ones(6))
-    np.testing.assert_array_equal(robot.home, np.zeros(6))
-    np.testing.assert_allclose(robot.base, np.eye(4), atol=1e-12)
-    rail = Robot(load_machine(MACHINES / "serial.yaml"), {})
-    np.testing.assert_allclose(rail.reach, [rail.solver.size, 1.0, 1.0])
-
-
-def test_drivers_have_the_values_that_are_told_or_their_defaults(machine: Machine, playing: Machine) -> None:
-    assert Robot(playing, {}).drivers == {"payload": 0.0}
-    loaded = Robot(playing, {"payload": 3.0})
-    assert loaded.drivers == {"payload": 3.0}
-    q = joints(2)
-    loaded.real(None)
-    bare = Robot(playing, {})
-    bare.real(None)
-    sag = loaded.solver.forward(q)[0][:, 2, 3] - bare.solver.forward(q)[0][:, 2, 3]
-    assert np.max(np.abs(sag)) > 1e-2
-    with pytest.raises(InputError, match=r"found the driver 'paylod', expected one .*payload"):
-        Robot(playing, {"paylod": 3.0})
-    with pytest.raises(InputError, match="the machine has none"):
-        Robot(machine, {"payload": 3.0})
-
-
-def test_the_way_of_arrival_moves_the_tool_by_the_sum_of_all_plays(
-    machine: Machine, playing: Machine
-) -> None:
-    """From halfway to one side: each joint turned by half of its play, or as the effect has it, at the worst pose."""
-    q = joints(5)
-    robot = Robot(playing, {})
-    moved = np.zeros(5)
-    for k in (1, 2):
-        solver = PoseSolver(playing)
-        solver.p = solver.model.p_home
-        away = []
-        for side in (0.0, 1.0):
-            solver.z = np.array([side * (name == f"approach.q{k + 1}") for name in solver.model.drivers])
-            away.append(solver.forward(q)[0][:, :3, 3])
-        moved += np.linalg.norm(away[1] - away[0], axis=1)
-    assert robot.arrival(q) == pytest.approx(moved.max(), rel=1e-9) and moved.max() > 0.05
-    assert robot.arrival(q) == robot.arrival(q)  # asking leaves no trace
-    assert Robot(machine, {}).arrival(q) == 0.0
-    assert corrected(playing, axes(q[0])).arrival == pytest.approx(robot.arrival(q[:1]))
 
 
 def test_programs_of_other_robots_are_refused(machine: Machine) -> None:
@@ -174,49 +106,6 @@ def test_what_was_not_named_is_counted_where_the_user_says_nothing_either(machin
     assert corrected(machine, text, base=here).unnamed == (0, 2)
     assert corrected(machine, text, tool=own).unnamed == (1, 0)
     assert corrected(machine, text, base=here, tool=own).unnamed == (0, 0)
-
-
-def test_corrections_stand_in_the_order_of_the_text_with_their_errors(machine: Machine) -> None:
-    """Whatever tools they are made with; before: as the program was; after: with what is written."""
-    q = joints(3, seed=8)
-    held = [DRAWN.with_tool(GUN), DRAWN, DRAWN.with_tool(GUN)]
-    gun = f"$TOOL={numbers_of(GUN, 'kuka')}\n"
-    bare = f"$TOOL={numbers_of(frame(TOOL), 'kuka')}\n"
-    lines = [ptp(arm, row) for arm, row in zip(held, q, strict=True)]
-    text = gun + lines[0] + bare + lines[1] + gun + lines[2]
-    found = corrected(machine, text)
-    assert [one.target.line for one in found.done] == [2, 4, 6] and not found.left
-    for one, arm, row in zip(found.done, held, q, strict=True):
-        real = Arm(REAL.rows, arm.tool, REAL.scale)
-        missed = difference(real.pose(row), arm.pose(row))
-        np.testing.assert_allclose(one.before, missed, atol=1e-6)
-        assert np.linalg.norm(one.after[:3]) < 1e-6 and np.linalg.norm(one.change[:3]) > 0.1
-        was = [n.value for n in one.target.numbers]
-        now = [float(n) for n in one.numbers]
-        np.testing.assert_allclose(np.array(now)[:3] - np.array(was)[:3], one.change[:3], atol=1e-8)
-    again = corrected(machine, found.text)
-    for one, first in zip(again.done, found.done, strict=True):
-        np.testing.assert_allclose(one.change, first.change, atol=0.02 * np.max(np.abs(first.change)))
-
-
-def test_points_that_a_program_works_out_are_told_how_far_off_they_may_be(machine: Machine) -> None:
-    """The largest change of the correction 100 mm away, up, down and to each side, by numpy."""
-    q = np.array([0.2, 0.3, -0.2, 0.3, 0.9, -0.4])
-    goal = DRAWN.pose(q)
-    found = corrected(machine, f"{axes(q)}P={numbers_of(goal, 'kuka')}\nLIN P\nLIN P:Q\n")
-
-    def change(step: Array) -> Array:
-        moved = goal.copy()
-        moved[:3, 3] += step
-        start = DRAWN.inverse(moved, q)
-        assert np.max(np.abs(start - q)) < 1.5
-        return np.asarray(DRAWN.pose(REAL.inverse(moved, start))[:3, 3] - moved[:3, 3])
-
-    here = change(np.zeros(3))
-    steps = NEARBY * np.vstack([np.eye(3), -np.eye(3)])
-    expected = max(float(np.linalg.norm(change(step) - here)) for step in steps)
-    assert found.nearby == pytest.approx(expected, rel=1e-3)
-    assert corrected(machine, axes(q) + "PTP F(3)\n").nearby is None
 
 
 def test_a_correction_without_a_nominal_drawing_is_of_effects_alone(tmp_path: Path) -> None:

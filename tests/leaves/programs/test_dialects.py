@@ -121,22 +121,27 @@ ENDDAT
         (21, "PB[1]", None, None),
     ]
     assert program.frames[program.targets[2].base or ""] == (100.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    assert [line for line, _ in sorted(left(program).items())] == [8, 9, 10, 11, 12, 13, 15, 19]
+    assert [line for line, _ in sorted(left(program).items())] == [7, 8, 9, 10, 11, 12, 15, 19]
     assert left(program)[9] == "X, Y, A, B, C of it stay what they are when the robot comes there"
     assert left(program)[12] == "not all of its coordinates are plain numbers"
     points = DIALECTS["kuka"].read(
         beside.replace("P5=", "P7=").replace("ENDDAT", "DECL POS P6={X 1,Y 2,Z 3,A 0,B 0,C 0}"), machine, SRC
     )
     assert told(points) == [(3, "P6", "", None)]
-    assert re.match(
-        r"used with several frames \(base \$BASE.* with tool none; base none with tool none\)",
-        left(points)[2],
-    )
+    assert left(points) == {2: "used with several frames, or as a frame: its motions get copies"}
+
+
+def test_a_tool_that_is_fixed_in_the_cell_is_refused(machine: Machine) -> None:
+    with pytest.raises(
+        InputError, match=r"line 1: found \$IPO_MODE=#TCP, expected tools that the robot holds"
+    ):
+        DIALECTS["kuka"].read("$IPO_MODE=#TCP\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\n", machine)
 
 
 def test_targets_of_a_rapid_module_and_the_frames_they_go_by(machine: Machine) -> None:
     program = DIALECTS["rapid"].read(RAPID_MODULE, machine)
     assert told(program) == [
+        (27, "Offs(p10,0,0,50)", "fix", "gun"),
         (6, "p10", "fix", "gun"),
         (9, "many", "", "gun"),
         (10, "many", "", "gun"),
@@ -144,19 +149,17 @@ def test_targets_of_a_rapid_module_and_the_frames_they_go_by(machine: Machine) -
         (29, "twice", "", "gun"),
         (17, "arc", "fix", "gun"),
         (18, "sets", "", "gun"),
-        (19, "home", "", ""),
+        (19, "home", None, None),
         (32, "literal", "cell", "gun"),
     ]
-    assert [n.text for n in program.targets[0].numbers] == ["400", "1.5", "2E2", "1", "0", "0", "0"]
+    assert [n.text for n in program.targets[1].numbers] == ["400", "1.5", "2E2", "1", "0", "0", "0"]
     # a quarter turn about z, 50 mm along y of the user frame
     np.testing.assert_allclose(program.frames["fix"], (100, 50, 0, 0.5**0.5, 0, 0, 0.5**0.5), atol=1e-7)
     assert left(program) == {
         11: "external axes are in use (1500)",
-        12: "its value is no list of plain numbers",
-        14: "held: the robot holds this work object",
-        15: "turning: a mechanical unit moves this work object",
+        30: "held: the robot holds this work object",
+        31: "turning: a mechanical unit moves this work object",
         16: "its quaternion's square is 0.25, not 1",
-        27: "worked out while the program runs",
         33: "the program changes a target while it runs; what it writes is not corrected",
     }
 
@@ -165,16 +168,20 @@ def test_motions_of_a_script_and_what_they_go_to(machine: Machine) -> None:
     program = DIALECTS["urscript"].read(SCRIPT, machine)
     assert told(program) == [
         (3, "Waypoint_1_p", None, "set_tcp"),
-        (7, "home", None, "set_tcp"),
-        (10, "literal", "Plane_1", "set_tcp"),
+        (7, "home", None, None),
+        (10, "literal", "", "set_tcp"),
         (11, "literal", None, "set_tcp"),
         (11, "literal", None, "set_tcp"),
     ]
+    assert program.targets[2].within == ("Plane_1",)
     assert program.targets[0].near == (-0.1, -1.2, 1.3, -1.4, -1.5, 0.1)
     assert program.frames["Plane_1"] == (0.4, 0.0, 0.0, 0.0, 0.0, 0.0)
+    computed = (
+        "worked out while the program runs: it gets the correction of what it starts from, if that has one"
+    )
     assert left(program) == {
-        12: "worked out while the program runs",
-        13: "worked out while the program runs",
+        12: computed,
+        13: computed,
         16: "the program changes a target while it runs; what it writes is not corrected",
         17: "no motion here goes to it",
     }
@@ -251,8 +258,9 @@ def test_whatever_a_text_says_it_is_read_or_refused(
         program = DIALECTS[dialect].read(text, machine, text)
     except InputError:
         return
-    for target in program.targets:
+    written = [target for target in program.targets if target.copies is None]
+    for target in written:
         for number in (*target.numbers, *target.configuration):
             assert text[number.start : number.end] == number.text and np.isfinite(number.value)
-    spans = sorted((n.start, n.end) for t in program.targets for n in (*t.numbers, *t.configuration))
+    spans = sorted((n.start, n.end) for t in written for n in (*t.numbers, *t.configuration))
     assert all(a[1] <= b[0] for a, b in pairwise(spans))

@@ -237,59 +237,43 @@ GUN = frame((30.0, 0.0, 150.0, 0.0, 80.0, 15.0))
 
 
 FRAMED = {
-    "kuka": ("$BASE={base}\n$TOOL={tool}\n", "{head}LIN {inside}\n", r"LIN \{(.*)\}"),
+    "kuka": ("$BASE=BASE_DATA[3]\n$TOOL=TOOL_DATA[2]\nLIN {inside}\n", r"LIN \{(.*)\}", ("BASE_DATA[3]", "TOOL_DATA[2]")),
     "rapid": (
-        'PERS wobjdata fix:=[FALSE,TRUE,"",{base},[[0,0,0],[1,0,0,0]]];\n'
-        "PERS tooldata gun:=[TRUE,{tool},[1,[0,0,1],[1,0,0,0],0,0,0]];\n",
-        "{head}CONST robtarget p1:={inside};\nMoveL p1,v100,fine,gun\\WObj:=fix;\n",
-        r"p1:=(.*)",
+        "CONST robtarget p1:={inside};\nMoveL p1,v100,fine,gun\\WObj:=fix;\n", r"p1:=(.*)", ("fix", "gun"),
     ),
     "urscript": (
-        "fix = {base}\nset_tcp({tool})\n",
-        "movej({near})\n{head}movel(pose_trans(fix, {inside}))\n",
-        r"movel\(pose_trans\(fix, p(.*)\)\)",
+        "movej({near})\nset_tcp(gun)\nmovel(pose_trans(fix, {inside}))\n",
+        r"movel\(pose_trans\(fix, p(.*)\)\)", ("fix", "gun"),
     ),
-}
-"""Where a program states its frames itself, its text, and where its target's numbers are."""
-NAMED = {
-    "kuka": ("BASE_DATA[3]", "TOOL_DATA[2]", "$BASE=BASE_DATA[3]\n$TOOL=TOOL_DATA[2]\n"),
-    "rapid": ("fix", "gun", ""),
-    "urscript": ("fix", "gun", "set_tcp(gun)\n"),
-}
-"""Names of frames whose numbers the user states, and how a program speaks of them."""
+}  # fmt: skip
+"""A program with a target in frames that the user states, where its numbers are, and the names of the frames."""
 
 
-def framed(dialect: str, stated: bool) -> tuple[str, list[str]]:
-    """A program with a target in a work object and with a tool, and options with their numbers where it states none."""
+def framed(dialect: str) -> tuple[str, list[str]]:
+    """A program with a target in a work object and with a tool, and options with their numbers."""
     q = joints(1)[0]
     inside = numbers_of(np.linalg.inv(WOBJ) @ DRAWN.with_tool(GUN).pose(q), dialect)
     if dialect == "kuka":
         inside = "{}{}}}".format(inside[:-1], ",S {},T {}".format(*status_turn(DRAWN, q)))
     elif dialect == "rapid":
         inside = f"{inside[:-1]},{list(quadrants(DRAWN, q))},[9E9,9E9,9E9,9E9,9E9,9E9]]"
-    base, tool = numbers_of(WOBJ, dialect), numbers_of(GUN, dialect)
-    own, text, _ = FRAMED[dialect]
-    *names, spoken = NAMED[dialect]
-    head = own.format(base=base, tool=tool) if stated else spoken
-    bare = [re.sub(r"[A-Z] |[{}\[\]p ]", "", told) for told in (base, tool)]
-    told = [f"{name}={numbers}" for name, numbers in zip(names, bare, strict=True)]
-    options = [] if stated else ["--frame", told[0], "--frame", told[1]]
-    return text.format(head=head, inside=inside, near=q.tolist()), options
+    text, _, names = FRAMED[dialect]
+    options = []
+    for name, pose in zip(names, (WOBJ, GUN), strict=True):
+        options += ["--frame", f"{name}={re.sub(r'[A-Z] |[{}p ]|[][]', '', numbers_of(pose, dialect))}"]
+    return text.replace("{inside}", inside).replace("{near}", str(q.tolist())), options
 
 
 def read(dialect: str, text: str) -> list[float]:
     """Numbers of the target of a program in a work object."""
-    found = re.search(FRAMED[dialect][2], text)
+    found = re.search(FRAMED[dialect][1], text)
     assert found is not None
     return [float(v) for v in re.findall(rf"(?<![A-Za-z\d]){NUMBER}", found[1])]
 
 
-@pytest.mark.parametrize("stated", [True, False])
 @pytest.mark.parametrize("dialect", WRITTEN)
-def test_targets_in_a_work_object_with_a_tool_of_the_program(
-    tmp_path: Path, dialect: str, stated: bool
-) -> None:
-    text, options = framed(dialect, stated)
+def test_targets_in_a_work_object_with_a_tool_that_the_user_states(tmp_path: Path, dialect: str) -> None:
+    text, options = framed(dialect)
     out, done = corrected(tmp_path, WRITTEN[dialect].file, text, *options)
     assert done.exit_code == 0, done.output
     pose = WRITTEN[dialect].pose
@@ -302,7 +286,7 @@ def test_targets_in_a_work_object_with_a_tool_of_the_program(
 
 @pytest.mark.parametrize("dialect", WRITTEN)
 def test_a_work_object_without_numbers_is_asked_for(tmp_path: Path, dialect: str) -> None:
-    text, options = framed(dialect, False)
+    text, options = framed(dialect)
     _, done = corrected(tmp_path, WRITTEN[dialect].file, text, *options[2:])
     if dialect == "urscript":  # the joint target is corrected all the same
         (left,) = json.loads(done.stdout)["left"]

@@ -92,27 +92,6 @@ def test_motions_that_do_not_look_at_a_configuration_need_none(tmp_path: Path) -
         assert json.loads(done.stdout)["targets"] == count
 
 
-def test_points_of_a_module_s_own_offsets_are_told_how_far_off_they_are(tmp_path: Path) -> None:
-    """The correction 100 mm beside a target, by numpy, differs from the target's by no more than is said."""
-    x, y, z, w = Rotation.from_matrix(DRAWN.pose(Q)[:3, :3]).as_quat().tolist()
-    literal = f"[{POSITION.tolist()},{[w, x, y, z]},{list(quadrants(DRAWN, Q))},[9E9,9E9,9E9,9E9,9E9,9E9]]"
-    text = (
-        f"CONST robtarget p1:={literal};\nMoveL p1,v100,fine,gun;\nMoveL Offs(p1,0,0,height),v100,fine,gun;\n"
-    )
-    done, _ = run(tmp_path, text, "job.mod", "--json")
-    said = json.loads(done.stdout)["nearby"]
-    changes = []
-    for height in (0.0, 100.0):
-        goal = DRAWN.pose(Q)
-        goal[2, 3] += height
-        command = REAL.inverse(goal, DRAWN.inverse(goal, Q))
-        changes.append(DRAWN.pose(command)[:3, 3] - goal[:3, 3])
-    apart = float(np.linalg.norm(changes[1] - changes[0]))
-    assert 0.0 < apart <= said["value"] * (1 + 1e-6) < 20 * apart and said["distance"]["value"] == 100.0
-    spoken, _ = run(tmp_path, text, "job.mod")
-    assert "100 mm away it should be another by up to" in spoken.stderr
-
-
 def test_a_tool_without_numbers_is_the_machine_file_s_unless_the_user_says_another(tmp_path: Path) -> None:
     text = "$TOOL=TOOL_DATA[7]\n" + krl(Q)
     done, out = run(tmp_path, text, "job.src", "--json")
@@ -163,16 +142,6 @@ def test_what_cannot_be_done_is_refused_in_one_line(
     assert done.exit_code == 2 and len(done.stderr.splitlines()) == 1
     assert re.search(message, done.stderr), done.stderr
     assert not out.exists()
-
-
-def test_a_program_is_not_written_over_itself(tmp_path: Path) -> None:
-    machine = machine_file(tmp_path, REAL)
-    (tmp_path / "job.src").write_text(krl(Q))
-    done = CliRunner().invoke(
-        app, ["compensate", str(machine), str(tmp_path / "job.src"), "-o", str(tmp_path / "job.src"), "--anyway"]
-    )  # fmt: skip
-    assert done.exit_code == 2 and "found the program itself" in done.stderr
-    assert (tmp_path / "job.src").read_text() == krl(Q)
 
 
 def test_a_dat_that_is_a_table_stays_a_table(tmp_path: Path) -> None:

@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner, Result
 
 from support.examples import examples
-from support.skips import NOTHING_BESIDE, SHARED
 from truepose.cli import app
 from truepose.errors import InputError
 from truepose.identification.leaves.readers.importing import read_foreign
@@ -215,14 +214,3 @@ def test_other_languages_are_called_what_they_are(tmp_path: Path, text: str, sai
     for read in (read_table, read_foreign):
         with pytest.raises(InputError, match=rf"what\.txt: found {said}.*expected a table"):
             read(path)
-
-
-@pytest.mark.parametrize("name", ["rec_quat_wxyz.csv", "robotlog.csv", "pj.csv"])
-def test_tables_from_outside_are_asked_about(tmp_path: Path, name: str) -> None:
-    path = SHARED / "cases/import-headings" / name
-    if not path.is_file():
-        pytest.skip(NOTHING_BESIDE)
-    asked = imported(path, tmp_path / "out.csv")
-    assert asked.exit_code == 2
-    line = shlex.split(" ".join(asked.stderr.split()).partition("say which they are: ")[2])
-    assert imported(path, tmp_path / "out.csv", *line).exit_code == 0

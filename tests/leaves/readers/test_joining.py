@@ -10,8 +10,8 @@ import pytest
 
 from truepose.errors import InputError
 from truepose.identification.leaves.readers.importing import frame_of, read_foreign, renamed, with_joints
+from truepose.identification.leaves.readers.points import is_marked, read_points
 from truepose.identification.leaves.readers.tpoint import is_tpoint, read_tpoint
-from truepose.identification.leaves.readers.tracker_text import DIALECTS, dialect_of, read_points
 from truepose.identification.leaves.readers.turns import with_rotation_vector
 from truepose.identification.recording.table import (
     Column,
@@ -56,29 +56,12 @@ def test_pose_numbers_are_names_only_where_the_points_have_the_same(
     assert found.notes[-1] == "joints: joined with points by " + ("column 'pose'" if by_name else "order")
 
 
-def test_repeats_of_a_pose_may_be_joined_by_their_number() -> None:
-    with pytest.raises(
-        InputError, match=r"row 2, column 'pose': found '0' again, expected names that differ"
-    ):
-        with_joints(points("0", "0", "1"), joints(pose=[0, 0, 1]))
-
-
 def test_a_clock_of_the_joints_stands_for_that_of_the_points() -> None:
     """What else both have could be of either."""
     found = with_joints(points("a", "b", "c"), joints(time=[5.0, 6.0, 7.0]))
     assert found.names == ("q1", "time", "x") and found.numbers("time").tolist() == [5, 6, 7]
     with pytest.raises(InputError, match="joints: column 'x': found there and in points, expected it in one"):
         with_joints(points("a", "b", "c"), joints(x=[5.0, 6.0, 7.0]))
-
-
-@pytest.mark.parametrize("missing", [1, 4, 6])
-def test_names_that_no_point_has_are_told_four_at_a_time(missing: int) -> None:
-    wanted = [f"M{k}" for k in range(missing)]
-    table = table_in_memory({"name": wanted, "q1": np.zeros(missing)}, "joints")
-    told = ", ".join(repr(name) for name in wanted[:4]) + (" and 2 more" if missing == 6 else "")
-    with pytest.raises(InputError) as refused:
-        with_joints(points(*(f"P{k}" for k in range(missing))), table)
-    assert str(refused.value) == f"joints: column 'name': found {told}, no point of points"
 
 
 def test_columns_get_other_names() -> None:
@@ -145,15 +128,12 @@ def test_a_name_in_another_case_is_read_where_one_alone_is_meant() -> None:
         in_known_case(table_in_memory({"AB": [1.0], "Ab": [2.0]}, "rows"), ["ab"])
 
 
-@pytest.mark.parametrize("length", [0.94, 0.96, 1.04, 1.06])
+@pytest.mark.parametrize("length", [0.94, 0.96, 1.04, 1.06, 1e200])
 def test_a_quaternion_is_of_length_one_up_to_its_rounding(length: float) -> None:
-    half = np.sin(np.pi / 6)
-    cells = {"qx": 0.0, "qy": 0.0, "qz": half, "qw": np.cos(np.pi / 6)}
+    cells = {"qx": 0.0, "qy": 0.0, "qz": 0.5, "qw": np.sqrt(0.75)}
     table = table_in_memory({name: [length * v, v, None] for name, v in cells.items()}, "rows")
     if abs(length - 1.0) > 0.05:
-        with pytest.raises(
-            InputError, match=rf"row 1.*found a quaternion of length {length:.4g}, expected 1"
-        ):
+        with pytest.raises(InputError, match=r"row 1.*found a quaternion of length .*, expected 1"):
             with_rotation_vector(table)
     else:
         turned = with_rotation_vector(table)
@@ -174,16 +154,22 @@ def test_a_rotation_vector_is_found_only_where_it_stands() -> None:
     np.testing.assert_allclose(rpy.readings("rz"), [90.0])
 
 
-DIALECT_SIGNS = {
-    "spatialanalyzer": ("// any", "A::B 1 2 3", "by SpatialAnalyzer"),
-    "leica": ("! Leica", "! emScon", "% Axyz", "T-Probe"),
-    "faro": ("FARO", "P1 X=1.0 Y=2.0 Z=3.0", "P1 X -1 Y 2 Z 3", "cam2 file"),
-}
-
-
-@pytest.mark.parametrize(("name", "text"), [(n, t) for n, texts in DIALECT_SIGNS.items() for t in texts])
-def test_a_format_is_told_by_its_signs(name: str, text: str) -> None:
-    assert dialect_of(f"{text}\n") is DIALECTS[name]
+@pytest.mark.parametrize(
+    "sign",
+    [
+        "// any",
+        "A::B 1 2 3",
+        "by SpatialAnalyzer",
+        "! Leica",
+        "! emScon",
+        "T-Probe",
+        "FARO",
+        "P1 X -1 Y 2 Z 3",
+        "cam2",
+    ],
+)
+def test_a_point_list_is_told_by_its_signs(sign: str) -> None:
+    assert is_marked(f"{sign}\n") and not is_marked("x,y,z\n1,2,3\n")
 
 
 LISTS: dict[str, tuple[str, list[str], list[float]]] = {
@@ -203,7 +189,7 @@ LISTS: dict[str, tuple[str, list[str], list[float]]] = {
 @pytest.mark.parametrize("case", LISTS)
 def test_a_line_names_a_point_and_gives_its_place(case: str) -> None:
     text, names, place = LISTS[case]
-    found = read_points(text, "points", DIALECTS["leica"], "mm")
+    found = read_points(text, "points", "mm")
     assert list(found.cells["name"]) == names
     assert [found.numbers(axis)[0] for axis in "xyz"] == place
 
@@ -214,10 +200,10 @@ def test_a_line_names_a_point_and_gives_its_place(case: str) -> None:
      ("Units in um", "um"), ("Units: deg", None), ("community mm", None)],
 )  # fmt: skip
 def test_a_unit_is_read_where_it_is_one_of_lengths(said: str, unit: str | None) -> None:
-    found = read_points(f"! {said}\nA 1 2 3\n", "points", DIALECTS["leica"])
+    found = read_points(f"! {said}\nA 1 2 3\n", "points")
     assert {c.unit for c in found.columns if c.name != "name"} == {unit or "mm"}
     assert bool(found.notes) is (unit is None)
-    below = read_points(f"A 1 2 3\n! {said}\n", "points", DIALECTS["leica"])
+    below = read_points(f"A 1 2 3\n! {said}\n", "points")
     assert below.notes  # too late: points were read before
 
 
@@ -227,12 +213,12 @@ def test_a_unit_is_read_where_it_is_one_of_lengths(said: str, unit: str | None) 
 def test_a_place_beyond_everything_is_none(size: str, fits: bool) -> None:
     text = f"\n! a comment\nA 1 {size} 3\n"
     if fits:
-        assert read_points(text, "points", DIALECTS["leica"], "mm").numbers("y").tolist() == [float(size)]
+        assert read_points(text, "points", "mm").numbers("y").tolist() == [float(size)]
     else:
         with pytest.raises(
             InputError, match=r"points: line 3: found '1 .* 3', expected x y z of at most 1e\+12"
         ):
-            read_points(text, "points", DIALECTS["leica"], "mm")
+            read_points(text, "points", "mm")
 
 
 def stars(hours: list[float], site: str, options: str = ": EQUAT\n", end: str = "") -> pd.DataFrame:
@@ -298,22 +284,6 @@ def test_a_star_in_the_south_has_its_azimuth_there() -> None:
     np.testing.assert_allclose(west["star.az"] % 360.0, 290.0)
     south = stars([0.0], "-00 30 00", ": ALTAZ\n")
     np.testing.assert_allclose(south["star.alt"], 90.0 - 20.5)
-
-
-@pytest.mark.parametrize(
-    ("line", "told"),
-    [
-        ("1 0 0 20 0 0 1 0 0 20 0 0 0", "expected right ascension"),
-        ("1 60 0 20 0 0 1 0 0 20 0 0 0 0", "expected right ascension"),
-        ("1 0 60 20 0 0 1 0 0 20 0 0 0 0", "expected right ascension"),
-        ("10001 0 0 20 0 0 1 0 0 20 0 0 0 0", "expected right ascension"),
-        ("END", "found no star"),
-    ],
-)
-def test_a_line_that_is_no_star_is_refused(line: str, told: str) -> None:
-    with pytest.raises(InputError, match=told):
-        read_tpoint(f"caption\n+37 30 00\n{line}\n", "stars")
-    assert read_tpoint("caption\n+37 30 00\n10000 59 59 20 0 0 1 0 0 20 0 0 0 0\n", "stars").n_rows == 1
 
 
 @pytest.mark.parametrize(

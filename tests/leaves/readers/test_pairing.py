@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.identification.leaves.readers.clock_offset import Clock, Motion, clock_of, trend
-from truepose.identification.leaves.readers.probe import Pairing, clock_words
+from truepose.identification.leaves.readers.probe import Clock, Pairing, clock_of
+from truepose.identification.leaves.readers.probe_clock import trend
 from truepose.identification.recording.table import Table, table_in_memory
 
 Array = NDArray[np.float64]
@@ -107,39 +107,14 @@ def test_joints_may_be_named_and_of_two_rows_at_one_time_the_last_counts() -> No
     np.testing.assert_allclose(found.numbers("q1"), [2.0, 2.5])
 
 
-@pytest.mark.parametrize(
-    ("header", "largest", "factor", "slides"),
-    [
-        ("q1", 90.0, np.pi / 180, False),
-        ("q1", 6.2, 1.0, False),
-        ("q1", 6.3, np.pi / 180, False),
-        ("q1 [rad]", 90.0, 1.0, False),
-        ("q1 [deg]", 1.0, np.pi / 180, False),
-        ("q1 [mm]", 90.0, 1.0, True),
-    ],
-)
-def test_an_angle_without_a_unit_is_in_degrees_if_it_is_more_than_a_turn(
-    header: str, largest: float, factor: float, slides: bool
-) -> None:
-    robot = table_in_memory({"time": TIME, header: largest * TIME / TIME[-1]}, "robot")
-    motion = Pairing.of(probe(), robot).motion
-    assert motion.slides.tolist() == [slides] and motion.span == pytest.approx((0.0, 10.0))
-    assert motion.step == pytest.approx(0.1)
-    np.testing.assert_allclose(
-        motion.joints(np.array([5.0, 99.0]))[:, 0], largest * factor * np.array([0.5, 1.0])
-    )
-    np.testing.assert_allclose(motion.place, np.column_stack([3.0 * SAMPLES, SAMPLES, 0.0 * SAMPLES]))
-
-
 def test_the_first_whole_point_tells_the_clocks() -> None:
     """In order of time, once for a time, and only where it was seen."""
     time = np.array([2.0, 1.0, 1.0, 3.0])
     seen = {"a.x": time, "b.x": time, "b.y": 2 * time, "b.z": [5.0, 6.0, 7.0, None]}
-    motion = Pairing.of(table_in_memory({"time": time, **seen}, "probe"), log()).motion
-    assert motion.time.tolist() == [1.0, 2.0]
-    assert motion.place.tolist() == [[1.0, 2.0, 6.0], [2.0, 4.0, 5.0]]
+    found, place = Pairing.of(table_in_memory({"time": time, **seen}, "probe"), log()).place
+    assert found.tolist() == [1.0, 2.0] and place.tolist() == [[1.0, 2.0, 6.0], [2.0, 4.0, 5.0]]
     with pytest.raises(InputError, match="probe: found no point x y z to compare the clocks by"):
-        _ = Pairing.of(table_in_memory({"time": time, "a.x": time}, "probe"), log()).motion
+        _ = Pairing.of(table_in_memory({"time": time, "a.x": time}, "probe"), log()).place
 
 
 LOGS: dict[str, tuple[dict[str, object], str]] = {
@@ -147,14 +122,6 @@ LOGS: dict[str, tuple[dict[str, object], str]] = {
     "no time": ({"clock": [0.0, 1.0], "q1": [1, 2]}, "robot: found no column of time, expected one called time, timestamp"),
     "no joint": ({"time": [0.0, 1.0], "role": ["a", "b"], "payload": [1, 2]}, "robot: found no column of numbers that may"),
     "a time beyond": ({"time": [0.0, 2e12], "q1": [1, 2]}, "row 2, column 'time': found 2e\\+12, expected at most 1e\\+12"),
-    "another unit": (
-        {"time": [0.0, 1.0, 2.0, 3.0], "q1 [deg]": [0, 1, 2, 3], "velocity.q1": [1.6] * 4},
-        "found an rms of 1.6, but q1 changes by 1 a second",
-    ),
-    "no unit beside one": (
-        {"time": [0.0, 1.0, 2.0, 3.0], "q1": [0, 1, 2, 3], "velocity.q1 [deg/s]": [1] * 4},
-        r"found no unit, expected one, as velocity.q1 \[deg/s\] has: q1 \[deg\]",
-    ),
 }  # fmt: skip
 
 
@@ -165,39 +132,10 @@ def test_what_is_no_log_is_refused(case: str) -> None:
         Pairing.of(probe(), table_in_memory(columns, "robot"))
 
 
-@pytest.mark.parametrize("speed", [0.6, 1.4])
-def test_a_logged_velocity_is_believed_within_half_of_the_slope(speed: float) -> None:
-    """At every sample of the log the way has the velocity that was logged, in the joint's own unit."""
-    robot = log({"velocity.q1 [rad/s]": np.radians(10.0 * speed) * np.ones(len(TIME))})
-    found = Pairing.of(probe(TIME[3:6]), robot).rows(Clock(0.0))
-    np.testing.assert_allclose(found.numbers("velocity.q1"), 10.0 * speed, rtol=1e-9)
-
-
-def test_a_clock_is_told_with_its_drift() -> None:
-    pairing = Pairing.of(probe(np.array([0.0, 100.0])), log())
-    assert pairing.files == "probe and robot"
-    said = "robot: its clock is that of probe plus 1.25 s"
-    assert clock_words(pairing, Clock(1.25), "as stated") == f"{said}, as stated"
-    drifting = Clock(1.25, 0.0012, 4e-5, 50.0)
-    assert clock_words(pairing, drifting, "by the motion") == (
-        f"{said} +- 0.001 s, by the motion; they drift apart by 40 ppm, 4 ms in all"
-    )
-    np.testing.assert_allclose(drifting.of_log(np.array([0.0, 50.0])), [1.25 - 0.002, 51.25])
-
-
 def _blocks(pattern: Array) -> tuple[Array, Array]:
     """Ten blocks of ten rows with these delays, at times about 0."""
     time = np.arange(100.0)
     return time - time.mean(), np.repeat(pattern, 10)
-
-
-def test_blocks_tell_the_offset_and_how_sure_it_is() -> None:
-    time, late = _blocks(np.tile([0.3, 0.5], 5))
-    found = trend(Clock(2.0), time, np.ones(100), late, with_rate=False)
-    assert found.offset == pytest.approx(2.4) and found.rate == 0.0
-    assert found.sigma == pytest.approx(0.1 / 3.0)  # of ten blocks
-    weight = np.where(late < 0.4, 3.0, 1.0)  # heavier rows count more
-    assert trend(Clock(2.0), time, weight, late, with_rate=False).offset == pytest.approx(2.35)
 
 
 def test_a_rate_is_found_whatever_the_clock_was_before() -> None:
@@ -228,16 +166,19 @@ def _wandering(time: Array) -> Array:
     return np.column_stack([one, np.sin(1.3 * time + 0.4) + 0.4 * np.sin(2.3 * time)])
 
 
-@pytest.mark.parametrize("slides", [[False, False], [True, True], [True, False]])
-def test_turning_and_sliding_joints_tell_the_clocks(slides: list[bool]) -> None:
+@pytest.mark.parametrize("turns", [True, False])
+def test_joints_that_turn_or_slide_tell_the_clocks_to_about_a_sample(turns: bool) -> None:
     """A gantry's place goes with its readings in whatever unit they are, an arm's with their sines."""
     offset, time = 1.234, np.arange(3.0, 40.0, 0.02)
     q = _wandering(time + offset)
-    a, b = (q[:, k] if slide else np.sin(q[:, k]) for k, slide in enumerate(slides))
+    a, b = (np.sin(q) if turns else q).T
     place = np.column_stack([100.0 * a, 80.0 * b, 10.0 * a * b])
-    scale = np.where(slides, 500.0, 1.0)
-    motion = Motion(time, place, lambda t: scale * _wandering(t), (0.0, 45.0), np.array(slides), 0.02)
-    found = clock_of(motion, "here")
-    assert found.offset == pytest.approx(offset, abs=2e-3) and found.sigma is not None and found.sigma < 1e-3
-    with pytest.raises(InputError, match="here: found less than 20 samples"):
-        clock_of(Motion(time[:19], place[:19], motion.joints, (0.0, 45.0), motion.slides, 0.02), "here")
+    stamps = np.arange(0.0, 45.0, 0.02)
+    robot = table_in_memory(
+        {"time": stamps, **dict(zip("ab", 500.0 * _wandering(stamps).T, strict=True))}, "robot"
+    )
+    read = table_in_memory({"time": time, **dict(zip("xyz", place.T, strict=True))}, "probe")
+    assert clock_of(Pairing.of(read, robot)).offset == pytest.approx(offset, abs=0.04)
+    few = table_in_memory({name: read.numbers(name)[:19] for name in read.names}, "probe")
+    with pytest.raises(InputError, match="probe and robot: found less than 20 samples"):
+        clock_of(Pairing.of(few, robot))

@@ -98,35 +98,6 @@ def test_markers_tell_the_clocks_too(tmp_path: Path) -> None:
     assert abs(offset - OFFSET) < 0.02
 
 
-def test_logged_velocities_make_a_cubic_exact(tmp_path: Path) -> None:
-    time = np.arange(0, 2.01, 0.1)
-    log = {
-        "time [ms]": 1000 * time,
-        "a [deg]": time**3 - 2 * time,
-        "velocity.a [rad/s]": np.radians(3 * time**2 - 2),
-    }
-    pd.DataFrame(log).to_csv(tmp_path / "robot.csv", index=False)
-    seen = np.linspace(0.03, 1.97, 50)
-    probe = pd.DataFrame({"time": seen + 10.0, "x": seen, "y": seen, "z": seen})
-    probe.to_csv(tmp_path / "probe.csv", index=False)
-    assert imported(tmp_path, "--offset", -10).exit_code == 0
-    rows = pd.read_csv(tmp_path / "out.csv", comment="#")
-    np.testing.assert_allclose(rows["a [deg]"], seen**3 - 2 * seen, atol=1e-12)
-    np.testing.assert_allclose(rows["velocity.a [deg/s]"], 3 * seen**2 - 2, atol=1e-11)
-
-
-def test_samples_in_a_gap_or_outside_of_the_log_are_left_out(tmp_path: Path) -> None:
-    time = np.r_[np.arange(0, 5, 0.01), np.arange(8, 12, 0.01)]
-    pd.DataFrame({"time": time, "a": np.sin(time)}).to_csv(tmp_path / "robot.csv", index=False)
-    seen = np.arange(-1, 14, 0.1)
-    pd.DataFrame({"time": seen, "x": seen, "y": seen, "z": seen}).to_csv(tmp_path / "probe.csv", index=False)
-    done = imported(tmp_path, "--offset", 0)
-    kept = pd.read_csv(tmp_path / "out.csv", comment="#")["time [s]"].to_numpy()
-    assert ((kept < 5) | (kept > 7.98)).all()
-    assert len(kept) == np.sum((seen >= 0) & (seen <= 4.99)) + np.sum((seen >= 8) & (seen <= 11.99))
-    assert f"{len(seen) - len(kept)} of {len(seen)} samples" in " ".join(done.output.split())
-
-
 def test_dates_are_times(tmp_path: Path) -> None:
     time = np.arange(0, 3, 0.01)
     stamps = [f"2026-05-01T10:11:{12 + t:09.6f}+00:00" for t in time]
@@ -164,15 +135,6 @@ def test_what_cannot_be_paired_is_told(tmp_path: Path) -> None:
     assert "found no joint 'b'" in imported(tmp_path, "--joint", "b", "--offset", 0).output
     _plain(tmp_path, a=1.0)
     assert "column 'a': found there and in" in " ".join(imported(tmp_path, "--offset", 0).output.split())
-    log = pd.read_csv(tmp_path / "robot.csv")
-    log["velocity.a"] = 57.3 * np.gradient(log["a"], log["time"])
-    log.to_csv(tmp_path / "robot.csv", index=False)
-    assert "expected its velocity, with its unit" in " ".join(
-        imported(tmp_path, "--offset", 0).output.split()
-    )
-    words = [tmp_path / "probe.csv", "--offset", 1, "-o", tmp_path / "o.csv"]
-    done = CliRunner().invoke(app, ["import", *map(str, words)])
-    assert "found without --log" in done.output
 
 
 def test_a_joint_that_moves_by_next_to_nothing_tells_no_clock(tmp_path: Path) -> None:
@@ -188,25 +150,9 @@ def test_a_joint_that_moves_by_next_to_nothing_tells_no_clock(tmp_path: Path) ->
     np.testing.assert_allclose(rows["a"], rows["x"], atol=0.1)
 
 
-def test_samples_at_next_to_the_same_time_tell_no_speed(tmp_path: Path) -> None:
-    time = np.arange(0, 60, 0.02)
-    turning = np.cumsum(np.random.default_rng(5).standard_normal(len(time)))
-    pd.DataFrame({"time": time, "a": turning}).to_csv(tmp_path / "robot.csv", index=False)
-    probe = pd.DataFrame({"time": time - 10.0, "x": turning, "y": 0.0, "z": 0.0})
-    probe.loc[500, "time"] = 0.0
-    again = pd.DataFrame({"time": [5e-324], "x": [turning[500] + 1.0], "y": [0.0], "z": [0.0]})
-    probe = pd.concat([probe[:501], again, probe[501:]])
-    probe.to_csv(tmp_path / "probe.csv", index=False)
-    done = imported(tmp_path)
-    assert done.exit_code == 0, done.output
-    assert float(" ".join(done.output.split()).partition("probe.csv plus ")[2].split()[0]) == pytest.approx(
-        10.0, abs=0.02
-    )
-
-
 @pytest.mark.parametrize("moving", [12, 60])
 def test_a_run_that_hardly_moves_tells_no_clock(tmp_path: Path, moving: int) -> None:
-    """One block of rows is held out at a time: there must be two of each, moving."""
+    """What moves at twelve samples is not compared."""
     time = np.arange(0, 60, 0.5)
     turning = np.zeros(len(time))
     turning[40 : 40 + moving] = np.cumsum(np.random.default_rng(5).standard_normal(moving))
@@ -216,23 +162,8 @@ def test_a_run_that_hardly_moves_tells_no_clock(tmp_path: Path, moving: int) -> 
     done = imported(tmp_path)
     told = " ".join(done.output.split())
     assert (done.exit_code == 0) == (moving == 60), told
-    few = "samples at which the probe moves while the joints are logged, expected at least 20, or --offset"
+    few = "samples at which the probe moves, that clocks could be compared"
     assert (few in told) == (moving == 12)
-
-
-@pytest.mark.parametrize(("file", "column"), [("robot", "a"), ("probe", "x"), ("probe", "time")])
-def test_numbers_whose_squares_are_none_are_refused_where_they_stand(
-    tmp_path: Path, file: str, column: str
-) -> None:
-    _plain(tmp_path)
-    table = pd.read_csv(tmp_path / f"{file}.csv")
-    for value, refused in ((1.1e12, True), (-1e300, True), (1e12, False)):
-        table[column] = np.where(table.index == 70, value, table[column])
-        table.to_csv(tmp_path / f"{file}.csv", index=False)
-        told = " ".join(imported(tmp_path).output.split())
-        assert (
-            f"row 71 (line 72), column '{column}': found {value:g}, expected at most 1e+12" in told
-        ) == refused
 
 
 TURNS = st.lists(
@@ -257,10 +188,3 @@ def test_every_form_of_a_rotation_is_the_same_rotation(quaternions: list[tuple[f
         read = Rotation.from_rotvec(np.column_stack([table.numbers(f"r{a}") for a in "xyz"]), degrees=True)
         # angles near the pole lose half of their digits
         assert (read.inv() * turns).magnitude().max() < 1e-6, form
-
-
-@pytest.mark.parametrize(("part", "length"), [(0.5, "0.7071"), (1e200, "inf")])
-def test_a_quaternion_that_is_none_is_refused(tmp_path: Path, part: float, length: str) -> None:
-    _plain(tmp_path, qx=part, qy=0.0, qz=0.0, qw=part)
-    told = " ".join(imported(tmp_path, "--offset", 0).output.split())
-    assert f"found a quaternion of length {length}, expected 1" in told

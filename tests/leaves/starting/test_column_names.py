@@ -100,11 +100,6 @@ def test_a_driver_is_no_column_of_the_sensor(tmp_path: Path) -> None:
         gantry(tmp_path, ("A", "B", "C"), section("position"), drivers=[{"name": "x", "unit": "mm"}])
 
 
-def test_joints_have_names_of_their_own(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="'A'"):
-        gantry(tmp_path, ("A", "A", "B"), section("position"))
-
-
 def test_a_path_holds_joints_or_poses_and_says_which(tmp_path: Path) -> None:
     """Where joints are called x, y and z, columns of poses begin with `pose.`."""
     named = gantry(tmp_path, ("x", "y", "z"), section("position", name="sensor"), task=["x", "y", "z"])

@@ -42,27 +42,10 @@ XML = {
     "a document type": '<!DOCTYPE r SYSTEM "http://127.0.0.1:9/x">' + ROBOT.format(""),
 }
 FORMULAS = (
-    f"__import__('os').system('touch ran') or {RUN}",
-    RUN,
-    f"(lambda: {RUN})()",
-    f"[{RUN} for u in u]",
-    f"f'{{{RUN}}}'",
-    "u.__class__.__mro__",
-    "sin.__globals__",
-    "u if u else u",
-    "(u := 1)",
-    "sin(*u)",
-    "sin(x=u)",
-    "'u'",
-    "9" * 999,
-    "0x" + "f" * 900,
-    "-" * 998 + "u",
-    "(" * 490 + "u" + ")" * 490,
-    "u" * (LONGEST + 1),
-    "True",
-    "1j",
-    "...",
-)
+    f"__import__('os').system('touch ran') or {RUN}", RUN, f"(lambda: {RUN})()", f"[{RUN} for u in u]", f"f'{{{RUN}}}'",
+    "u.__class__.__mro__", "sin.__globals__", "u if u else u", "(u := 1)", "sin(*u)", "sin(x=u)", "'u'", "9" * 999,
+    "0x" + "f" * 900, "-" * 998 + "u", "(" * 490 + "u" + ")" * 490, "u" * (LONGEST + 1), "True", "1j", "...",
+)  # fmt: skip
 
 
 @pytest.fixture(autouse=True)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +13,6 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from truepose.cli import app
-from truepose.errors import InputError
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.leaves.check.run import check_files
 from truepose.identification.prediction.predict import simulate
@@ -124,12 +121,6 @@ def test_a_mount_is_told_by_stars(tmp_path: Path, arm: str, axes: tuple[str, str
     )
 
 
-def test_an_empty_recording_is_refused_for_want_of_rows(tmp_path: Path) -> None:
-    run("--arm", "ur5e", "-o", tmp_path / "m.yaml")
-    with pytest.raises(InputError, match="row"):
-        load_recording(load_machine(tmp_path / "m.yaml"), [tmp_path / "m_recording.csv"])
-
-
 def test_base_and_tool_are_unknown_unless_told(tmp_path: Path) -> None:
     run("--arm", "kr6", "-o", tmp_path / "a.yaml")
     run("--arm", "kr6", "--base", "100,-20,5.5", "--tool", "0,0,120,0,90,0", "-o", tmp_path / "b.yaml")
@@ -139,24 +130,6 @@ def test_base_and_tool_are_unknown_unless_told(tmp_path: Path) -> None:
     geometry = {name: p.nominal for name, p in told.geometry.items()}
     assert [geometry[f"base.{axis}"] for axis in "xyz"] == [100, -20, 5.5]
     assert geometry["tool.ry"] == pytest.approx(np.pi / 2)
-
-
-def test_an_arm_is_fitted_with_a_base_and_a_tool_that_nobody_told(tmp_path: Path) -> None:
-    """Readings of an arm that stands elsewhere, with another tool: the file as written finds both."""
-    where = ("--base", "900,-400,150,5,-10,140", "--tool", "20,-30,140,0,0,0")
-    run("--arm", "irb120", "--sensor", "position", *where, "-o", tmp_path / "true.yaml")
-    run("--arm", "irb120", "--sensor", "position", "-o", tmp_path / "m.yaml")
-    true, machine = load_machine(tmp_path / "true.yaml"), load_machine(tmp_path / "m.yaml")
-    ranges = np.degrees([a.range or (-3, 3) for a in machine.mechanism.actuators])
-    q = np.random.default_rng(2).uniform(0.8 * ranges[:, 0], 0.8 * ranges[:, 1], (60, 6))
-    frame = pd.DataFrame(q, columns=list(machine.mechanism.readings))
-    frame.to_csv(tmp_path / "q.csv", index=False)
-    read = simulate(true, load_recording(true, [tmp_path / "q.csv"], need_observations=False), seed=1)
-    pd.concat([frame, read], axis=1).to_csv(tmp_path / "rows.csv", index=False)
-    fit = calibrate(machine, load_recording(machine, [tmp_path / "rows.csv"])).fit
-    assert 0.7 < fit.chi2_per_dof < 1.3  # 2.6 sigma of 180 readings less 36 parameters
-    found = dict(zip(fit.prior.names, fit.p, strict=True))
-    assert abs(found["base.x"] - 900) < 1.5  # the first row's tolerances of 0.3 mm trade with it
 
 
 def test_a_gough_platform_stands_at_home(tmp_path: Path) -> None:
@@ -172,35 +145,6 @@ def test_a_gough_platform_stands_at_home(tmp_path: Path) -> None:
     )  # b to 1e-3 mm
 
 
-def test_the_symbolic_core_is_not_loaded_for_a_bundled_machine(tmp_path: Path) -> None:
-    """It takes longer to load than all else that the command does."""
-    code = (
-        "import sys; from truepose.cli import app\n"
-        "try: app(['init', '--arm', 'ur5e', '-o', 'm.yaml'])\n"
-        "except SystemExit: pass\n"
-        "print(sorted({'casadi', 'scipy', 'pandas', 'pint'} & set(sys.modules)))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
-    )
-    assert done.stdout.splitlines()[-1] == "[]"
-    assert (tmp_path / "m.yaml").is_file()
-
-
-def test_a_table_becomes_a_machine(tmp_path: Path) -> None:
-    (tmp_path / "kr.csv").write_text(
-        "# KR 10\njoint,a [m],alpha,d [m],theta,range\n1,0.025,pi/2,0.4,θ1,±170\n2,0.455,0,0,θ2-90°,-190..45\n"
-    )
-    done = run("--table", tmp_path / "kr.csv", "--convention", "standard", "-o", tmp_path / "kr.yaml")
-    assert done.exit_code == 0, done.output
-    machine = load_machine(tmp_path / "kr.yaml")
-    geometry = {name: p.nominal for name, p in machine.geometry.items()}
-    assert geometry["q2.d"] == 25.0
-    assert geometry["flange.d"] == 455.0
-    assert geometry["q2.theta"] == pytest.approx(-np.pi / 2)
-    assert machine.mechanism.actuators[1].range == pytest.approx(np.radians((-190, 45)))
-
-
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -210,13 +154,10 @@ def test_a_table_becomes_a_machine(tmp_path: Path) -> None:
         (("--arm", "ur5e", "--sensor", "radar"), "--sensor: found 'radar', expected one of pose, position"),
         (("--arm", "ur5e", "--base", "1,2"), "--base: found '1,2', expected X,Y,Z or X,Y,Z,R,P,Y"),
         (("--arm", "ur5e", "--tool", "a,b,c"), "--tool: found 'a,b,c'"),
-        (
-            ("--table", "nowhere.csv", "--convention", "standard"),
-            "nowhere.csv: cannot read the table: No such file",
-        ),
+        (("--table", "nowhere.csv", "--convention", "standard"), "nowhere.csv: cannot read the table: No such file"),
         (("--urdf", "nowhere.urdf"), "nowhere.urdf: cannot read the URDF"),
     ],
-)
+)  # fmt: skip
 def test_what_it_cannot_do_is_said_and_nothing_is_written(
     tmp_path: Path, words: tuple[str, ...], message: str
 ) -> None:

@@ -169,31 +169,15 @@ def test_khalils_convention_shows_by_its_column_r(tmp_path: Path) -> None:
             "craig",
             "--convention: found 'craig', expected one of standard, modified",
         ),
-        (
-            "a,alpha,d,theta\n0.025,90,0.4,0\n",
-            "standard",
-            "no length above 0.4 and no unit, which looks like metres",
-        ),
-        (
-            "a,alpha,d,theta\n25,1.5708,400,0\n",
-            "standard",
-            "line 2, column 'alpha': found '1.5708' without a unit",
-        ),
+        ("a,alpha,d,theta\n0.025,90,0.4,0\n", "standard", "no length above 0.4 and no unit, which looks like metres"),
+        ("a,alpha,d,theta\n25,1.5708,400,0\n", "standard", "line 2, column 'alpha': found '1.5708' without a unit"),
         ("a,alpha,d,theta\n25,90,x,0\n", "standard", "line 2, column 'd': found 'x', expected a length"),
         ("a,alpha,d,theta,kind\n25,90,4,0,screw\n", "standard", "column 'kind': found 'screw'"),
-        (
-            "a,alpha,d,theta,kind\n25,90,40,q1,fixed\n",
-            "standard",
-            "column 'theta': found 'q1' in a fixed row",
-        ),
-        (
-            "a,alpha,d,theta,kind,range\n25,90,40,0,-,±9\n",
-            "standard",
-            "column 'range': found '±9' in a fixed row",
-        ),
+        ("a,alpha,d,theta,kind\n25,90,40,q1,fixed\n", "standard", "column 'theta': found 'q1' in a fixed row"),
+        ("a,alpha,d,theta,kind,range\n25,90,40,0,-,±9\n", "standard", "column 'range': found '±9' in a fixed row"),
         ("a,alpha,d,theta,weight\n25,90,4,0,3\n", "standard", "found the column 'weight'"),
         ("a,a,d,theta\n25,90,4,0\n", "standard", "the column 'a' twice"),
-        ("a [kg],alpha,d,theta\n25,90,4,0\n", "standard", "column 'a': found the unit 'kg'"),
+        ("a [kg],alpha,d,theta\n25,90,4,0\n", "standard", "column 'a': unit 'kg' is a mass, expected a length"),
         ("a,alpha,d,theta\n25,90,4,0,9\n", "standard", "line 2: found 5 cells, expected 4"),
         ("a,alpha,d,theta,min,max\n25,90,40,0,10,-10\n", "standard", "found the range [10.0, -10.0]"),
         (
@@ -204,13 +188,9 @@ def test_khalils_convention_shows_by_its_column_r(tmp_path: Path) -> None:
         ("name,a,alpha,d,theta\nq,25,90,40,0\nq,5,90,40,0\n", "standard", "found the joint 'q' twice"),
         ("a,alpha,d,theta\n", "standard", "found no rows"),
         ("", "standard", "found no header"),
-        (
-            "a,alpha,d,theta,range [m]\n25,90,40,0,±1\n",
-            "standard",
-            "column 'range': found '1', expected an angle",
-        ),
+        ("a,alpha,d,theta,range [m]\n25,90,40,0,±1\n", "standard", "column 'range': found '1', expected an angle"),
     ],
-)
+)  # fmt: skip
 def test_tables_are_refused_rather_than_guessed(
     tmp_path: Path, text: str, convention: str, message: str
 ) -> None:
@@ -266,6 +246,28 @@ def test_a_row_without_a_joint_is_not_driven(
     assert stated or any("CHECK rows" in line for line in start.about)
 
 
+def test_a_flange_s_row_is_a_frame_of_the_machine(tmp_path: Path) -> None:
+    """In both conventions, under a name that no frame has; the recording has a column for each joint."""
+    (tmp_path / "panda.csv").write_text(typed("q{k}", "", "0", ("flange", "", "0")), encoding="utf-8")
+    for convention in ("standard", "modified"):
+        path = tmp_path / f"{convention}.yaml"
+        words = ["init", "--table", str(tmp_path / "panda.csv"), "--convention", convention, "-o", str(path)]
+        done = CliRunner().invoke(app, words)
+        assert done.exit_code == 0, done.output
+        machine = load_machine(path)
+        assert machine.mechanism.readings == tuple(f"q{k}" for k in range(1, 8))
+        assert machine.geometry["flange_frame.r"].nominal == 107
+        assert "# CHECK rows that are not named as joints, and are fixed here: 'flange'." in path.read_text()
+
+
+def test_a_variable_in_d_is_a_slide_s(tmp_path: Path) -> None:
+    path = tmp_path / "scara.csv"
+    path.write_text("a,d,alpha,theta\n300,400,0,θ1\n200,0,180,θ2\n0,d3 + 20,0,0\n0,30,0,θ4\n0,50,0,0\n")
+    joints = table_start(path, "standard").mechanism["joints"]
+    assert [joint["kind"] for joint in joints] == ["revolute", "revolute", "prismatic", "revolute", "fixed"]
+    assert joints[2]["d"] == 20
+
+
 @pytest.mark.parametrize("theta", ["0", "90", ""])
 @pytest.mark.parametrize(
     "names", [("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3"), ("pan", "tilt"), ("", "", "")]
@@ -279,25 +281,3 @@ def test_rows_that_nothing_tells_apart_are_joints_and_listed(
     assert all(joint["kind"] == "revolute" for joint in start.mechanism["joints"])
     (line,) = [line for line in start.about if "do not say whether they are driven" in line]
     assert all((repr(name) in line) == (not name[-1:].isdigit()) for name in names if name)
-
-
-def test_a_variable_in_d_is_a_slide_s(tmp_path: Path) -> None:
-    path = tmp_path / "scara.csv"
-    path.write_text("a,d,alpha,theta\n300,400,0,θ1\n200,0,180,θ2\n0,d3 + 20,0,0\n0,30,0,θ4\n0,50,0,0\n")
-    joints = table_start(path, "standard").mechanism["joints"]
-    assert [joint["kind"] for joint in joints] == ["revolute", "revolute", "prismatic", "revolute", "fixed"]
-    assert joints[2]["d"] == 20
-
-
-def test_a_flange_s_row_is_a_frame_of_the_machine(tmp_path: Path) -> None:
-    """In both conventions, under a name that no frame has; the recording has a column for each joint."""
-    (tmp_path / "panda.csv").write_text(typed("q{k}", "", "0", ("flange", "", "0")), encoding="utf-8")
-    for convention in ("standard", "modified"):
-        path = tmp_path / f"{convention}.yaml"
-        words = ["init", "--table", str(tmp_path / "panda.csv"), "--convention", convention, "-o", str(path)]
-        done = CliRunner().invoke(app, words)
-        assert done.exit_code == 0, done.output
-        machine = load_machine(path)
-        assert machine.mechanism.readings == tuple(f"q{k}" for k in range(1, 8))
-        assert machine.geometry["flange_frame.r"].nominal == 107
-        assert "# CHECK rows that are not named as joints, and are fixed here: 'flange'." in path.read_text()

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from truepose.errors import InputError
-from truepose.models.builders.urdf_file import CHAIN_MOST, FARTHEST, NAME_MOST, Robot, inertials_of
+from truepose.models.builders.urdf_file import CHAIN_MOST, FARTHEST, Robot, inertials_of
 from truepose.models.leaves.starting.urdf import urdf_start
 from truepose.models.units import UnitSystem
 from truepose.wording import close_matches, cut
@@ -47,20 +46,6 @@ def test_what_goes_on_without_end_is_refused(tmp_path: Path, text: str, told: st
     with pytest.raises(InputError, match=told) as caught:
         read(tmp_path, text)
     assert len(str(caught.value)) < 1000 + len(str(tmp_path))
-
-
-EDGES: dict[str, tuple[int, Callable[[int], str]]] = {
-    "name": (NAME_MOST, lambda n: '<robot><link name="' + "l" * n + '"/></robot>'),
-}
-"""Of each limit how much just keeps it, and a URDF with so much."""
-
-
-@pytest.mark.parametrize("limit", EDGES)
-def test_what_just_keeps_a_limit_is_read_and_one_more_is_not(limit: str, tmp_path: Path) -> None:
-    most, text = EDGES[limit]
-    read(tmp_path, text(most))
-    with pytest.raises(InputError, match="expected"):
-        read(tmp_path, text(most + 1))
 
 
 def test_a_place_is_as_far_as_the_limit_and_no_farther(tmp_path: Path) -> None:

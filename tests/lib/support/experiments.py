@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from support import MACHINES
 from truepose.identification.leaves.planning.discriminate.experiment import Experiment, discriminate
-from truepose.identification.leaves.planning.discriminate.factors import Class, Offer, explanation
+from truepose.identification.leaves.planning.discriminate.factors import Class, explanation, read_offer
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine, Mass
 
@@ -47,7 +47,7 @@ def planned_on(
     machine: Machine, *texts: str, n: int = 10, payload: str = "", vary: tuple[str, ...] = ()
 ) -> Experiment:
     wanted = Class(tuple(explanation(text, machine) for text in texts))
-    offer = Offer.of(machine, payload, vary)
+    offer = read_offer(machine, payload, vary)
     return discriminate(machine, n, wanted, offer=offer, candidates=poses(machine, 30))
 
 

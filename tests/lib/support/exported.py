@@ -17,6 +17,7 @@ import yaml
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from support.generated_machines import BODIES
 from support.skips import NO_MUJOCO
 from truepose.identification.compensation.inverse import PoseSolver
 from truepose.models.file.machine_file import SCHEMA, checked_machine
@@ -26,6 +27,41 @@ from truepose.models.machine.machine import Machine
 Array = NDArray[np.float64]
 Pose = Callable[[Array], Array]
 """Readings (nq,) mm and rad to the tool (4, 4) mm."""
+MOUNTED = (
+    "frames: {base: {in: world, xyz: [40, -3, 700], rpy: [1, 2, 30]}, tool: {in: flange, xyz: [3, 4, 50]}}\n"
+)
+BRANCHED = """  type: graph
+  bodies: [base, column, boom, hand, camera]
+  flange: hand
+  joints:
+    - {name: pan, kind: revolute, parent: base, child: column, xyz: [1, 2, 300], rpy: [0.1, 0.2, 0.3],
+       axis: [0.1, -0.2, 0.97], offset: 3, actuated: true, range: [-170, 170]}
+    - {name: lift, kind: prismatic, parent: column, child: boom, xyz: [50, 0, 0], rpy: [10, 90, 5],
+       axis: [0.6, 0, -0.8], offset: 12.5, actuated: true}
+    - {name: mount, kind: fixed, parent: boom, child: hand, xyz: [0, 120, 3], rpy: [0, -90, 0.02]}
+    - {name: look, kind: revolute, parent: column, child: camera, xyz: [0, 0, 80], actuated: true, range: [-90, 90]}
+masses:
+  boom: {kg: 3.0, com: [10, 20, 30], in: boom}
+  motor: {kg: 1.0, com: [-30, 0, 0], in: boom}
+  gripper: {kg: 0.5, com: [0, 0, 40], in: tool}
+"""
+TILTED = """  type: graph
+  bodies: [base, a, b, c, d, e, f, plate]
+  flange: plate
+  joints:
+    - {name: j1, kind: revolute, parent: base, child: a, xyz: [1, 0, 160], axis: [0, 0.001, 1], actuated: true}
+    - {name: j2, kind: revolute, parent: a, child: b, xyz: [0, 130, 0], axis: [0, 1, 0], offset: -90, actuated: true}
+    - {name: j3, kind: revolute, parent: b, child: c, xyz: [0, -100, 420], axis: [0, 1, 0.002], actuated: true}
+    - {name: j4, kind: revolute, parent: c, child: d, xyz: [0, 0, 390], axis: [0, -1, 0], actuated: true}
+    - {name: j5, kind: revolute, parent: d, child: e, xyz: [0, 95, 0], axis: [0, 0, -1], actuated: true}
+    - {name: j6, kind: revolute, parent: e, child: f, xyz: [0, 0, 95], axis: [0, 1, 0], actuated: true}
+    - {name: plate, kind: fixed, parent: f, child: plate, xyz: [0, 82, 1], rpy: [-90, 0, 0.1]}
+"""
+EXTRA = {
+    "branched": BRANCHED + MOUNTED,
+    "tilted": TILTED + MOUNTED,
+    "mounted": BODIES["nano"].split("frames")[0] + MOUNTED,
+}
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 
 
@@ -119,10 +155,9 @@ class TableReader:
 
 
 def read_table(text: str) -> TableReader:
-    """Return the reader of a table, in either format."""
-    mark = "// " if text.startswith("//") else "# "
-    head = [line.removeprefix(mark) for line in text.splitlines() if line.startswith(mark)]
-    body = "\n".join(line for line in text.splitlines() if not line.startswith(mark))
+    """Return the reader of a table."""
+    head = [line.removeprefix("# ") for line in text.splitlines() if line.startswith("# ")]
+    body = "\n".join(line for line in text.splitlines() if not line.startswith("# "))
     chain = next(line for line in head if line.startswith("axes from the base"))
     told = re.findall(r"([XYZABC]) \((\w+)(, reversed)?\)", chain)
     start = next(line for line in head if line.startswith("reference:"))
@@ -133,7 +168,7 @@ def read_table(text: str) -> TableReader:
     lines = [m for line in head if (m := re.match(r"axis (\w) turns about a line through (.*) mm", line))]
     centres = {m[1]: np.array([float(v) for v in m[2].split()]) for m in lines}
     axes, turned = [letter for letter, *_ in told], {letter for letter, _, way in told if way}
-    rows = long_rows(body) if mark == "# " else block_rows(body, turned)
+    rows = long_rows(body)
     units = {letter: "deg" if letter in centres else "mm" for letter in axes}
     return TableReader(axes, rows, units, turned, {a: joints[joint] for a, joint, _ in told}, centres, home)
 
@@ -146,19 +181,6 @@ def long_rows(body: str) -> dict[str, Array]:
         assert row["unit"] == ("mm" if row["axis"] in "XYZ" else "deg")
         rows.setdefault(row["axis"], []).append([float(row[name]) for name in ("position", *columns)])
     return {letter: np.array(table) for letter, table in rows.items()}
-
-
-def block_rows(body: str, turned: set[str]) -> dict[str, Array]:
-    """Return the same of blocks as ISG kernels read them, in mm and rad, with positions along the letter's direction."""
-    out = {}
-    for block in re.split(r"(?m)^#\n", body):
-        header, *lines = [line.split("\t") for line in block.splitlines()]
-        assert header == [header[0], *(f"E{d}{header[0]}" for d in "XYZABC")]
-        numbers = np.array(lines, dtype=float)
-        assert (np.diff(numbers[:, 0]) > 0).all()
-        backwards = numbers[::-1] * [-1, 1, 1, 1, 1, 1, 1]
-        out[header[0]] = (backwards if header[0] in turned else numbers) * [1, 1e3, 1e3, 1e3, 1e6, 1e6, 1e6]
-    return out
 
 
 def closed_in_mujoco(model: Any, machine: Machine, q: Array) -> Any:

@@ -1,4 +1,4 @@
-"""Light of a mirror whose way is known, and rows that its moves join, for tests of fringe counting."""
+"""Rows that moves of a mirror join, for tests of fringe counting."""
 
 from __future__ import annotations
 
@@ -7,27 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from truepose.identification.leaves.fringes.count import Series, normalised
-from truepose.identification.leaves.fringes.levels import Levels, Noise
 from truepose.identification.recording.recording import Recording
-from truepose.models.sensors.irradiance import fringe
 
 Array = NDArray[np.float64]
-G, RATE, EVERY = 0.2, 7.0, 200.0
-"""Coupling of the mirrors; phase rate (rad per time) and samples a unit of time of a steady mirror."""
-LEVELS = Levels(np.zeros(1), np.array([2.0]), np.array([6.0]))
-
-
-def series(phase: Array, noise: float = 0.0, seed: int = 0, per_time: float = EVERY) -> Series:
-    """Light of a path of ``phase`` (n,), of levels 2 and 6, so many samples a unit of time."""
-    t = np.arange(len(phase)) / per_time
-    shake = 4.0 * noise * np.random.default_rng(seed).standard_normal(len(phase))
-    return normalised(t, 2.0 + 4.0 * fringe(np.cos(phase), G) + shake, LEVELS, Noise(4.0 * noise, 0.0), G)
-
-
-def steady(fringes: float = 6.0, start: float = 0.3, rate: float = RATE) -> Array:
-    n = round(fringes * 2.0 * np.pi / rate * EVERY)
-    return np.asarray(start + rate * np.arange(n) / EVERY)
 
 
 def joined_rows(

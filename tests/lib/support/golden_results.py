@@ -19,9 +19,8 @@ from truepose.identification.diagnosis.null_fits import null_fits
 from truepose.identification.diagnosis.search import Expansion, Start, prepared
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.tool_pose import tool_spread
-from truepose.identification.leaves.fleet.columns import Columns
+from truepose.identification.leaves.fleet.pooled import Pooled
 from truepose.identification.leaves.fleet.statistics import statistics
-from truepose.identification.leaves.fleet.summary import Summary
 from truepose.identification.leaves.fringes.move import Move
 from truepose.identification.posterior.state import tops
 from truepose.identification.recording.recording import Recording
@@ -119,7 +118,7 @@ def counted(move: Move) -> Json:
 
 def summed(machines: Sequence[Mapping[str, Any]]) -> Json:
     """Statistics of a fleet."""
-    return asdict(statistics(Summary.of_columns(Columns.of(machines))))
+    return asdict(statistics(Pooled.of(machines)))
 
 
 def kept(value: Any) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -28,12 +28,12 @@ from truepose.identification.fit.leastsquares import Solution, Status
 from truepose.identification.fit.problem import prior_of
 from truepose.identification.fit.summary import FitSummary
 from truepose.identification.recording.recording import Recording
-from truepose.identification.report.documents import diagnosis_document
+from truepose.identification.report.diagnosis import diagnosis_document
 from truepose.identification.signatures.untestable import Untestable
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
-from truepose.shown.document import Items, Table
+from truepose.shown.document import Items
 from truepose.shown.html import page
 from truepose.shown.result import Shown, document
 from truepose.shown.text import LINES, first_screen
@@ -209,16 +209,9 @@ def of(items: Iterable[object], kind: type[Kind]) -> list[Kind]:
     return [item for item in items if isinstance(item, kind)]
 
 
-def rows(table: Table) -> list[list[str]]:
-    """The cells of a table, row by row."""
-    return [list(row) for row in table.rows]
-
-
-def report_html(
-    found: Diagnosis, truth: Mapping[str, Any] | None = None, cautions: Sequence[str] | None = None
-) -> str:
+def report_html(found: Diagnosis, cautions: Sequence[str] | None = None) -> str:
     """The page of a diagnosis, below the cautions of a check where there was one."""
-    told = diagnosis_document(found, truth=truth, checked=cautions is not None)
+    told = diagnosis_document(found, checked=cautions is not None)
     return page(replace(told, cautions=cautions or ()))
 
 
@@ -232,16 +225,6 @@ def diagnosis_lines(
 ) -> list[str]:
     """What ``truepose diagnose`` prints of a result."""
     return first_screen(diagnosis_document(found, output, **more), most)
-
-
-def summary_items(found: Shown, title: str) -> list[str]:
-    """What a list of the first screen says; nothing where there is no such list."""
-    return [
-        item
-        for block in document(found).summary
-        if isinstance(block, Items) and block.title == title
-        for item in block.items
-    ]
 
 
 def said_of(found: Shown) -> list[str]:

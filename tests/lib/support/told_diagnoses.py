@@ -48,6 +48,7 @@ def diagnosis(verdict: str, *findings: Finding, **others: object) -> Diagnosis:
         "budget_spent": False,
         "stopped": False,
         "noise": 1.0,
+        "inflation": {},
         "structure": Alarm(0.1, 0.5),
     }
     quiet |= {

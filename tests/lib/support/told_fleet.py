@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from truepose.identification.leaves.fleet.changes import Change, Changes, Moved
+from truepose.identification.leaves.fleet.odd import Oddness, Reason
 from truepose.identification.leaves.fleet.page import fleet_document
-from truepose.identification.leaves.fleet.result import SHOWN, Fleet
+from truepose.identification.leaves.fleet.record import Record
 from truepose.identification.leaves.fleet.statistics import (
     ConstantInFleet,
     EffectInFleet,
@@ -14,7 +15,7 @@ from truepose.identification.leaves.fleet.statistics import (
     Interval,
     ToleranceInFleet,
 )
-from truepose.identification.leaves.fleet.table import Row
+from truepose.identification.leaves.fleet.table import Fleet, fleet_table
 from truepose.shown.html import page
 
 HOSTILE = '<script>alert("1")</script>&'
@@ -30,12 +31,16 @@ STATISTICS = FleetStatistics(
     (ToleranceInFleet("serial", "angle q", 600, Interval(1.6, 1.4, 1.8), 0.0),),
     (ConstantInFleet("serial", "q2.r", 100, Interval(0.5, 0.3, 0.7), 1.0),),
 )
-DONE = Row(
-    HOSTILE, "done", machine="arm", check="ok", verdict="missing-physics", concealed=True, chi2_before=40.0, chi2_after=1.0,
-    reading="position", rms_before=900.0, rms_after=15.0, unit="um", held_out=True, ratio=0.02, noise=1.0,
-    findings="backlash at q2", odd=True, oddness=4.2, odd_because="backlash at q2, which 0 of 99 others have",
-)  # fmt: skip
-FAILED = Row("zz/..", "failed", f"zz/r.csv: missing column {HOSTILE!r}")
+FIGURES = {
+    "machine": "arm", "check": "ok", "verdict": "missing-physics", "concealed": True, "chi2_before": 40.0,
+    "chi2_after": 1.0, "reading": "position", "rms_before": 900.0, "rms_after": 15.0, "unit": "um", "held_out": True,
+    "ratio": 0.02, "noise": 1.0, "findings": "backlash at q2",
+}  # fmt: skip
+DONE = Record(name=HOSTILE, key="", status="done", figures=FIGURES)
+FAILED = Record(name="zz/..", key="", status="failed", why=f"zz/r.csv: missing column {HOSTILE!r}")
+ODD = Oddness(
+    4.2, True, (Reason("present", "backlash@q2", 0.0, "backlash at q2, which 0 of 99 others have"),)
+)
 CHANGES = Changes(
     new=(HOSTILE,),
     gone=("b",),
@@ -43,15 +48,12 @@ CHANGES = Changes(
     moved=(Moved(HOSTILE, "q2.r", 0.3, 7.0),),
     compared=12,
     again=1,
+    limit=3.0,
 )
 
 
-def fleet(changes: Changes | None = CHANGES, rows: int = 1) -> Fleet:
-    counts = {"done": rows, "failed": 1}
-    told = [DONE] * min(rows, SHOWN)
-    return Fleet(
-        HOSTILE, rows + 1, counts, {"missing-physics": rows}, STATISTICS, 1, told[:1], [FAILED], told, changes
-    )
+def fleet() -> Fleet:
+    return Fleet(HOSTILE, fleet_table([DONE, FAILED], [ODD]), STATISTICS, CHANGES)
 
 
 def fleet_html(found: Fleet) -> str:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +13,6 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 
-import truepose
 from support import MACHINES
 from support.slide_arm import TINY
 from truepose.cli import app
@@ -23,24 +20,6 @@ from truepose.errors import ConvergenceError
 from truepose.models.load import load_machine
 
 SERIAL = MACHINES / "serial.yaml"
-COMMANDS = (
-    "demo",
-    "init",
-    "check",
-    "calibrate",
-    "diagnose",
-    "identifiability",
-    "plan",
-    "poses",
-    "drift",
-    "predict",
-    "simulate",
-    "compensate",
-    "codegen",
-    "export",
-    "effects",
-    "schema",
-)
 
 
 def run(*arguments: object) -> Result:
@@ -109,20 +88,6 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> Diagnosed:
     return Diagnosed(machine, recording, folder / "out", result, kept[-1] if kept else None)
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_has_help_with_an_example(command: str) -> None:
-    result = run(command, "--help")
-    assert result.exit_code == 0
-    assert f"Example: truepose {command}" in " ".join(result.stdout.split())
-    assert "--json" in result.stdout and "--plugin" in result.stdout
-
-
-def test_only_commands_that_work_are_offered() -> None:
-    listed = run("--help").stdout
-    assert all(command in listed for command in COMMANDS)
-    assert run("launch").exit_code == 2
-
-
 def test_calibrate_writes_three_files(recording: Path, tmp_path: Path) -> None:
     result = run("calibrate", SERIAL, recording, "-o", tmp_path / "out")
     assert result.exit_code == 0, result.output
@@ -175,19 +140,6 @@ def test_diagnose_writes_three_files_and_names_the_cause(tiny: Diagnosed, tmp_pa
     assert names == ["diagnosis.json", "improved.yaml", "report.html"]
     text = (tiny.output / "diagnosis.json").read_text(encoding="utf-8")
     diagnosis = json.loads(text, parse_constant=_no_constant)
-    assert set(diagnosis) >= {
-        "schema",
-        "verdict",
-        "concealed",
-        "alarms",
-        "findings",
-        "remainder",
-        "candidates",
-    }
-    assert set(diagnosis) >= {"evidence_map", "untestable", "fit", "proof", "parameters"}
-    assert set(diagnosis["alarms"]) == {"residual", "prior_conflict", "structure"}
-    assert set(diagnosis["fit"]) == {"free", "before", "after"}
-    assert diagnosis["fit"]["before"]["rms"]["position"]["unit"] == "um"
     assert set(diagnosis["parameters"]) == {p.name for p in load_machine(tiny.machine).parameters if p.free}
     named = [f["effect"] for f in diagnosis["findings"]]
     assert "actuator-scale" in named or diagnosis["verdict"] == "unknown"
@@ -199,10 +151,9 @@ def _no_constant(name: str) -> None:
     raise AssertionError(f"{name} in JSON")
 
 
-def test_demo_shows_the_truth_on_the_report_alone(
+def test_demo_tells_the_truth_that_the_diagnosis_never_saw(
     tiny: Diagnosed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The bundled machine and recording reach the diagnosis; the truth goes to the report only."""
     from truepose.identification.diagnosis import diagnose as engine
 
     seen: dict[str, Any] = {}
@@ -211,21 +162,13 @@ def test_demo_shows_the_truth_on_the_report_alone(
         seen.update(name=machine.name, rows=len(recording))
         return tiny.diagnosis
 
-    def page(diagnosis: Any, truth: Any, caution: Any) -> str:
-        seen["truth"] = truth
-        return "<html></html>"
-
     monkeypatch.setattr(engine, "diagnose", diagnose)
-    monkeypatch.setattr("truepose.identification.report.files.diagnosis_page", page)
     monkeypatch.chdir(tmp_path)
     done = run("demo")
     assert done.exit_code == 0, done.output
     assert seen["name"] == "telescope" and seen["rows"] > 40
-    assert seen["truth"]["effect"]["effect"] == "platform-deformation"
-    assert "truth" not in json.loads(
-        (tmp_path / "truepose-demo" / "diagnosis.json").read_text(encoding="utf-8")
-    )
-    assert "report.html" in done.stdout
+    assert "simulated with: platform-deformation at platform" in done.stdout
+    assert "platform-deformation" not in (tmp_path / "truepose-demo" / "diagnosis.json").read_text("utf-8")
 
 
 def test_predict_and_simulate_write_tables(poses: Path, tmp_path: Path) -> None:
@@ -345,26 +288,3 @@ class Creep(Effect):
     def shifts(self, site):
         return {site.port("q1"): site.c["c"]}
 """
-
-
-def test_no_progress_display_where_output_is_no_terminal(recording: Path, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "truepose.cli", "calibrate", SERIAL, recording, "-o", tmp_path / "out"]
-    done = subprocess.run([str(c) for c in command], capture_output=True, text=True, check=False)
-    stages = (
-        "calibrating",
-        "checking",
-        "fitting",
-        "looking",
-        "writing",
-    )  # a line each, where the work takes over two seconds
-    assert done.returncode == 0 and all(line.startswith(stages) for line in done.stderr.splitlines())
-    assert "\x1b" not in done.stdout + done.stderr and "arm is calibrated" in done.stdout
-
-
-def test_the_library_is_short_names_imported_when_used() -> None:
-    probe = "import sys, truepose; assert 'casadi' not in sys.modules and truepose.load_machine"
-    subprocess.run([sys.executable, "-c", probe], check=True)
-    for name in truepose.__all__:
-        assert getattr(truepose, name) is not None
-    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
-        _ = truepose.nothing

@@ -171,30 +171,6 @@ def test_every_command_has_an_example_that_is_run_here_or_where_it_says() -> Non
     assert told == set(NAMES.values())
 
 
-@pytest.mark.parametrize("command", ["", *COMMANDS])
-def test_short_help_is_help_and_every_command_can_be_quiet(command: str) -> None:
-    arguments = [NAMES[command]] if command else []
-    short, long = run([*arguments, "-h"]), run([*arguments, "--help"])
-    assert short.exit_code == long.exit_code == 0 and short.stdout == long.stdout
-    assert "--quiet" in long.stdout or not command
-    assert "--install-completion" in long.stdout or command
-
-
-def test_a_quiet_command_leaves_its_files_and_says_nothing(folder: Path, tmp_path: Path) -> None:
-    arguments = [
-        "predict",
-        str(folder / "machine.yaml"),
-        str(folder / "recording.csv"),
-        "-o",
-        str(tmp_path / "p.csv"),
-    ]
-    done = run([*arguments, "--quiet"])
-    assert (done.exit_code, done.stdout, done.stderr) == (0, "", "")
-    assert (tmp_path / "p.csv").is_file() and run(arguments).stdout != ""
-    failed = run(["predict", "none.yaml", "none.csv", "-o", str(tmp_path / "q.csv"), "--quiet"])
-    assert failed.exit_code == 2 and failed.stdout == "" and failed.stderr.startswith("error: ")
-
-
 @pytest.mark.parametrize("arguments", [["--help"], ["-h"], ["calibrate", "--help"], ["--version"]])
 def test_help_waits_for_no_library(arguments: list[str]) -> None:
     """What takes long to import is imported when it is needed: help is there in a fifth of a second.

@@ -21,7 +21,7 @@ from truepose.identification.compensation.compensate import compensate
 from truepose.identification.compensation.path_table import commands, path_rows
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.leaves.planning.plan import plan
-from truepose.identification.leaves.planning.pose_tables import plan_table
+from truepose.identification.leaves.planning.showing import plan_table
 from truepose.identification.load import load_recording
 from truepose.identification.recording.table import read_table
 from truepose.models.leaves.export.write import export

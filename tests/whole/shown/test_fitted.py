@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import sys
 from collections.abc import Callable, Mapping
 from functools import cache, partial
 from pathlib import Path
@@ -15,7 +14,7 @@ import pytest
 
 import truepose
 from support.examples import by_day
-from support.results import BUNDLED, RESULTS, calibration, diagnosis, machine, recording
+from support.results import BUNDLED, calibration, diagnosis, machine, recording
 from support.round_trips import check_round_trip
 from truepose.errors import InputError
 from truepose.identification.diagnosis.result import Diagnosis
@@ -98,21 +97,6 @@ def test_residuals_are_prediction_minus_reading(name: str) -> None:
             expected = predicted[column].to_numpy() - read[column].to_numpy()
             np.testing.assert_allclose(table[column].to_numpy(), expected, rtol=1e-5, atol=1e-6)
     assert table["fitted"].sum() > 0
-
-
-@each
-def test_a_plot_has_a_panel_for_each_kind_of_reading(name: str, tmp_path: Path) -> None:
-    result = FITTED[name]()
-    figure = result.plot()
-    assert len(figure.axes) == len(result.machine.residual_units)
-    assert all(axes.get_ylabel() and axes.lines for axes in figure.axes)
-    figure.savefig(tmp_path / "residuals.png")
-
-
-def test_without_matplotlib_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    with pytest.raises(InputError, match=r"pip install 'truepose\[plot\]'"):
-        calibration().plot()
 
 
 TAKE_MACHINES: Mapping[str, Callable[[Any], Any]] = {
@@ -212,19 +196,6 @@ def test_what_is_no_machine_is_refused_by_name(function: str, given: object) -> 
     expected = f"machine: found {type(given).__name__}, expected a machine or a result of calibrate"
     with pytest.raises(InputError, match=expected):
         TAKE_MACHINES[function](given)
-
-
-@pytest.mark.parametrize("name", RESULTS)
-def test_completion_lists_what_a_user_needs(name: str) -> None:
-    result = RESULTS[name]()
-    offered = dir(result)
-    assert "to_frame" in offered and not [n for n in offered if n.startswith("_")]
-    assert not {"shown_by", "internal", *result.internal} & set(offered)
-    if isinstance(result, Fitted):
-        assert {"machine", "predict", "residuals", "plot", "to_frame", "nominal"} - {"nominal"} <= set(
-            offered
-        )
-        assert len(offered) <= 45
 
 
 def test_write_calibrated_names_the_estimate_that_it_takes(tmp_path: Path) -> None:

@@ -3,38 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from xml.etree import ElementTree as ET
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from support.examples import examples
-from truepose.shown.chart import Marks, strips
 from truepose.shown.document import Command, Document, Fold, Gain, Items, Table, Text
-from truepose.shown.html import ROWS, fragment, page
+from truepose.shown.html import page
 from truepose.shown.result import Shown
 from truepose.shown.text import LINES, WIDTH, first_screen, printable, screen, wrapped
 
 TEXTS = st.text(max_size=300) | st.sampled_from(
     ["<script>alert(1)</script>", "a\nb\tc", "\x1b[31mred", "x" * 500, "'\"&", ""]
 )
-TAGS = {
-    "div",
-    "p",
-    "strong",
-    "small",
-    "code",
-    "ul",
-    "li",
-    "figure",
-    "table",
-    "thead",
-    "tbody",
-    "tr",
-    "th",
-    "td",
-}
 
 
 @st.composite
@@ -70,32 +52,13 @@ def test_any_document_is_one_screen(document: Document) -> None:
     )
 
 
-@given(documents())
-@settings(max_examples=examples(40), deadline=None)
-def test_html_holds_its_own_tags_and_the_texts(document: Document) -> None:
-    text = fragment(document)
-    tree = ET.fromstring(text)
-    assert {element.tag for element in tree.iter()} <= TAGS
-    said = "".join(tree.itertext())
-    for word in document.headline.split():
-        assert printable(word)[:100] in said or "`" in word
-    table = next(block for block in document.summary if isinstance(block, Table))
-    assert len(tree.findall(".//td")) == min(len(table.rows), ROWS) * len(table.head)
-
-
 def facts(count: int, **more: object) -> Items:
     return Items([f"fact {k}" for k in range(count)], **more)  # type: ignore[arg-type]
 
 
 def test_parts_stand_in_this_order() -> None:
-    gain = Gain(
-        "position error, rms",
-        "0.5 mm",
-        "0.2 mm",
-        "on held-out rows",
-        "the instrument alone: 0.1 mm",
-        (1, 0, 0),
-    )
+    alone = "the instrument alone: 0.1 mm"
+    gain = Gain("position error, rms", "0.5 mm", "0.2 mm", "on held-out rows", alone, (1, 0, 0))
     told = Document(
         "kicker",
         "The headline.",
@@ -163,14 +126,6 @@ def test_a_sentence_keeps_to_its_lines_and_says_where_it_was_cut(text: str, most
         assert "".join(told.split()) == "".join(printable(text).split())
 
 
-def test_html_has_forty_rows_and_says_how_many_are_left() -> None:
-    table = Table(["n", "m"], [["a", "b"]] * 50)
-    text = fragment(Document("t", "h", summary=[facts(50), table], more="to_frame() has all"))
-    tree = ET.fromstring(text)
-    assert (len(tree.findall(".//li")), len(tree.findall(".//td"))) == (ROWS, 2 * ROWS)
-    assert "... 10 more rows: to_frame() has all" in text
-
-
 def test_a_page_escapes_what_it_is_given_and_keeps_the_lines_of_a_table_to_copy() -> None:
     table = Table(["a", "b"], [["<b>", "(joint-compliance)"]], csv='a,"b"\n1,2\n')
     text = page(Document("<t>", "<h>", summary=[Fold("<f>", [table])]))
@@ -191,11 +146,4 @@ def test_a_broken_result_still_has_a_repr() -> None:
 def test_no_text_moves_the_cursor(text: str) -> None:
     told = Document("t", f"a{text}b", summary=[Items([f"c{text}d"])])
     assert all(line.isprintable() for line in first_screen(told))
-    assert text not in fragment(told)
-
-
-def test_ranges_are_drawn_as_shares() -> None:
-    (chart,) = strips({"q1": [-1.0, 0.0, 1.0]}, {"q1": (-1.0, 1.0, "deg")}, "joints")
-    (marks,) = chart.layers
-    assert isinstance(marks, Marks) and marks.x.tolist() == [0.0, 0.5, 1.0]
-    assert list(chart.y.names) == ["q1 -1 .. 1 deg"]
+    assert text not in page(told)

@@ -35,14 +35,9 @@ def frames_swapped(rig: Rig, scene: Scene) -> Iterator[Slip]:
         p[base], p[tool] = scene.p[tool], scene.p[base]
         return replace(scene, p=p, exchanged=not scene.exchanged)
 
-    yield Slip(
-        "frames-swapped",
-        ("frames.base", "frames.tool"),
-        "frames.base and frames.tool exchanged",
-        "exchange xyz, rpy and tolerance of frames.base and frames.tool",
-        change,
-        _mend_swap,
-    )
+    says = "frames.base and frames.tool exchanged"
+    fix = "exchange xyz, rpy and tolerance of frames.base and frames.tool"
+    yield Slip("frames-swapped", ("frames.base", "frames.tool"), says, fix, change, _mend_swap)
 
 
 def _mend_swap(pair: Pair) -> Pair:
@@ -72,16 +67,13 @@ def frame_unknown(rig: Rig, frame: str, found: Array) -> Slip:
         unknown = {"xyz": float("inf"), "rpy": float("inf")}
         return pair.with_field(own, {"in": parent, "xyz": xyz, "rpy": rpy, "tolerance": unknown})
 
-    return Slip(
-        f"{frame}-missing",
-        (f"frames.{frame}",),
+    says = (
         f"frames.{frame} stands {away} from where the file says"
         if present
-        else f"frames.{frame} is left out, which says that it is exactly the identity, and stands {away} away",
-        f"{'state' if present else 'add'} frames.{frame} with 'tolerance: {{xyz: .inf, rpy: .inf}}' if nobody measured it",
-        lambda scene: scene,
-        mend,
+        else f"frames.{frame} is left out, which says that it is exactly the identity, and stands {away} away"
     )
+    fix = f"{'state' if present else 'add'} frames.{frame} with 'tolerance: {{xyz: .inf, rpy: .inf}}' if nobody measured it"
+    return Slip(f"{frame}-missing", (f"frames.{frame}",), says, fix, lambda scene: scene, mend)
 
 
 # -- A table of Denavit and Hartenberg's constants typed in under another convention, in other columns, or with rows exchanged

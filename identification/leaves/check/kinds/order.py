@@ -160,15 +160,9 @@ def _shift(columns: tuple[str, ...], by: int) -> Slip:
         return sheet.with_cells_of(columns, source).rows(np.flatnonzero(~lost))
 
     rows = f"{abs(by)} row{'s' if abs(by) > 1 else ''}"
-    return Slip(
-        "rows-shifted",
-        columns,
-        f"readings {rows} {'too late' if by > 0 else 'too early'}",
-        f"move {shortened(columns, 3)} {rows} {'up' if by > 0 else 'down'}, against the joints",
-        change,
-        lambda pair: pair.each(mend),
-        between=True,
-    )
+    says = f"readings {rows} {'too late' if by > 0 else 'too early'}"
+    fix = f"move {shortened(columns, 3)} {rows} {'up' if by > 0 else 'down'}, against the joints"
+    return Slip("rows-shifted", columns, says, fix, change, lambda pair: pair.each(mend), between=True)
 
 
 def _columns(rig: Rig) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from itertools import product
 
 import numpy as np
 
-from truepose.identification.leaves.check.pair import RARE, SELDOM, USUAL, Change, Field, Pair, Scene, Slip
+from truepose.identification.leaves.check.pair import RARE, SELDOM, USUAL, Field, Pair, Scene, Slip
 from truepose.identification.leaves.check.rig import Rig
 from truepose.models.units import UnitSystem, convert
 from truepose.wording import joined, shortened
@@ -19,15 +19,13 @@ ANGLES = {"rad": USUAL, "deg": USUAL, "grad": SELDOM, "mrad": RARE, "turn": RARE
 """Units that recordings and drawings come in, with the odds that one was taken for another."""
 _ALONE = 0.1
 """Odds that one column alone is in another unit, beside those that all of a kind are."""
-_DIMENSIONS = (("mm", "unit-length", LENGTHS), ("rad", "unit-angle", ANGLES))
+_DIMENSIONS = (("mm", LENGTHS), ("rad", ANGLES))
 _GROUPS = (("alpha",), ("theta",), ("alpha", "theta", "beta"), ("rx", "ry", "rz"))
 
 
 def units(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """Every other unit for the readings, the joints (all of a kind, and each alone), both, and the machine file's numbers."""
-    yield from _recordings(rig)
-    yield from _readings(rig)
-    yield from _joints(rig)
+    yield from _recorded(rig)
     yield from file_lengths(rig, scene)
     yield from _file_angles(rig)
 
@@ -39,34 +37,60 @@ def _said(rig: Rig) -> dict[str, str]:
     return {**joints, **seen, **rig.recording.said}
 
 
-def _recordings(rig: Rig) -> Iterator[Slip]:
-    """Yield other units for all lengths and all angles of a recording at once: everything in m and rad, say."""
+def _recorded(rig: Rig) -> Iterator[Slip]:
+    """Yield other units for columns of a recording: all of them at once, all readings, all joints, and each joint."""
     joints = {a.reading: a.reading_unit for a in rig.machine.mechanism.actuators}
     seen = {n: unit for s in rig.machine.sensors for n, unit in s.columns.items()}
-    units = [*joints.items(), *seen.items()]
-    alike = {inside: [n for n, unit in units if unit == inside] for inside, _, _ in _DIMENSIONS}
-    others = [[(None, {}), *_otherwise(rig, alike[inside], known)] for inside, _, known in _DIMENSIONS]
-    for (length, longer), (angle, wider) in product(*others):
-        factors = {**longer, **wider}
-        if not (factors.keys() & joints.keys() and factors.keys() & seen.keys()):
-            continue
-        named_units = {**dict.fromkeys(longer, length or ""), **dict.fromkeys(wider, angle or "")}
-        named = [u for u, f in ((length, longer), (angle, wider)) if f and u]
-        size, width = (max((f[n] for n in f if n in seen), default=1.0) for f in (longer, wider))
-        yield Slip(
-            "unit-length" if longer else "unit-angle",
-            tuple(factors),
-            f"the recording in {joined(named)}",
-            f"write the units in the header: {shortened([f'{n} [{u}]' for n, u in named_units.items()], 12)}",
-            partial(_scaled_both, factors, size, width),
-            partial(_said_in, named_units),
-            min((LENGTHS[length] if length else 1.0), (ANGLES[angle] if angle else 1.0)),
-        )
+    for length, angle in product((None, *LENGTHS), (None, *ANGLES)):
+        units = _in(rig, {**joints, **seen}, {"mm": length, "rad": angle})
+        named = [unit for unit in (length, angle) if unit is not None]
+        if {*named} == {*units.values()} and units.keys() & joints.keys() and units.keys() & seen.keys():
+            odds = min(LENGTHS.get(length or "", 1.0), ANGLES.get(angle or "", 1.0))
+            yield _in_units(rig, units, f"the recording in {joined(named)}", odds, 12)
+    for inside, known in _DIMENSIONS:
+        for unit, odds in known.items():
+            if units := _in(rig, seen, {inside: unit}):
+                yield _in_units(rig, units, f"readings in {unit}", odds)
+    for inside, known in _DIMENSIONS:
+        like = [name for name, own in joints.items() if own == inside]
+        for chosen in [like, *([name] for name in like if len(like) > 1)]:
+            for unit, odds in known.items():
+                if units := _in(rig, dict.fromkeys(chosen, inside), {inside: unit}):
+                    says = f"{joined(tuple(units)) if len(units) < 4 else 'joints'} in {unit}"
+                    yield _in_units(rig, units, says, odds if len(chosen) == len(like) else _ALONE * odds)
 
 
-def _scaled_both(factors: Mapping[str, float], size: float, width: float, scene: Scene) -> Scene:
-    seen = {n: f for n, f in factors.items() if n in scene.rows.observations}
-    return _scaled_joints(factors, _scaled_columns(seen, size, width, scene))
+def _in(rig: Rig, columns: Mapping[str, str], units: Mapping[str, str | None]) -> dict[str, str]:
+    """Return the columns that some unit, by what it is inside, makes other numbers of, with that unit."""
+    said = _said(rig)
+    meant = {
+        name: unit
+        for inside, unit in units.items()
+        for name, own in columns.items()
+        if own == inside and unit is not None
+    }
+    return {name: unit for name, unit in meant.items() if abs(convert(1.0, unit, said[name]) - 1.0) > 1e-9}
+
+
+def _in_units(rig: Rig, units: Mapping[str, str], says: str, odds: float, shown: int = 3) -> Slip:
+    """Return the slip that columns are in these units."""
+    said = _said(rig)
+    factors = {name: convert(1.0, unit, said[name]) for name, unit in units.items()}
+    read = {n: inside for s in rig.machine.sensors for n, inside in s.columns.items() if n in factors}
+    size, width = (
+        max((factors[n] for n, inside in read.items() if inside == own), default=1.0) for own in ("mm", "rad")
+    )
+    kind = "unit-length" if set(units.values()) & set(LENGTHS) else "unit-angle"
+    headers = shortened([f"{n} [{u}]" for n, u in units.items()], shown)
+    fix = f"write the unit{'s' * (shown > 3)} in the header: {headers}"
+    change = partial(_scaled_columns, factors, size, width)
+    return Slip(kind, tuple(factors), says, fix, change, partial(_said_in, units), odds)
+
+
+def _scaled_columns(factors: Mapping[str, float], size: float, width: float, scene: Scene) -> Scene:
+    seen = {n: f * scene.rows.observations[n] for n, f in factors.items() if n in scene.rows.observations}
+    out = scene.with_columns(seen, size, width)
+    return out.with_joints(out.rows.q * [factors.get(name, 1.0) for name in out.rows.joints])
 
 
 def _said_in(units: Mapping[str, str], pair: Pair) -> Pair:
@@ -79,58 +103,6 @@ def _others(known: Iterable[str], unit: str) -> list[tuple[str, float]]:
     """Other units, each with how many of ``unit`` it is."""
     pairs = [(other, convert(1.0, other, unit)) for other in known]
     return [(other, factor) for other, factor in pairs if abs(factor - 1.0) > 1e-9]
-
-
-def _readings(rig: Rig) -> Iterator[Slip]:
-    for inside, kind, known in _DIMENSIONS:
-        names = tuple(n for s in rig.machine.sensors for n, unit in s.columns.items() if unit == inside)
-        for unit, factors in _otherwise(rig, names, known):
-            most = max(factors.values())
-            sizes = (most, 1.0) if inside == "mm" else (1.0, most)
-            change = partial(_scaled_columns, factors, *sizes)
-            yield _in_unit(kind, factors, unit, f"readings in {unit}", change, known[unit])
-
-
-def _joints(rig: Rig) -> Iterator[Slip]:
-    for inside, kind, known in _DIMENSIONS:
-        like = [a.reading for a in rig.machine.mechanism.actuators if a.reading_unit == inside]
-        sets = [tuple(like), *((name,) for name in like)] if len(like) > 1 else [tuple(like)]
-        for chosen in sets:
-            odds = _ALONE if len(chosen) < len(like) else 1.0
-            for unit, factors in _otherwise(rig, chosen, known):
-                says = f"{joined(tuple(factors)) if len(factors) < 4 else 'joints'} in {unit}"
-                change = partial(_scaled_joints, factors)
-                yield _in_unit(kind, factors, unit, says, change, odds * known[unit])
-
-
-def _otherwise(
-    rig: Rig, names: Sequence[str], known: Iterable[str]
-) -> Iterator[tuple[str, dict[str, float]]]:
-    """Every unit that columns may be in, and by how much those that are said to be in another one then grow."""
-    said = _said(rig)
-    for unit in known:
-        factors = {name: convert(1.0, unit, said[name]) for name in names}
-        factors = {name: factor for name, factor in factors.items() if abs(factor - 1.0) > 1e-9}
-        if factors:
-            yield unit, factors
-
-
-def _in_unit(
-    kind: str, factors: Mapping[str, float], unit: str, says: str, change: Change, odds: float
-) -> Slip:
-    fix = f"write the unit in the header: {shortened([f'{n} [{unit}]' for n in factors], 3)}"
-    return Slip(
-        kind, tuple(factors), says, fix, change, lambda pair: pair.in_unit(tuple(factors), unit), odds
-    )
-
-
-def _scaled_columns(factors: Mapping[str, float], size: float, width: float, scene: Scene) -> Scene:
-    columns = {n: f * scene.rows.observations[n] for n, f in factors.items()}
-    return scene.with_columns(columns, size, width)
-
-
-def _scaled_joints(factors: Mapping[str, float], scene: Scene) -> Scene:
-    return scene.with_joints(scene.rows.q * [factors.get(name, 1.0) for name in scene.rows.joints])
 
 
 def file_lengths(rig: Rig, scene: Scene) -> Iterator[Slip]:
@@ -264,7 +236,7 @@ def _turned(rig: Rig, factors: Mapping[str, float], factor: float, scene: Scene)
     p = scene.p.copy()
     p[rig.angles] *= factor
     width = factor if factors.keys() & scene.rows.observations.keys() else 1.0
-    return replace(_scaled_both(factors, 1.0, width, replace(scene, p=p)), turned=factor * scene.turned)
+    return replace(_scaled_columns(factors, 1.0, width, replace(scene, p=p)), turned=factor * scene.turned)
 
 
 def _file_angles(rig: Rig) -> Iterator[Slip]:

@@ -2,7 +2,7 @@
 
 ``discriminate`` chooses rows (pose, payload, temperature, side, time) that maximise the expected log Bayes factor of
 whatever is true against its worst rival, geometry marginalised under its tolerances (``criterion``),
-and says what each factor brings.
+and says what it is expected to tell.
 """
 
 from __future__ import annotations
@@ -21,10 +21,8 @@ from truepose.identification.leaves.planning.discriminate.factors import (
     Explanation,
     Factor,
     Offer,
-    Target,
     factors,
     unplanned,
-    with_targets,
 )
 from truepose.identification.leaves.planning.discriminate.race import (
     Field,
@@ -32,10 +30,8 @@ from truepose.identification.leaves.planning.discriminate.race import (
     Pool,
     Race,
     Rows,
-    Signals,
     chosen,
     hypotheses,
-    kind_of,
     ordered,
     race,
     recording_of,
@@ -82,26 +78,12 @@ class Pair:
         return self.twins or self.share < IDENTICAL
 
 
-@dataclass(frozen=True)
-class Worth:
-    """What a kind of factor is worth: expected log Bayes factor when all of ``factors`` are held at their nominal
-    value (offered), or varied over a usual span (not offered).
-
-    opened: where that tells pairs apart which the plan cannot, the expected log Bayes factor of the worst of them.
-    """
-
-    kind: str
-    factors: tuple[Factor, ...]
-    offered: bool
-    expected: float
-    opened: float | None = None
-
-
 @dataclass(frozen=True, repr=False)
 class Experiment(Shown):
     """Rows to measure, in a sensible order, and what they are expected to tell.
 
-    expected: of the worst pair; already: of the rows that exist; random (DRAWS,): of as many random rows.
+    expected: of the worst pair; already: of the rows that exist; random (DRAWS,): of as many random rows; held: drivers that
+    explanations read and nobody offered to vary.
     """
 
     machine: Machine
@@ -112,8 +94,7 @@ class Experiment(Shown):
     expected: float
     already: float | None
     random: Array
-    worth: tuple[Worth, ...]
-    targets: tuple[tuple[Target, float], ...]
+    held: tuple[str, ...]
     seed: int
     notes: tuple[Note, ...] = ()
 
@@ -152,7 +133,6 @@ def discriminate(
     offer: Offer | None = None,
     recorded: Recording | None = None,
     candidates: Array | None = None,
-    targets: Sequence[Target] = (),
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Experiment:
@@ -160,85 +140,42 @@ def discriminate(
 
     ``offer`` says what may be varied beside the joints; sides of approach, time and sessions always are where an
     explanation reads them. ``recorded`` are rows that exist already, ``candidates`` (c, nq) the only poses that may be
-    chosen; ``targets`` are weighed on the rows chosen. Raises InputError for fewer than two different explanations,
-    and as ``plan`` does.
+    chosen. Raises InputError for fewer than two different explanations, and as ``plan`` does.
     """
     _check(wanted.explanations, n)
-    asked = _Question.of(machine, wanted, offer or Offer({}))
+    offer, parts = offer or {}, _parts(wanted)
+    machine, notes = _weighing(machine, parts, offer)
+    varied = factors(machine, parts, offer)
     rng = np.random.default_rng(seed)
     progress("looking at candidates")
-    pool = Pool.of(asked.machine, asked.varied, candidates, rng)
+    pool = Pool.of(machine, varied, candidates, rng)
     progress("looking at what they would tell")
-    stage = _Stage.of(asked.machine, pool, asked.parts, wanted, recorded, n)
+    stage = _Stage.of(machine, pool, parts, wanted, recorded, n)
     progress("choosing rows")
     design = chosen(stage.main, n) if stage.main.counted.any() else stage.drawn(n, rng)
     random = [stage.worst(stage.values(stage.drawn(n, rng))) for _ in range(DRAWS)]
-    progress("weighing what is varied")
-    return _experiment(stage, asked, design, np.array(random), targets, seed)
-
-
-@dataclass(frozen=True)
-class _Question:
-    """What is to be told apart: ``parts`` are the effects of all explanations, ``varied`` what rows may differ in.
-
-    The machine carries a payload where loads matter.
-    """
-
-    machine: Machine
-    wanted: Class
-    parts: tuple[PlacedEffect, ...]
-    varied: tuple[Factor, ...]
-    notes: tuple[Note, ...]
-
-    @classmethod
-    def of(cls, machine: Machine, wanted: Class, offer: Offer) -> _Question:
-        """The question of a class of explanations, with what an offer adds to the joints."""
-        parts = _parts(wanted)
-        machine, notes = _weighing(machine, parts, offer)
-        varied = factors(machine, parts, offer)
-        told = (*wanted.notes, *notes, *unplanned(parts), *_unused(offer, varied))
-        return cls(machine, wanted, parts, varied, told)
-
-
-def _experiment(
-    stage: _Stage,
-    asked: _Question,
-    design: Sequence[int],
-    random: Array,
-    targets: Sequence[Target],
-    seed: int,
-) -> Experiment:
-    """What a design of n rows tells, beside ``random`` ones (DRAWS,), and what each factor brings."""
-    explanations = asked.wanted.explanations
-    values, rows = stage.values(design), stage.pool.rows.take(np.flatnonzero(stage.pool.main)[design])
+    values = stage.values(design)
     return Experiment(
-        machine=asked.machine,
-        explanations=explanations,
-        rows=_in_order(rows),
-        reference=stage.pool.reference if any(s.differs_from_row for s in asked.machine.sensors) else None,
-        pairs=stage.pairs(explanations, values),
+        machine=machine,
+        explanations=wanted.explanations,
+        rows=_in_order(pool.rows.take(design)),
+        reference=pool.reference if any(s.differs_from_row for s in machine.sensors) else None,
+        pairs=stage.pairs(wanted.explanations, values),
         expected=stage.worst(values),
-        already=None if stage.exist is None else stage.worst(stage.values([])),
-        random=random,
-        worth=stage.worth(asked.varied, len(design)),
-        targets=tuple((target, stage.with_target(target, rows)) for target in targets),
+        already=None if recorded is None else stage.worst(stage.values([])),
+        random=np.array(random),
+        held=tuple(factor.driver for factor in varied if len(factor.levels) == 1),
         seed=seed,
-        notes=asked.notes,
+        notes=(*wanted.notes, *notes, *unplanned(parts), *_unused(offer, varied)),
     )
 
 
 @dataclass(frozen=True)
 class _Stage:
-    """Rows with what they would tell, hypotheses about it, and the race between them on the rows that are offered.
+    """Rows with what they would tell, hypotheses about it, and the race between them on the rows that are offered."""
 
-    exist: what rows that exist already tell.
-    """
-
-    machine: Machine
-    pool: Pool
     field: Field
     found: tuple[Hypothesis, ...]
-    exist: Signals | None
     main: Race
 
     @classmethod
@@ -251,26 +188,26 @@ class _Stage:
         recorded: Recording | None,
         n: int,
     ) -> _Stage:
-        told = _told(machine, pool.rows, pool.reference, parts)
-        exist = None if recorded is None else signals(machine, recorded, parts)
-        base = np.zeros_like(told.gram) if exist is None else exist.gram
+        """From the rows of a pool, to be added to those that exist already."""
+        every = signals(machine, recording_of(machine, pool.rows, pool.reference), parts)
+        told = every.take(np.arange(1, len(pool.rows) + 1))  # without the reference row before them
+        base = np.zeros_like(told.gram) if recorded is None else signals(machine, recorded, parts).gram
         field = Field(told, base, parts, wanted.others)
-        everywhere = field.gram(pool.main) * (n / np.sum(pool.main)) + field.base
+        everywhere = field.rows.gram * (n / len(pool.rows)) + field.base
         known = field.base
-        if exist is None:
-            nominal = pool.nominal()
-            known = field.gram(nominal) * (n / np.sum(nominal))
+        if recorded is None:
+            known = field.rows.take(pool.nominal).gram * (n / np.sum(pool.nominal))
         found = hypotheses(field, wanted.explanations, known, everywhere)
-        return cls(machine, pool, field, found, exist, race(field, found, pool.main))
+        return cls(field, found, race(field, found))
 
     def drawn(self, n: int, rng: np.random.Generator) -> list[int]:
         """``n`` random rows of those that are offered."""
-        available = int(np.sum(self.pool.main))
+        available = len(self.field.every)
         return [int(row) for row in rng.choice(available, n, replace=n > available)]
 
     def values(self, design: Sequence[int]) -> Array:
         """(p,) expected log Bayes factors; 0 where no row tells."""
-        return _values(self.main, design)
+        return np.where(self.main.counted, self.main.values(design), 0.0)
 
     def worst(self, values: Array) -> float:
         """Of values (p,), the least of those pairs that the plan can tell apart; 0 without any."""
@@ -278,33 +215,12 @@ class _Stage:
 
     def pairs(self, explanations: Sequence[Explanation], values: Array) -> tuple[Pair, ...]:
         """Every ordered pair with its value."""
-        share, counted = shares(self.field, self.found, self.main, self.pool.main), self.main.counted
+        share, counted = shares(self.field, self.found, self.main), self.main.counted
         pairs = [(explanations[i], explanations[j]) for i, j in ordered(len(explanations))]
         return tuple(
             Pair(a, b, float(values[k]), float(share[k]), bool(counted[k]), a.twin_of(b))
             for k, (a, b) in enumerate(pairs)
         )
-
-    def worth(self, varied: Sequence[Factor], n: int) -> tuple[Worth, ...]:
-        """Plans with each kind of factor held, or offered where it was not."""
-        out = []
-        for kind, mask in [*self.pool.still.items(), *self.pool.beyond.items()]:
-            on = race(self.field, self.found, mask)
-            values = _values(on, chosen(on, n, exchange=False) if on.counted.any() else [])
-            more = on.counted & ~self.main.counted
-            same = tuple(f for f in varied if kind_of(f) == kind)
-            opened = float(np.min(values[more])) if more.any() else None
-            out.append(Worth(kind, same, kind in self.pool.still, self.worst(values), opened))
-        return tuple(out)
-
-    def with_target(self, target: Target, rows: Rows) -> float:
-        """Expected log Bayes factor of the worst pair on the same rows, with one more point of the rigid tool read."""
-        parts, others = self.field.parts, self.field.others
-        told = _told(with_targets(self.machine, [target]), rows, self.pool.reference, parts)
-        size = len(told.names) + told.effects.shape[2]
-        base = np.zeros((size, size)) if self.exist is None else self.exist.gram_among(told.names)
-        on = race(Field(told, base, parts, others), self.found, np.ones(len(rows), dtype=bool))
-        return self.worst(_values(on, list(range(len(rows)))))
 
 
 def _check(explanations: Sequence[Explanation], n: int) -> None:
@@ -329,18 +245,7 @@ def _weighing(machine: Machine, parts: Sequence[PlacedEffect], offer: Offer) -> 
     if not asked or any(mass.name == PAYLOAD for mass in machine.masses):
         return machine, []
     hung = replace(machine, masses=(*machine.masses, Mass(PAYLOAD, 0.0, (0.0, 0.0, 0.0), "tool")))
-    return hung, [Note("payload")] if PAYLOAD in offer.levels else []
-
-
-def _told(machine: Machine, rows: Rows, reference: Array, parts: Sequence[PlacedEffect]) -> Signals:
-    """Signals of rows, without the reference row before them."""
-    every = signals(machine, recording_of(machine, rows, reference), parts)
-    return every.take(np.arange(1, len(rows) + 1))
-
-
-def _values(on: Race, design: Sequence[int]) -> Array:
-    """(p,) expected log Bayes factors; 0 where no row tells."""
-    return np.where(on.counted, on.values(design), 0.0)
+    return hung, [Note("payload")] if PAYLOAD in offer else []
 
 
 def _in_order(rows: Rows) -> Rows:
@@ -361,7 +266,5 @@ def _unused(offer: Offer, varied: Sequence[Factor]) -> list[Note]:
     read = {f.driver for f in varied}
     shared = any(Driver.of(name).thermal for name in read)
     return [
-        Note("unread", driver)
-        for driver in offer.levels
-        if driver not in read and not (driver == AIR and shared)
+        Note("unread", driver) for driver in offer if driver not in read and not (driver == AIR and shared)
     ]

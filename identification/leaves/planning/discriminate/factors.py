@@ -1,7 +1,7 @@
 """What an experiment may vary beside the joints: payload, temperatures, sides of approach, time, sessions, speeds.
 
 A factor is a driver of the recording with the levels it may be set to. What explanations read and nobody offered
-stays at its nominal value; a usual span of it says what offering it would bring.
+stays at its nominal value.
 
 Explanations that an experiment is to tell apart: an effect at a place, the forms it may take, its size.
 
@@ -12,7 +12,7 @@ They are named on a command line as ``simulate --effect`` names them, or taken f
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
@@ -41,11 +41,6 @@ from truepose.models.file.driver import (
 from truepose.models.load import resolve_place
 from truepose.models.machine.kinematics import driver_default
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.mechanism import Parameter
-from truepose.models.sensors.base import Sensor
-from truepose.models.sensors.pose import Pose
-from truepose.models.sensors.targets import Targets
-from truepose.models.units import convert
 from truepose.wording import close_matches
 
 # -- Explanations that an experiment is to tell apart: an effect at a place, the forms it may take, its size
@@ -219,8 +214,8 @@ def _twins(explanation: Explanation) -> set[str]:
 SIDES = (1.0, -1.0)
 HOURS = (0.0, 0.5, 1.0, 1.5, 2.0)
 SESSIONS = (1.0, 2.0)
-WARMER, USUAL_PAYLOAD = 5.0, 5.0
-USUAL_WEATHER = {"pressure": (983.25, 1013.25, 1043.25), "humidity": (30.0, 50.0, 70.0)}
+HELD = (PAYLOAD, TEMPERATURE, VELOCITY, "pressure", "humidity")
+"""Kinds of drivers that can be held at a value."""
 MOST = 24
 """Settings of the factors that are tried at one pose; of more, some are drawn."""
 
@@ -229,31 +224,27 @@ MOST = 24
 class Factor:
     """A driver that may be set. levels: internal units (kg, degC, s, hPa, mm/s or rad/s); session: its number.
 
-    nominal: the level that it has where it is not varied. offered: whether the experiment may vary it.
+    nominal: the level that it has where it is not varied.
     """
 
     driver: str
     levels: tuple[float, ...]
     nominal: float
-    offered: bool
 
 
-@dataclass(frozen=True)
-class Offer:
-    """What the user can vary: levels by driver, as ``payload``, ``temperature.leg1``, ``velocity.q2``."""
+Offer = Mapping[str, tuple[float, ...]]
+"""What the user can vary: levels by driver, as ``payload``, ``temperature.leg1``, ``velocity.q2``."""
 
-    levels: Mapping[str, tuple[float, ...]]
 
-    @classmethod
-    def of(cls, machine: Machine, payload: str = "", named: Sequence[str] = ()) -> Offer:
-        """From ``0,2.5,5`` kg and texts such as ``temperature.leg1=15,20,30``. Raises InputError for bad levels."""
-        levels = {PAYLOAD: _numbers(payload, "--payload")} if payload else {}
-        for text in named:
-            driver, equals, values = text.partition("=")
-            driver = driver.strip()
-            _check_driver(machine, driver, text, bool(equals))
-            levels[driver] = _numbers(values, text)
-        return cls(levels)
+def read_offer(machine: Machine, payload: str = "", named: Sequence[str] = ()) -> Offer:
+    """Read ``0,2.5,5`` kg and texts such as ``temperature.leg1=15,20,30``. Raises InputError for bad levels."""
+    levels = {PAYLOAD: _numbers(payload, "--payload")} if payload else {}
+    for text in named:
+        driver, equals, values = text.partition("=")
+        driver = driver.strip()
+        _check_driver(machine, driver, text, bool(equals))
+        levels[driver] = _numbers(values, text)
+    return levels
 
 
 def factors(machine: Machine, parts: Iterable[PlacedEffect], offer: Offer) -> tuple[Factor, ...]:
@@ -264,16 +255,16 @@ def factors(machine: Machine, parts: Iterable[PlacedEffect], offer: Offer) -> tu
     out, parts = {}, tuple(parts)
     for driver in _read(machine, parts, offer):
         nominal = driver_default(machine, driver, parts)
-        levels = offer.levels.get(Driver.of(driver).served_by(offer.levels))
+        levels = offer.get(Driver.of(driver).served_by(offer))
         automatic = _automatic(driver, nominal)
         if levels is not None:
             # held still, it stays at the level closest to what the machine file means
             nominal = min(levels, key=lambda level: abs(level - nominal))
-            out[driver] = Factor(driver, levels, nominal, len(levels) > 1)
+            out[driver] = Factor(driver, levels, nominal)
         elif automatic:
-            out[driver] = Factor(driver, automatic, automatic[0], True)
-        elif span := _usual(machine, driver):
-            out[driver] = Factor(driver, span, nominal, False)
+            out[driver] = Factor(driver, automatic, automatic[0])
+        elif Driver.of(driver).kind in HELD:
+            out[driver] = Factor(driver, (nominal,), nominal)
     return tuple(out.values())
 
 
@@ -299,8 +290,8 @@ def _read(machine: Machine, parts: Iterable[PlacedEffect], offer: Offer) -> list
         names += [_column(name) for name in part.drivers]
         if part.needs_load and machine.loaded:
             names += [PAYLOAD, *machine.force_columns]
-    if AIR in offer.levels:  # one thermometer, whatever it stands for
-        names = [Driver.of(name).served_by(offer.levels) for name in names]
+    if AIR in offer:  # one thermometer, whatever it stands for
+        names = [Driver.of(name).served_by(offer) for name in names]
     return list(dict.fromkeys(names))
 
 
@@ -330,21 +321,13 @@ def _automatic(driver: str, nominal: float) -> tuple[float, ...]:
     return SESSIONS if driver == SESSION else ()
 
 
-def _usual(machine: Machine, name: str) -> tuple[float, ...]:
-    """A usual span of a driver that was not offered, its nominal level first; empty where nobody can say."""
-    driver, nominal = Driver.of(name), driver_default(machine, name)
-    if name == PAYLOAD:
-        return (0.0, nominal or USUAL_PAYLOAD)
-    if driver.thermal:
-        return (nominal, nominal + WARMER)
-    if driver.kind == VELOCITY:
-        low, high = machine.mechanism.actuator(driver.place).range or (0.0, 0.0)
-        return (nominal, (high - low) / 10.0) if high > low else ()
-    return USUAL_WEATHER.get(name, ())
-
-
 def _check_driver(machine: Machine, driver: str, text: str, complete: bool) -> None:
-    known = [*USUAL_WEATHER, *(Driver(VELOCITY, joint).name for joint in machine.mechanism.readings), AIR]
+    known = [
+        "pressure",
+        "humidity",
+        *(Driver(VELOCITY, joint).name for joint in machine.mechanism.readings),
+        AIR,
+    ]
     known += [Driver(TEMPERATURE, part).name for part in (*machine.mechanism.lengths, "tool")]
     known += machine.force_columns
     if not complete or (driver not in known and not Driver.of(driver).thermal):
@@ -364,57 +347,3 @@ def _numbers(text: str, where: str) -> tuple[float, ...]:
     if where == "--payload" and min(values) < 0.0:
         raise InputError(f"{where}: found {min(values):g} kg, expected masses that are not negative")
     return tuple(sorted(set(values)))
-
-
-# -- Further targets on the tool body: machines that have them, to see what measuring them would bring
-
-_AXES = "xyz"
-
-
-@dataclass(frozen=True)
-class Target:
-    """A point (x, y, z) of the tool frame, mm."""
-
-    name: str
-    point: tuple[float, float, float]
-
-    @classmethod
-    def of(cls, text: str, machine: Machine) -> Target:
-        """``NAME=x,y,z`` in the length unit of the machine file. Raises InputError for anything else."""
-        name, _, rest = (part.strip() for part in text.partition("="))
-        units = machine.units
-        try:
-            x, y, z = (convert(float(part), units.length, "mm") for part in rest.split(","))
-        except ValueError:
-            raise InputError(f"--target {text}: expected NAME=x,y,z such as T1=150,0,20") from None
-        if not name or f"{name}.x" in machine.geometry:
-            raise InputError(f"--target {text}: found the name {name!r}, expected one that is not taken")
-        return cls(name, (x, y, z))
-
-
-def with_targets(machine: Machine, targets: Sequence[Target]) -> Machine:
-    """The machine with these points read as well: as precisely as its points, or its position, and as well known.
-
-    Raises InputError where the machine's sensors read neither points nor poses.
-    """
-    for k, sensor in enumerate(machine.sensors):
-        if isinstance(sensor, Targets):
-            tolerance = sensor.points[0].tolerance
-            more = replace(sensor, points=(*sensor.points, *_parameters(targets, tolerance)))
-            return replace(machine, sensors=(*machine.sensors[:k], more, *machine.sensors[k + 1 :]))
-    for sensor in machine.sensors:
-        if isinstance(sensor, Pose):
-            sigma = next(c.sigma for c in sensor.channels if c.kind == "position")
-            known = machine.file.tolerances.length if machine.file else 0.0
-            points: Sensor = Targets(_parameters(targets, known), sigma)
-            return replace(machine, sensors=(*machine.sensors, points))
-    found = ", ".join(sensor.type for sensor in machine.sensors)
-    raise InputError(f"--target: found the sensor {found}, expected `targets` or `pose`")
-
-
-def _parameters(targets: Sequence[Target], tolerance: float) -> tuple[Parameter, ...]:
-    return tuple(
-        Parameter(f"{target.name}.{axis}", "mm", target.point[k], tolerance, "target")
-        for target in targets
-        for k, axis in enumerate(_AXES)
-    )

@@ -18,7 +18,7 @@ a recording that was never made.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -81,11 +81,6 @@ class Rows:
         tiled = np.tile(settings, (len(q), 1))
         return cls(np.repeat(q, len(settings), axis=0), {name: tiled[:, k] for k, name in enumerate(names)})
 
-    def joined(self, other: Rows) -> Rows:
-        """These, then the other ones, of the same drivers."""
-        both = {name: np.concatenate([self.drivers[name], other.drivers[name]]) for name in self.drivers}
-        return Rows(np.concatenate([self.q, other.q]), both)
-
 
 class _Steady(Recording):
     """Rows with no past but their own: temperatures are held until bodies follow, so that a lagged driver is the driver
@@ -127,14 +122,6 @@ class Signals:
         stacked = np.concatenate([self.geometry, self.effects], axis=2)
         stacked = stacked.reshape(-1, stacked.shape[2])
         return np.asarray(stacked.T @ stacked)
-
-    def gram_among(self, names: Sequence[str]) -> Array:
-        """(k + w, k + w) the same among k constants ``names``, of some of which these rows say nothing."""
-        k, w = len(names), self.effects.shape[2]
-        at = np.concatenate([[names.index(name) for name in self.names], k + np.arange(w)]).astype(int)
-        out = np.zeros((k + w, k + w))
-        out[np.ix_(at, at)] = self.gram
-        return out
 
 
 def signals(machine: Machine, recording: Recording, parts: Sequence[PlacedEffect]) -> Signals:
@@ -222,9 +209,9 @@ def _stacked(parts: Sequence[Array]) -> Array:
     return np.concatenate([np.pad(p, ((0, 0), (most - p.shape[1], 0), (0, 0))) for p in parts])
 
 
-ROWS, LEAST_POSES, MORE_POSES = 2400, 120, 120
-"""Rows to choose from; poses among them at least; poses at which a factor that was not offered is tried."""
-# -- The rows that an experiment may choose from, and which of them hold a kind of factor still or vary it
+ROWS, LEAST_POSES = 2400, 120
+"""Rows to choose from; poses among them at least."""
+# -- The rows that an experiment may choose from
 
 STEP = 1e-6
 """Joint values are rounded to about this share of their range."""
@@ -232,14 +219,11 @@ STEP = 1e-6
 
 @dataclass(frozen=True)
 class Pool:
-    """Rows that may be taken. main: those that are offered; beyond: further rows by kind of factor not offered;
-    still: rows by kind of factor that is offered, at its nominal value."""
+    """Rows that may be taken; nominal (n,): those at which every factor has its nominal value."""
 
     rows: Rows
     reference: Array
-    main: Mask
-    beyond: dict[str, Mask]
-    still: dict[str, Mask]
+    nominal: Mask
 
     @classmethod
     def of(
@@ -249,45 +233,11 @@ class Pool:
         information = PoseInformation(machine)
         q = rng.permutation(Supply.of(information, candidates, rng).poses.q)
         q = q if candidates is not None else rounded(q, machine, STEP)
-        names = [factor.driver for factor in varied]
-        every = _levels(varied, {f.driver for f in varied if f.offered}, rng)
+        every = settings(varied, rng)
         q = q[: max(LEAST_POSES, ROWS // len(every))]
-        rows, beyond = Rows.crossed(q, names, every), {}
-        sizes = [len(rows)]
-        for kind in _kinds(f for f in varied if not f.offered):
-            inside = {f.driver for f in varied if f.offered or kind_of(f) == kind}
-            more = Rows.crossed(q[:MORE_POSES], names, _levels(varied, inside, rng))
-            rows = rows.joined(more)
-            sizes.append(len(more))
-            beyond[kind] = np.zeros(0, dtype=bool)
-        part = np.repeat(np.arange(len(sizes)), sizes)
-        main = part == 0
-        beyond = {kind: main | (part == k) for k, kind in enumerate(beyond, start=1)}
-        still = {
-            kind: main
-            & np.all([rows.drivers[f.driver] == f.nominal for f in varied if kind_of(f) == kind], axis=0)
-            for kind in _kinds(f for f in varied if f.offered)
-        }
-        return cls(rows, information.home, main, beyond, still)
-
-    def nominal(self) -> Mask:
-        """(n,) rows at which every factor that is offered has its nominal value."""
-        return np.asarray(np.logical_and.reduce([self.main, *self.still.values()]))
-
-
-def kind_of(factor: Factor) -> str:
-    """``approach`` of ``approach.q2``: factors of a kind are held, or varied, together."""
-    return Driver.of(factor.driver).kind
-
-
-def _kinds(some: Iterable[Factor]) -> list[str]:
-    return list(dict.fromkeys(kind_of(f) for f in some))
-
-
-def _levels(varied: Sequence[Factor], free: set[str], rng: np.random.Generator) -> Array:
-    """(s, f) settings when only some drivers may move."""
-    held = [f if f.driver in free else replace(f, levels=(f.nominal,)) for f in varied]
-    return settings(held, rng)
+        rows = Rows.crossed(q, [factor.driver for factor in varied], every)
+        still = [rows.drivers[factor.driver] == factor.nominal for factor in varied]
+        return cls(rows, information.home, np.logical_and.reduce([np.ones(len(rows), dtype=bool), *still]))
 
 
 # -- How well rows tell explanations apart, and which rows do it best
@@ -369,10 +319,6 @@ class Race:
     def values(self, design: Sequence[int]) -> Array:
         """(p,) expected log Bayes factor of each pair; of a rival's forms the one that does best counts."""
         return self._gathered([c.missed(design) for c in self.contests])
-
-    def worst(self, design: Sequence[int]) -> float:
-        """Of the pairs that count; 0 where there is none."""
-        return float(np.min(self.values(design)[self.counted], initial=np.inf)) if self.counted.any() else 0.0
 
     def judged(self, values: Array) -> Array:
         """Smooth stand-in, of shape (...), of the worst of the p pairs that count, from ``values`` (..., p)."""
@@ -489,6 +435,11 @@ class Field:
         self._beside = self.columns(self.others)
 
     @property
+    def every(self) -> list[int]:
+        """Numbers of all rows."""
+        return list(range(len(self.rows.effects)))
+
+    @property
     def geometry(self) -> int:
         """How many constants there are."""
         return len(self.rows.precision)
@@ -498,14 +449,10 @@ class Field:
         at = [self.rows.columns[self._labels.index(part.label)] for part in form]
         return np.concatenate([np.arange(a.start, a.stop) for a in at] or [np.zeros(0)]).astype(np.intp)
 
-    def gram(self, mask: Mask) -> Array:
-        """(k + w, k + w) Gram matrix of [geometry effects] over the rows ``mask`` (n,), one each."""
-        return self.rows.take(mask).gram
-
-    def contest(self, rival: Index, cases: Sequence[tuple[int, Hypothesis]], mask: Mask) -> Contest:
-        """A rival's version, its columns (c,), against hypotheses, each with the number of its pair, on rows ``mask`` (n,)."""
+    def contest(self, rival: Index, cases: Sequence[tuple[int, Hypothesis]]) -> Contest:
+        """A rival's version, its columns (c,), against hypotheses, each with the number of its pair."""
         inside = np.union1d(rival, self._beside)
-        some, k = self.rows.take(mask), self.geometry
+        some, k = self.rows, self.geometry
         mix = np.hstack([self._mixed(h.true, h.amplitude) for _, h in cases])
         kept = np.concatenate([np.arange(k), k + inside])
         turn = np.zeros((len(self.base), len(kept) + mix.shape[1]))
@@ -597,33 +544,28 @@ def _sized(
     return first, EXPECTED * np.eye(len(first))
 
 
-def race(field: Field, found: Sequence[Hypothesis], mask: Mask) -> Race:
-    """Contests on the rows ``mask`` (n,); pairs are numbered as in ``ordered``."""
+def race(field: Field, found: Sequence[Hypothesis]) -> Race:
+    """Contests on all rows; pairs are numbered as in ``ordered``."""
     numbers = {pair: k for k, pair in enumerate(ordered(len(found)))}
     contests = []
     for j, rival in enumerate(found):
         cases = [(numbers[i, j], h) for i, h in enumerate(found) if i != j]
-        contests += [field.contest(version, cases, mask) for version in rival.rivals]
+        contests += [field.contest(version, cases) for version in rival.rivals]
     twins = np.array([found[i].explanation.twin_of(found[j].explanation) for i, j in numbers])
     open_race = Race(tuple(contests), len(numbers), ~twins)
-    told = open_race.values(np.arange(int(np.sum(mask))).tolist())
+    told = open_race.values(field.every)
     return replace(open_race, counted=(told > INSEPARABLE) & ~twins)
 
 
-def shares(field: Field, found: Sequence[Hypothesis], on: Race, mask: Mask) -> Array:
+def shares(field: Field, found: Sequence[Hypothesis], on: Race) -> Array:
     """(p,) of each pair, the share of the true signal on all rows that its rival cannot reproduce; 0 without signal."""
-    gram = (
-        field.gram(mask)[field.geometry :, field.geometry :] + field.base[field.geometry :, field.geometry :]
-    )
-    told = on.values(np.arange(int(np.sum(mask))).tolist())
+    k = field.geometry
+    gram = field.rows.gram[k:, k:] + field.base[k:, k:]
     signal = [
-        0.5
-        * float(
-            np.sum(found[i].amplitude * (gram[np.ix_(found[i].true, found[i].true)] @ found[i].amplitude))
-        )
-        for i, _ in ordered(len(found))
+        0.5 * float(np.sum(h.amplitude * (gram[np.ix_(h.true, h.true)] @ h.amplitude)))
+        for h in (found[i] for i, _ in ordered(len(found)))
     ]
-    return np.asarray(told / np.maximum(signal, 1e-300))
+    return np.asarray(on.values(field.every) / np.maximum(signal, 1e-300))
 
 
 def ordered(n: int) -> list[tuple[int, int]]:

@@ -7,21 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from truepose.identification.leaves.planning.discriminate.experiment import SPLIT, Experiment, Pair, Worth
-from truepose.identification.leaves.planning.discriminate.factors import Factor
-from truepose.models.file.driver import Driver
-from truepose.models.machine.machine import Machine
+from truepose.identification.leaves.planning.discriminate.experiment import SPLIT, Experiment, Pair
 from truepose.wording import joined
-
-_NAMES = {"approach": "side of approach", "time": "time between visits", "session": "two sessions"}
 
 
 def sentences(found: Experiment) -> list[str]:
     """Lines for the terminal, the verdict first."""
     out = [*_verdict(found), _against_chance(found)]
     out += [_pair(pair) for pair in sorted(found.pairs, key=lambda p: p.expected)[:6]]
-    out += [_worth(worth, found) for worth in found.worth]
-    out += [_target(target.name, value, found.expected) for target, value in found.targets]
     return [line for line in out if line]
 
 
@@ -41,17 +34,13 @@ def experiment_json(found: Experiment) -> dict[str, Any]:
             "sets": len(found.random),
         },
         "pairs": [_pair_json(pair) for pair in found.pairs],
-        "factors": [_worth_json(worth) for worth in found.worth],
-        "targets": [
-            {"name": t.name, "point": list(t.point), "expected": value} for t, value in found.targets
-        ],
         "sentences": sentences(found),
     }
 
 
 def _verdict(found: Experiment) -> list[str]:
     """Whether the class will be split; pairs that nothing on offer tells apart come after."""
-    lost = [_stuck(pair, found) for pair in found.stuck]
+    lost = [_stuck(pair, found.held) for pair in found.stuck]
     if found.hopeless:
         return lost
     names = joined(e.name for e in found.explanations)
@@ -69,26 +58,22 @@ def _verdict(found: Experiment) -> list[str]:
 
 def _more(found: Experiment) -> str:
     """What else could help where rows alone do not."""
-    better = [w for w in found.worth if not w.offered and w.expected > found.expected]
-    if better:
-        best = max(better, key=lambda w: w.expected)
-        return f"{_factors(best.factors, found.machine)} would bring {best.expected:.3g}"
+    if found.held:
+        return f"{joined(found.held)} was left at its nominal value: offer levels of it"
     if found.expected > 0.5:
         return f"about {int(np.ceil(SPLIT / found.expected * len(found.rows)))} rows like these would"
     return "a size as small as this needs another instrument"
 
 
-def _stuck(pair: Pair, found: Experiment) -> str:
+def _stuck(pair: Pair, held: Sequence[str]) -> str:
     """A pair that nothing offered tells apart, and what would."""
     a, b = pair.true.name, pair.rival.name
-    helps = [w for w in found.worth if w.opened is not None]
-    if helps and not pair.twins:
-        best = max(helps, key=lambda w: w.opened or 0.0)
+    if held and not pair.twins:
         return (
-            f"nothing that is offered tells {a} from {b} (expected log Bayes factor 0); "
-            f"{_factors(best.factors, found.machine)} would bring {best.opened:.3g}"
+            f"nothing that is offered tells {a} from {b} (expected log Bayes factor 0); {joined(held)} was left at its nominal"
+            " value: offer levels of it"
         )
-    if pair.twins or pair.identical:
+    if pair.identical:
         reason = "do the same to every reading of this sensor, whatever the poses"
     else:
         reason = "cannot be told apart at this size by any of the rows that may be taken"
@@ -113,40 +98,6 @@ def _pair(pair: Pair) -> str:
     return f"if {pair.true.name} is true, against {pair.rival.name}: {pair.expected:.3g}"
 
 
-def _worth(worth: Worth, found: Experiment) -> str:
-    if worth.offered:
-        return f"with {_names(worth.factors)} held at its nominal value: {worth.expected:.3g}"
-    if worth.opened is not None:
-        return ""
-    left = f"{_names(worth.factors)} was left at its nominal value"
-    if worth.expected <= 1.05 * found.expected:
-        return f"{left}; varying it would bring nothing"
-    return f"{left}; {_factors(worth.factors, found.machine)} would bring {worth.expected:.3g}"
-
-
-def _target(name: str, value: float, expected: float) -> str:
-    """A target is a point of a rigid tool, as a diagnosis takes it."""
-    if value <= 1.05 * expected:
-        return f"reading a further target {name} on the same rows would bring nothing"
-    return f"reading a further target {name} on the same rows would bring {value:.3g}"
-
-
-def _names(factors: Sequence[Factor]) -> str:
-    drivers = [Driver.of(f.driver) for f in factors]
-    names, said = [d.place for d in drivers], _NAMES.get(drivers[0].kind, drivers[0].kind)
-    return said if not any(names) else f"{said} of {joined(names)}"
-
-
-def _factors(factors: Sequence[Factor], machine: Machine) -> str:
-    """Those that share their levels together: joints may differ in speed, and in its unit."""
-    shared: dict[str, list[Factor]] = {}
-    for factor in factors:
-        unit = machine.driver_unit(factor.driver).removeprefix("1")
-        levels = ", ".join(f"{level:g}" for level in factor.levels)
-        shared.setdefault(f"{levels} {unit}".rstrip(), []).append(factor)
-    return joined(f"{_names(group)} at {levels}" for levels, group in shared.items())
-
-
 def _pair_json(pair: Pair) -> dict[str, Any]:
     return {
         "true": pair.true.name,
@@ -155,15 +106,4 @@ def _pair_json(pair: Pair) -> dict[str, Any]:
         "separable": pair.separable,
         "identical": pair.identical,
         "twins": pair.twins,
-    }
-
-
-def _worth_json(worth: Worth) -> dict[str, Any]:
-    return {
-        "kind": worth.kind,
-        "drivers": [f.driver for f in worth.factors],
-        "levels": [list(f.levels) for f in worth.factors],
-        "offered": worth.offered,
-        "held" if worth.offered else "would_bring": worth.expected,
-        "opens": worth.opened,
     }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +13,15 @@ from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models.leaves.export.held import held_tools
 from truepose.models.leaves.export.links import clean
-from truepose.models.leaves.export.volumetric import CHECKED, Axis, Poses, Table, references, table_of
+from truepose.models.leaves.export.volumetric import (
+    CHECKED,
+    Axis,
+    Losses,
+    Table,
+    losses_of,
+    references,
+    table_of,
+)
 from truepose.models.leaves.export.write import ALL, LISTED, Exported, Format, formats, listed_sizes
 from truepose.models.machine.kinematics import driver_default
 from truepose.models.machine.machine import Machine
@@ -22,6 +30,7 @@ _ERRORS = (*(f"E{d} [um]" for d in "XYZ"), *(f"E{d} [urad]" for d in "ABC"))
 _HEADER = ["axis", "joint", "position", "unit", *_ERRORS]
 _MICRO = 1e-6 * np.array([1e3, 1e3, 1e3, 1.0, 1.0, 1.0])
 """um and urad in mm and rad."""
+_SHOWN = [1e3, 1e3, 1e3, 1e6, 1e6, 1e6]
 Rows = dict[str, Array]
 """Positions (mm, deg) and errors (mm, rad) of axes by letter, (k, 7)."""
 _DIGITS = (5e-10, 5e-13, 5e-12)
@@ -54,38 +63,42 @@ class Iso230(Format):
     name, title, suffixes = "iso230", "the volumetric table", (".csv",)
 
     def render(self, machine: Machine) -> Exported:
-        table = table_of(machine)
-        left = {label: size for label, size in table.each.items() if size > _KEPT}
+        poses, table = table_of(machine)
+        losses = losses_of(machine, poses, table)
+        left = {label: size for label, size in losses.each.items() if size > _KEPT}
         frozen = held_tools(machine) | {
             placed.label: {name: driver_default(machine, name) for name in placed.drivers}
             for placed in machine.effects
             if placed.drivers
         }
-        every, few = (self._lines(table, left, frozen, most) for most in (ALL, LISTED))
-        lines = [f"# {line}" for line in _head(machine.name, table, every)]
+
+        def notes(most: int) -> list[str]:
+            """Return the notes, in which so many effects are named, largest first."""
+            lost = (
+                f"{self.title} leaves up to {losses.lost[0]:.3g} mm and {losses.lost[1] * 1e6:.3g} urad at the tool, of "
+                f"{losses.uncompensated[0]:.3g} mm and {losses.uncompensated[1] * 1e6:.3g} urad ({CHECKED} places)"
+            )
+            return [
+                lost + (f"; it cannot wholly hold: {listed_sizes(left, most)}" if left else ""),
+                *self.frozen_lines(frozen, most),
+            ]
+
+        lines = [f"# {line}" for line in _head(machine.name, table, losses, notes(ALL))]
         lines.append(",".join(_HEADER))
         for axis in table.axes:
             unit, joint = "mm" if axis.unit == "mm" else "deg", _cell(axis.joint)
-            positions = axis.positions if axis.unit == "mm" else np.degrees(axis.positions)
-            for position, errors in zip(positions.tolist(), axis.errors, strict=True):
-                told = ",".join(f"{clean(v):.6f}" for v in (errors * [1e3, 1e3, 1e3, 1e6, 1e6, 1e6]).tolist())
+            positions = axis.positions if unit == "mm" else np.degrees(axis.positions)
+            for position, errors in zip(positions.tolist(), axis.errors * _SHOWN, strict=True):
+                told = ",".join(f"{clean(v):.6f}" for v in errors.tolist())
                 lines.append(f"{axis.letter},{joint},{position:.12g},{unit},{told}")
-        return Exported(self.name, "\n".join(lines) + "\n", left, table.lost[0], frozen, few)
-
-    def _lines(
-        self, table: Table, left: Mapping[str, float], frozen: Mapping[str, Mapping[str, float]], most: int
-    ) -> tuple[str, ...]:
-        out = (
-            f"{self.title} leaves up to {table.lost[0]:.3g} mm and {table.lost[1] * 1e6:.3g} urad at the tool, of "
-            f"{table.uncompensated[0]:.3g} mm and {table.uncompensated[1] * 1e6:.3g} urad ({CHECKED} places)"
-            + (f"; it cannot wholly hold: {listed_sizes(left, most)}" if left else "")
+        return Exported(
+            self.name, "\n".join(lines) + "\n", left, losses.lost[0], frozen, tuple(notes(LISTED))
         )
-        return (out, *self.frozen_lines(frozen, most))
 
     def differences(self, text: str, machine: Machine) -> Iterator[str]:
         """Yield how a volumetric table differs from a machine at its positions, each axis by itself."""
         length, angle, share = _DIGITS
-        table, meant = read_table(text, machine.mechanism.readings), table_of(machine)
+        table, (poses, meant) = read_table(text, machine.mechanism.readings), table_of(machine)
         for axis, other in zip(table.axes, meant.axes, strict=True):
             found, drawn = (np.append(one.positions, one.reference) for one in (axis, other))
             if axis.letter != other.letter or axis.sign != other.sign or len(found) != len(drawn):
@@ -94,7 +107,7 @@ class Iso230(Format):
                 yield f"the positions of axis {axis.letter} are others"
         pairs = zip(table.axes, meant.axes, strict=True)
         axes = [replace(axis, positions=other.positions, reference=other.reference) for axis, other in pairs]
-        table, poses, reference = replace(table, axes=tuple(axes)), Poses.of(machine), references(axes)
+        table, reference = replace(table, axes=tuple(axes)), references(axes)
         for k, axis in enumerate(axes):
             q = np.tile(reference, (len(axis.positions), 1))
             q[:, k] = axis.positions
@@ -111,7 +124,7 @@ def _cell(name: str) -> str:
     return '"' + name.replace('"', '""') + '"' if set(name) & {",", '"'} else name
 
 
-def _head(name: str, table: Table, notes: Sequence[str]) -> list[str]:
+def _head(name: str, table: Table, losses: Losses, notes: Sequence[str]) -> list[str]:
     """What a reader must know, in the order in which it is needed."""
     chain = ", ".join(f"{a.letter} ({a.joint}{', reversed' if a.sign < 0 else ''})" for a in table.axes)
     out = [
@@ -131,9 +144,9 @@ def _head(name: str, table: Table, notes: Sequence[str]) -> list[str]:
         told = ", ".join(f"{label} {value * 1e6:.4g} urad" for label, value in turns.items())
         out.append(f"squareness, by lines of least squares, is in the straightness below: {told}")
     out.append(
-        f"largest error of the tool at {CHECKED} places: {table.uncompensated[0]:.4g} mm, "
-        f"{table.uncompensated[1] * 1e6:.4g} urad without this table; "
-        f"{table.lost[0]:.4g} mm, {table.lost[1] * 1e6:.4g} urad with it"
+        f"largest error of the tool at {CHECKED} places: {losses.uncompensated[0]:.4g} mm, "
+        f"{losses.uncompensated[1] * 1e6:.4g} urad without this table; "
+        f"{losses.lost[0]:.4g} mm, {losses.lost[1] * 1e6:.4g} urad with it"
     )
     return [" ".join(line.split()) for line in (*out, *notes)]
 
@@ -177,7 +190,7 @@ def read_table(text: str, joints: Sequence[str]) -> Table:
     home = np.eye(4)
     placed = _line_after(head, "T(reference), tool in the base, rows of [R|p], mm: ")
     home[:3] = [[float(v) for v in row.split()] for row in placed.split(";")]
-    return Table(tuple(axes), home, (0.0, 0.0), (0.0, 0.0), {})
+    return Table(tuple(axes), home)
 
 
 def _read_rows(body: Sequence[str]) -> Rows:

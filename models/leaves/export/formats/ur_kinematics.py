@@ -11,7 +11,6 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import yaml
@@ -36,19 +35,17 @@ class UrKinematics(LinkFormat):
 
     def text(self, machine: Machine, tree: Tree, notes: Sequence[str]) -> str:
         """Return the file. Raises InputError where the machine is no chain of six revolute joints."""
-        chain = _chain(tree)
-        section: dict[str, object] = {
-            name: _entry(pose) for name, pose in zip(LINKS, chain.poses, strict=True)
-        }
+        poses, flange, tool = _chain(tree)
+        section: dict[str, object] = {name: _entry(pose) for name, pose in zip(LINKS, poses, strict=True)}
         digest = hashlib.sha256(repr(section).encode()).digest()  # the files of others have 64 bits of one
         section["hash"] = f"calib_{int.from_bytes(digest[:8], 'big')}"
         head = [
             f"{tree.name}: kinematics for ur_description; m and rad, axis of each joint z.",
             "The hash tells files apart; it is not the robot's own, and the driver says so when it starts.",
-            f"Not held: wrist_3 to tool: {_inline(chain.tool)}",
+            f"Not held: wrist_3 to tool: {_inline(tool)}",
         ]
-        if not np.array_equal(chain.flange, np.eye(4)):
-            head.append(f"Not held: wrist_3 to flange: {_inline(chain.flange)}")
+        if not np.array_equal(flange, np.eye(4)):
+            head.append(f"Not held: wrist_3 to flange: {_inline(flange)}")
         if not np.array_equal(tree.world, np.eye(4)):
             head.append(f"Not held: world to base: {_inline(tree.world)}")
         comments = "".join(f"# {' '.join(line.split())}\n" for line in (*head, *notes))
@@ -64,16 +61,8 @@ class UrKinematics(LinkFormat):
             yield from compare_frames(found, expected)
 
 
-@dataclass(frozen=True)
-class _Chain:
-    """Six poses (4, 4) from joint frame to joint frame, and those of flange and tool in the last frame."""
-
-    poses: tuple[Array, ...]
-    flange: Array
-    tool: Array
-
-
-def _chain(tree: Tree) -> _Chain:
+def _chain(tree: Tree) -> tuple[list[Array], Array, Array]:
+    """Return six poses (4, 4) from joint frame to joint frame, and those of flange and tool in the last frame."""
     path = tree.path()
     driven = [joint for joint in tree.joints if joint.kind != "fixed"]
     if [joint.kind for joint in path if joint.kind != "fixed"] != ["revolute"] * 6 or len(driven) != 6:
@@ -89,10 +78,12 @@ def _chain(tree: Tree) -> _Chain:
             poses.append(pending @ along)
             pending = along.T
     flange, tool = pending @ tree.offsets[tree.flange], pending @ tree.tool
-    if _about_z(flange):
+    if (
+        flange[2, 2] == 1.0 and not flange[:2, 3].any()
+    ):  # exactly about and along z: the last joint's frame takes it in
         poses[-1] = poses[-1] @ flange
         flange, tool = np.eye(4), inverse_pose(flange) @ tool
-    return _Chain(tuple(poses), flange, tool)
+    return poses, flange, tool
 
 
 def _onto(axis: Array) -> Array:
@@ -101,11 +92,6 @@ def _onto(axis: Array) -> Array:
     sine = float(np.linalg.norm(across))
     direction = across / sine if sine > 0.0 else np.array([1.0, 0.0, 0.0])
     return pose_of(turn(direction, float(np.arctan2(sine, axis[2]))), np.zeros(3))
-
-
-def _about_z(pose: Array) -> bool:
-    """Whether a pose turns about and moves along z only, exactly: then the last joint's frame can take it in."""
-    return bool(pose[2, 2] == 1.0 and not pose[:2, 3].any())
 
 
 def _entry(pose: Array) -> dict[str, float]:

@@ -6,45 +6,28 @@ Link ``base`` is the nominal frame of the base, ``linkK`` (or the body's name in
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 from xml.etree import ElementTree
 
 import numpy as np
 
-from truepose.arrays import Array
-from truepose.errors import InputError
-from truepose.models.builders.urdf import Urdf as UrdfSection
-from truepose.models.builders.urdf import expanded
-from truepose.models.builders.urdf_file import Robot, inertials_of, parse_own_xml, parse_urdf
-from truepose.models.file.machine_file import SCHEMA, checked_machine
-from truepose.models.leaves.export.held import held
+from truepose.models.builders.urdf_file import parse_own_xml
 from truepose.models.leaves.export.links import (
     MM_PER_M,
+    Links,
     Lump,
     Tree,
     TreeJoint,
     clean,
     cleaned,
-    following,
     in_comment,
     links_of,
     text,
-    tree_of,
     xyz_rpy,
 )
-from truepose.models.leaves.export.write import (
-    LinkFormat,
-    compare_frames,
-    compare_ranges,
-    formats,
-    sample_rows,
-)
+from truepose.models.leaves.export.write import JointFormat, follow_read, formats
 from truepose.models.lie import pose_of, rpy_matrix
-from truepose.models.load import build_machine
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.mechanism import BASE
-from truepose.models.units import UnitSystem
 
 _UNLIMITED = 1e6
 """mm; limits of a slide without a range, since a URDF's prismatic joint without limits cannot move."""
@@ -54,8 +37,8 @@ _STATED = (
 
 
 @formats.add("urdf")
-class Urdf(LinkFormat):
-    """A URDF, read back by ``type: urdf``."""
+class Urdf(JointFormat):
+    """A URDF."""
 
     name, title, suffixes = "urdf", "URDF", (".urdf",)
 
@@ -68,20 +51,18 @@ class Urdf(LinkFormat):
         for name in (links.root, *(joint.child for joint in links.joints)):
             robot.append(_link(name, links.lumps.get(name)))
         for joint in links.joints:
-            robot.append(_joint(joint, links.slides))
+            robot.append(_joint(joint, links))
         ElementTree.indent(robot)
         return '<?xml version="1.0"?>\n' + ElementTree.tostring(robot, encoding="unicode") + "\n"
 
-    def compare(self, text: str, machine: Machine, meant: Tree) -> Iterator[str]:
-        """Yield how the links of a URDF differ from a tree."""
-        links = links_of(machine, meant)
-        carrying = {joint.parent for joint in links.joints} | {links.tool}
-        read = read_urdf(text, [links.tool, *(j.child for j in links.joints if j.child not in carrying)])
-        yield from compare_ranges(read, machine)
-        yield from compare_frames({BASE: read_base(text)}, {BASE: meant.world})
-        found = tree_of(read, held(read).values, "URDF")
-        for readings in sample_rows(machine):
-            yield from compare_frames(found.links(readings), links.frames(readings))
+    def read(self, text: str, root: str) -> list[TreeJoint]:
+        """Return the joints as they stand."""
+        elements = parse_own_xml(text).findall("joint")
+        joints = [_read_joint(element) for element in elements]
+        for element, joint in zip(elements, joints, strict=True):
+            for mimic in element.findall("mimic"):
+                follow_read(joints, joint.name, mimic.attrib["joint"], float(mimic.attrib["multiplier"]))
+        return joints
 
 
 def _link(name: str, lump: Lump | None) -> ElementTree.Element:
@@ -96,8 +77,7 @@ def _link(name: str, lump: Lump | None) -> ElementTree.Element:
     return link
 
 
-def _joint(joint: TreeJoint, slides: Mapping[str, bool]) -> ElementTree.Element:
-    """``slides``: of each joint by name, whether it is prismatic."""
+def _joint(joint: TreeJoint, links: Links) -> ElementTree.Element:
     kind = "continuous" if joint.kind == "revolute" and joint.range is None else joint.kind
     out = ElementTree.Element("joint", name=joint.name, type=kind)
     xyz, rpy = xyz_rpy(joint.origin)
@@ -109,37 +89,35 @@ def _joint(joint: TreeJoint, slides: Mapping[str, bool]) -> ElementTree.Element:
     ElementTree.SubElement(out, "axis", xyz=text(*(float(v) for v in joint.axis)))
     if kind != "continuous":
         low, high = joint.range or (-_UNLIMITED, _UNLIMITED)
-        unit = MM_PER_M if kind == "prismatic" else 1.0
-        limits = {"lower": text(low / unit), "upper": text(high / unit)}
+        limits = {"lower": text(low / joint.unit), "upper": text(high / joint.unit)}
         ElementTree.SubElement(out, "limit", {**limits, "effort": "0", "velocity": "0"})
     if joint.follows is not None:
-        other, factor = following(joint, slides)
+        other, factor = links.follow(joint)
         ElementTree.SubElement(out, "mimic", joint=other, multiplier=text(factor), offset="0")
     return out
 
 
-def read_urdf(text: str, tips: Sequence[str]) -> Machine:
-    """Return the machine that leads from the base to the links ``tips``, of which the first is the tool.
-
-    Raises InputError naming the element that cannot be read.
-    """
-    file = Path("export.urdf")  # nothing is written: a process that is killed leaves no file behind
-    try:
-        robot = Robot.of(parse_urdf(text.encode(), file), file)
-        section = UrdfSection(type="urdf", file=file.name, base_link=BASE, tip_link=tuple(tips))
-        graph = expanded(section, robot, UnitSystem(), "mechanism")
-        inertials_of(robot, graph["bodies"])
-        return build_machine(checked_machine(file, {"schema": SCHEMA, "name": "export", "mechanism": graph}))
-    except InputError as exc:
-        raise InputError(str(exc).replace(f"{file}: ", "")) from exc
-
-
-def read_base(text: str) -> Array:
-    """Return the base (4, 4) mm in the link that carries it; the identity where it is the first link."""
-    out = np.eye(4)
-    for joint in parse_own_xml(text).findall("joint"):
-        child, origin = joint.find("child"), joint.find("origin")
-        if child is not None and origin is not None and child.get("link") == BASE:
-            xyz, rpy = ([float(v) for v in origin.get(name, "0 0 0").split()] for name in ("xyz", "rpy"))
-            out = pose_of(rpy_matrix(rpy), np.multiply(xyz, MM_PER_M))
-    return out
+def _read_joint(element: ElementTree.Element) -> TreeJoint:
+    """Return a joint of a URDF that truepose wrote."""
+    parts = {part.tag: part.attrib for part in element}
+    xyz, rpy, axis = (
+        [float(v) for v in words.split()]
+        for words in (
+            parts["origin"]["xyz"],
+            parts["origin"]["rpy"],
+            parts.get("axis", {}).get("xyz", "0 0 1"),
+        )
+    )
+    kind = element.attrib["type"].replace("continuous", "revolute")
+    unit = MM_PER_M if kind == "prismatic" else 1.0
+    limit = parts.get("limit")
+    limits = (unit * float(limit["lower"]), unit * float(limit["upper"])) if limit else None
+    ends = parts["parent"]["link"], parts["child"]["link"]
+    return TreeJoint(
+        element.attrib["name"],
+        kind,
+        *ends,
+        pose_of(rpy_matrix(rpy), np.multiply(xyz, MM_PER_M)),
+        np.array(axis),
+        limits,
+    )

@@ -156,7 +156,7 @@ def tilting(folder: Path, **more: np.ndarray) -> Path:
 def test_a_column_that_is_tried_is_found_and_then_declared(tmp_path: Path) -> None:
     rows = tilting(tmp_path, noise=np.random.default_rng(1).normal(size=70))
     command = ["diagnose", str(tmp_path / "arm.yaml"), str(rows), "-o", str(tmp_path / "out")]
-    done = CliRunner().invoke(app, [*command, "--try-columns"])
+    done = CliRunner().invoke(app, [*command, "--try-columns", "all"])
     assert done.exit_code == 0, done.output
     said = " ".join(done.output.split())
     assert "tried as drivers: incline and noise: each has 1/2 of the prior of a driver" in said
@@ -180,7 +180,7 @@ def test_columns_are_tried_when_asked_and_wherever_the_option_stands(tmp_path: P
     files = [str(tmp_path / "arm.yaml"), str(tmp_path / "r.csv"), "-o", str(tmp_path / "out")]
     said = CliRunner().invoke(app, ["diagnose", *files])
     assert "no driver: incline and noise; --try-columns tries them" in " ".join(said.output.split())
-    first = CliRunner().invoke(app, ["diagnose", "--try-columns", *files])
+    first = CliRunner().invoke(app, ["diagnose", "--try-columns", "all", *files])
     assert first.exit_code == 0, first.output
     assert "tried as drivers: incline and noise" in " ".join(first.output.split())
 

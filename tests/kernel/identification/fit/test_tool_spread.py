@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,7 +21,6 @@ from truepose.identification.fit.tool_pose import (
     TOLERANCES,
     UNEXPLAINED,
     tool_spread,
-    workspace,
 )
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
@@ -157,34 +155,3 @@ def test_refits_scatter_as_the_budget_says(
     told = parts[READINGS] + parts[TOLERANCES] if source == "both" else parts[source]
     assert np.mean(squares) == pytest.approx(np.mean(told), rel=0.3)
     assert np.max(np.abs(np.log(squares / told))) < np.log(2.0)
-
-
-def test_workspace_says_what_was_covered(tmp_path: Path) -> None:
-    """A gantry's position is its readings: inside is what lies between the first and the last of each."""
-    machine = written(tmp_path, GANTRY)
-    rng = np.random.default_rng(4)
-    q = np.column_stack([rng.uniform(-30, 60, 40), rng.uniform(-20, 90, 40), rng.uniform(-5, 5, 40)])
-    recording = measured(machine, record(machine, q), drawn(machine, rng, 0.0), rng)
-    fit = estimate(machine, recording)
-    fit = replace(fit, p=np.array([c.nominal for c in machine.parameters]))
-    spread, inside = workspace(fit, recording)
-    assert len(spread.position) == len(inside) == len(spread.std)
-    low, high = q.min(axis=0), q.max(axis=0)
-    axes = [2, 1, 0]  # x1 runs along z, x2 along y, x3 along x
-    place = spread.position[:, axes] * np.sign(_directions(machine)[axes, [0, 1, 2]])
-    covered = np.all((place >= low - 1e-6) & (place <= high + 1e-6), axis=1)
-    assert np.array_equal(covered, inside)
-    assert inside.any() and (~inside).any()
-    first, last = np.array([-100.0, -50.0, low[2]]), np.array([100.0, 150.0, high[2]])
-    assert ((place >= first - 1e-6) & (place <= last + 1e-6)).all()
-    # evenly spread: the middle of what was covered, and its edges, are reached
-    for chosen, a, b in ((inside, low, high), (np.ones_like(inside), first, last)):
-        np.testing.assert_allclose(place[chosen].min(axis=0), a, atol=0.03 * np.max(b - a))
-        np.testing.assert_allclose(place[chosen].max(axis=0), b, atol=0.03 * np.max(b - a))
-
-
-def _directions(machine: Machine) -> Array:
-    """(3, 3) the tool's travel by each joint, a column each."""
-    unit = Predictor(machine, record(machine, np.vstack([np.zeros(3), np.eye(3)])))
-    position = unit.poses(unit.model.p_home)[0][:, :3, 3]
-    return np.asarray((position[1:] - position[0]).T.round(9))

@@ -190,9 +190,5 @@ def test_the_command_speaks_and_writes(tmp_path: Path) -> None:
     document: Mapping[str, object] = json.loads(run("identifiability", machine, "--json"))
     assert document["schema"] == "truepose/identifiability/1" and document["rank"] == 9
     run("identifiability", machine, "-o", tmp_path / "one.json")
-    run("identifiability", machine, "-o", tmp_path / "two")
-    one, two = (
-        json.loads(p.read_text("utf-8"))
-        for p in (tmp_path / "one.json", tmp_path / "two/identifiability.json")
-    )
-    assert one == two and one["parameters"] == document["parameters"]
+    one = json.loads((tmp_path / "one.json").read_text("utf-8"))
+    assert one["parameters"] == document["parameters"]

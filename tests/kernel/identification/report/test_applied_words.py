@@ -28,7 +28,7 @@ NAMES = replace(WHOLE, model="names")
 PLAIN = Applied("plain", "role", PoseError(0.5, 0.5), 1.0, PoseError(0.5, 0.9), 1.2)
 UNREAD = "Whether the tool's pose gains is not judged: no sensor reads its position, or not in enough rows."
 HELD = "improved.yaml holds effects with a name alone. With all that was found"
-TOLERANCES = "geometry leaves its tolerances, or predicts held-out rows less well."
+WORSE = "held-out readings or the tool get worse, or geometry leaves its tolerances."
 
 
 @pytest.mark.parametrize(
@@ -43,15 +43,7 @@ TOLERANCES = "geometry leaves its tolerances, or predicts held-out rows less wel
             replace(NAMES, whole_pose=PoseError(0.5, 0.6)),
             [f"{HELD} the tool would be worse: 600 µm, 500 µm with plain calibration."],
         ),
-        (
-            replace(NAMES, whole_pose=None, whole_ratio=1.25),
-            [f"{HELD} held-out readings get worse (rms 1.25 of plain calibration's)."],
-        ),
-        (replace(NAMES, whole_ratio=0.9), [f"{HELD} {TOLERANCES}"]),
-        (
-            replace(NAMES, whole_pose=PoseError(0.5, 0.3)),
-            [f"{HELD} the tool's position is 300 µm off on held-out rows."],
-        ),
+        (replace(NAMES, whole_ratio=0.9), [f"{HELD} {WORSE}"]),
         (
             PLAIN,
             [

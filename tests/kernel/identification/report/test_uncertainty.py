@@ -1,4 +1,4 @@
-"""How well the tool is known, as a report tells it: a budget that adds up, a map of levels, tests after the standards."""
+"""How well the tool is known, as a report tells it: a budget that adds up, tests after the standards."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from support.reports import NAN, fitted, of, recorded
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.tolerance_classes import PartClass
-from truepose.identification.fit.tool_pose import READINGS, TOLERANCES, tool_spread, workspace
+from truepose.identification.fit.tool_pose import READINGS, TOLERANCES, tool_spread
 from truepose.identification.identifiability.observability import Note
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.closing import geometry_words
@@ -18,8 +18,7 @@ from truepose.identification.report.notes import tolerance_notes, worded
 from truepose.identification.report.results import fit_json
 from truepose.identification.report.uncertainty import uncertainty_section
 from truepose.models.machine.machine import Machine
-from truepose.shown.chart import Marks
-from truepose.shown.document import Charts, Table, Text
+from truepose.shown.document import Table, Text
 
 UNITS = {"nm": 1e-6, "µm": 1e-3, "mm": 1.0}
 
@@ -61,29 +60,6 @@ def test_the_budget_adds_up_to_the_mean_variance_at_the_recorded_poses(
     assert expanded[0] == "expanded uncertainty, k = 2" and size(expanded[2]) == pytest.approx(
         2 * np.sqrt(whole), rel=6e-3
     )
-
-
-def test_the_map_has_a_quarter_of_the_workspace_in_each_level(fit: Estimate, recording: Recording) -> None:
-    """Seen from above and from the side; rings are beyond what was measured."""
-    (charts,) = of(uncertainty_section(fit, recording, None).blocks, Charts)
-    spread, inside = workspace(fit, recording)
-    above, side = charts.charts
-    assert (above.title, above.x.title[0], above.y.title[0]) == ("seen along z", "x", "y")
-    assert (side.title, side.x.title[0], side.y.title[0]) == ("seen along y", "x", "z")
-    unit = UNITS[above.x.title.partition("[")[2].rstrip("]")]
-    for chart, (a, b) in ((above, (0, 1)), (side, (0, 2))):
-        marks = [layer for layer in chart.layers if isinstance(layer, Marks)]
-        assert sum(len(mark.x) for mark in marks) == len(spread.position)
-        by_tone = {tone: sum(len(m.x) for m in marks if m.tone == tone) for tone in ("l1", "l2", "l3", "l4")}
-        assert max(by_tone.values()) - min(by_tone.values()) <= 2
-        assert sum(len(m.x) for m in marks if m.shape == "dot") == inside.sum()
-        assert all(m.name.endswith(", beyond what was measured") is (m.shape == "ring") for m in marks)
-        lowest = np.argsort(spread.std)[: by_tone["l1"]]
-        drawn = np.concatenate([np.column_stack([m.x, m.y]) for m in marks if m.tone == "l1"])
-        expected = spread.position[lowest][:, [a, b]] / unit
-        np.testing.assert_allclose(
-            drawn[np.lexsort(drawn.T)], expected[np.lexsort(expected.T)], rtol=1e-9, atol=1e-9
-        )
 
 
 def test_nothing_estimated_nothing_told(fit: Estimate, recording: Recording) -> None:

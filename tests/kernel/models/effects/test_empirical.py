@@ -13,20 +13,15 @@ import pytest
 
 from support.calibrated_machines import SIX_AXES
 from truepose.errors import InputError
-from truepose.identification.compensation.compensate import compensate
-from truepose.identification.compensation.path_table import path_rows
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import covariance_of, write_calibrated
 from truepose.identification.prediction.predict import predict, predicted, predictor_for, simulate
-from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
-from truepose.identification.recording.table import read_table
-from truepose.identification.signatures.candidates import catalogue, empirical_forms
+from truepose.identification.signatures.candidates import empirical_forms
 from truepose.models.effect_text import parse_effect
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.empirical import Empirical
-from truepose.models.lie import log_so3
 from truepose.models.load import load_machine
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine
@@ -92,14 +87,6 @@ def test_a_recording_supports_every_form_of_what_it_varied(arm: Machine, tmp_pat
     assert not any("q3" in Empirical().describe(f.settings_map)[0] for f in empirical_forms(arm, still))
 
 
-def test_no_diagnosis_takes_it_for_a_name(arm: Machine, tmp_path: Path) -> None:
-    recording = read(arm, rows(arm, tmp_path), (), seed=1)
-    found = catalogue(arm, recording)
-    named = {c.effect.slug for k, c in enumerate(found.candidates) if found.named(k)}
-    assert "transmission-error" in named
-    assert "empirical" not in named
-
-
 @pytest.mark.parametrize("text", TRUE)
 def test_a_form_is_found_written_and_read_again(arm: Machine, tmp_path: Path, text: str) -> None:
     """Fitted with the form that was put in, the file predicts what was simulated."""
@@ -161,22 +148,6 @@ def test_what_cannot_be_meant_is_refused(tmp_path: Path, entry: str, message: st
     path.write_text(DRIVEN + f"effects: [{{effect: empirical, {entry}}}]\n")
     with pytest.raises(InputError, match=message):
         load_machine(path)
-
-
-def test_commands_make_up_for_it(arm: Machine, tmp_path: Path) -> None:
-    """The tool stands where the machine without it would stand, inside and outside of what was seen."""
-    machine = arm.with_effects(tuple(parse_effect(text, arm) for text in TRUE[:3]))
-    rows(machine, tmp_path, n=25, reach=1.0)
-    _, path = path_rows(machine, read_table(tmp_path / "poses.csv"))
-    done = compensate(machine, path)
-    there, good = Predictor(machine, replace(path, q=done.command), machine.effects).poses(
-        np.concatenate([[p.nominal for p in machine.parameters], *(e.amplitudes for e in machine.effects)])
-    )
-    ideal, _ = Predictor(arm, path).poses(np.array([p.nominal for p in arm.parameters]))
-    assert good.all()
-    assert np.max(np.abs(there[:, :3, 3] - ideal[:, :3, 3])) < 1e-5
-    turns = log_so3(np.swapaxes(there[:, :3, :3], 1, 2) @ ideal[:, :3, :3])
-    assert np.max(np.abs(turns)) < 1e-8
 
 
 # -- how sure it is ------------------------------------------------------------------------------------

@@ -11,7 +11,6 @@ import pytest
 
 from support.sensor_bench import TEXTS, Bench
 from truepose.errors import InputError
-from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.prediction.predict import simulate
 from truepose.identification.recording.load import load_recording
@@ -227,14 +226,3 @@ def test_a_tracker_does_not_stand_in_the_machine(benches: Mapping[str, Bench]) -
 
 
 # -- diagnosis -----------------------------------------------------------------------------------------
-
-
-@pytest.mark.nightly
-def test_a_diagnosis_names_a_target_off_its_place(benches: Mapping[str, Bench]) -> None:
-    bench = benches["telescope"]
-    found = diagnose(bench.machine, bench.recording("target-offset@P3:x=0.02,y=-0.015,z=0.01"))
-    assert [(f.effect, f.place) for f in found.findings] == [("target-offset", ("P3",))]
-    (finding,) = found.findings
-    for name, value in (("x", 0.02), ("y", -0.015), ("z", 0.01)):
-        quantity = finding.parameters[name]
-        assert abs(quantity.value - value) < 4 * quantity.std

@@ -26,7 +26,6 @@ from support.socket_arm import (
     table,
 )
 from truepose.errors import InputError
-from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.predict import predict
@@ -114,22 +113,6 @@ def test_sockets_add_up_with_other_sensors(tmp_path: Path) -> None:
     write_calibrated(tmp_path / "calibrated.yaml", fit, recording)
     again = load_machine(tmp_path / "calibrated.yaml")
     np.testing.assert_allclose([p.nominal for p in again.parameters], fit.p, rtol=1e-12, atol=1e-15)
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("sensors", [(SOCKET,), (BAR, POSITION)], ids=["socket", "bar"])
-def test_nothing_is_found_where_nothing_is_missing(tmp_path: Path, sensors: Sequence[str]) -> None:
-    rng = np.random.default_rng(31)
-    rows, ball = as_built(rng), np.array([5.0, -10.0, 80.0])
-    machine = machine_of(tmp_path, *sensors, more="gravity: [0, 0, -9.80665]\n")
-    frame = table(rng, rows, ball, 10)
-    q = np.radians(frame[[f"q{k}" for k in range(1, 7)]].to_numpy())
-    frame[["x", "y", "z"]] = arm(q, rows)[1] + 0.05 * rng.standard_normal((len(q), 3))
-    tip = ball_at(q, rows, np.array([0.0, 20.0, 60.0]))
-    frame["bar.length"] = np.linalg.norm(tip - [400, 100, 50], axis=1) + 0.02 * rng.standard_normal(len(q))
-    found = diagnose(machine, read(tmp_path, machine, frame))
-    assert found.verdict == "adequate"
-    assert not any(alarm.raised for alarm in found.alarms.values())
 
 
 # -- commands and files --------------------------------------------------------------------------------

@@ -16,13 +16,15 @@ import yaml
 import truepose
 from support.browser import browser, tried
 from support.examples import by_day
+from support.reports import MACHINE as PLAIN
 from support.reports import calibration_html, report_html
 from support.told_drift import drift_html
 from support.told_fleet import fleet_html
 from truepose.identification.compensation.inverse import PoseSolver
-from truepose.identification.leaves.fleet.result import Fleet
+from truepose.identification.leaves.fleet.odd import Oddness, Reason
+from truepose.identification.leaves.fleet.record import Record
 from truepose.identification.leaves.fleet.statistics import FleetStatistics
-from truepose.identification.leaves.fleet.table import Row
+from truepose.identification.leaves.fleet.table import Fleet, fleet_table
 from truepose.models.machine.machine import Machine
 
 needs_browser = pytest.mark.skipif(browser() is None, reason="no chromium to show a page in")
@@ -50,33 +52,12 @@ return {title: document.title,
 
 
 def machine(folder: Path) -> Machine:
-    document: dict[str, Any] = {
-        "schema": "truepose/machine/1",
-        "name": "arm",
-        "units": {"length": "mm", "angle": "deg"},
-        "gravity": [0, 0, -9.81],
-        "mechanism": {
-            "type": "serial",
-            "joints": [
-                {
-                    "name": FIRST,
-                    "kind": "revolute",
-                    "r": 400,
-                    "d": 50,
-                    "range": [-170, 170],
-                    "gear_ratio": 121,
-                },
-                {"name": SECOND, "kind": "revolute", "alpha": 90, "d": 150, "range": [-90, 90]},
-            ],
-        },
-        "frames": {
-            "tool": {"in": "flange", "xyz": [300, 0, 40], "rpy": [0, 0, 0], "tolerance": {"xyz": 1, "rpy": 1}}
-        },
-        "masses": {MASS: {"kg": 2.0, "com": [0, 0, 10], "in": "tool", "tolerance": {"kg": 0.1}}},
-        "drivers": [{"name": DRIVER, "unit": "degC", "drives": "temperature"}],
-        "sensor": {"type": "position", "sigma": {"xyz": 0.01}},
-        "tolerances": {"length": 0.1, "angle": 0.1},
-    }
+    document: dict[str, Any] = yaml.safe_load(PLAIN)
+    for joint, name in zip(document["mechanism"]["joints"], (FIRST, SECOND), strict=True):
+        joint["name"] = name
+    document["gravity"] = [0, 0, -9.81]
+    document["masses"] = {MASS: {"kg": 2.0, "com": [0, 0, 10], "in": "tool", "tolerance": {"kg": 0.1}}}
+    document["drivers"] = [{"name": DRIVER, "unit": "degC", "drives": "temperature"}]
     path = folder / "machine.yaml"
     path.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
     return replace(truepose.load_machine(path), name=MACHINE)  # files cannot have it
@@ -116,22 +97,13 @@ def _drift(folder: Path) -> str:
 
 def _fleet(folder: Path) -> str:
     told = FleetStatistics(1, (), (), (), ())
-    done = Row(
-        MACHINE,
-        "done",
-        machine=FIRST,
-        check="ok",
-        verdict=SECOND,
-        findings=DRIVER,
-        odd=True,
-        odd_because=MASS,
-    )
-    link = replace(done, name=f"javascript:{OWN}")
-    failed = Row(FIRST, "failed", SECOND)
-    rows = [done, link]
-    return fleet_html(
-        Fleet(MACHINE, 3, {"done": 2, "failed": 1}, {SECOND: 2}, told, 2, rows, [failed], rows, None)
-    )
+    figures = {"machine": FIRST, "check": "ok", "verdict": SECOND, "findings": DRIVER}
+    done = [
+        Record(name=name, key="", status="done", figures=figures) for name in (MACHINE, f"javascript:{OWN}")
+    ]
+    failed = Record(name=FIRST, key="", status="failed", why=SECOND)
+    odd = Oddness(2.0, True, (Reason("present", "", 0.0, MASS),))
+    return fleet_html(Fleet(MACHINE, fleet_table([*done, failed], [odd, odd]), told, None))
 
 
 PAGES: dict[str, Callable[[Path], str]] = {

@@ -1,10 +1,6 @@
-"""Laws of what a fleet's machines say together: sums in any order, frequencies and tolerances that hold what was drawn."""
+"""Laws of what a fleet's machines say together: the same in any order, frequencies and tolerances that hold what was drawn."""
 
 from __future__ import annotations
-
-import json
-from functools import reduce
-from operator import add
 
 import numpy as np
 import pytest
@@ -15,51 +11,21 @@ from scipy.special import expit
 
 from support.fleets import DrawnFleet, mixed_machines
 from truepose.errors import InputError
-from truepose.identification.leaves.fleet.columns import Columns
 from truepose.identification.leaves.fleet.hierarchy import FINE
 from truepose.identification.leaves.fleet.likelihood import KERNEL, LOG_ODDS, SLAB, by_size
+from truepose.identification.leaves.fleet.pooled import Pooled
 from truepose.identification.leaves.fleet.statistics import statistics, trees
-from truepose.identification.leaves.fleet.summary import Summary, total
 
 
-def machines(seed: int, number: int, places: int = 3, ratio: float = 1.0) -> list[Summary]:
-    rng = np.random.default_rng(seed)
-    fleet = DrawnFleet.draw(rng, places)
-    return [Summary.of(fleet.machine(rng, ratio)) for _ in range(number)]
+@given(seed=st.integers(0, 2**20), order=st.permutations(range(6)))
+def test_statistics_know_no_order(seed: int, order: list[int]) -> None:
+    every = mixed_machines(np.random.default_rng(seed), 6)
+    assert statistics(Pooled.of([every[k] for k in order])) == statistics(Pooled.of(every))
 
 
-@given(seed=st.integers(0, 2**20), order=st.permutations(range(6)), cut=st.integers(0, 6))
-def test_sums_know_no_order_and_no_grouping(seed: int, order: list[int], cut: int) -> None:
-    every = machines(seed, 6)
-    whole = total(every)
-    shuffled = [every[k] for k in order]
-    parts = total(shuffled[:cut]), total(shuffled[cut:])
-    assert reduce(add, shuffled) == whole == parts[0] + parts[1] == parts[1] + parts[0]
-    assert whole - parts[0] == parts[1] and whole + Summary.empty() == whole
-    assert Summary.from_json(json.loads(json.dumps(whole.to_json()))) == whole
-    assert whole.machines == 6 and whole.mechanisms == {"serial": 6}
-    assert every[0] != Summary.empty() and whole != parts[0] - parts[0] and whole != "whole"
-
-
-@given(seed=st.integers(0, 2**20), number=st.integers(0, 12))
-def test_machines_that_are_added_up_at_once_are_the_sum_of_each(seed: int, number: int) -> None:
-    every = mixed_machines(np.random.default_rng(seed), number)
-    assert Summary.of_columns(Columns.of(every)) == total(Summary.of(one) for one in every)
-
-
-@pytest.mark.parametrize(
-    "document",
-    [
-        {},
-        {"schema": "truepose/fleet-summary/1"},
-        {"schema": "truepose/fleet-summary/1", "machines": 1, "sums": {"a": "b"}},
-    ],
-)
-def test_what_is_no_summary_is_refused(document: dict[str, object]) -> None:
-    with pytest.raises(InputError, match="summary"):
-        Summary.from_json(document)
+def test_what_is_kept_of_no_machine_is_refused() -> None:
     with pytest.raises(InputError, match="truepose/kept/1"):
-        Summary.of({})
+        Pooled.of([{}])
 
 
 def test_a_fleet_of_which_nothing_is_known_has_the_sizes_of_the_slab() -> None:
@@ -80,7 +46,7 @@ def test_a_place_alone_is_what_its_machines_say_times_what_was_known() -> None:
     """One likelihood once: a place hears of others through their effect, and not of itself."""
     rng = np.random.default_rng(5)
     fleet = DrawnFleet(np.array([0.6]), 6, -3.0)
-    (tree,) = trees(total(Summary.of(fleet.machine(rng)) for _ in range(12))).values()
+    (tree,) = trees(Pooled.of([fleet.machine(rng) for _ in range(12)])).values()
     found = tree.hierarchy.place(0)
     fine = CubicSpline(LOG_ODDS, tree.hierarchy.likely[0], axis=1)(FINE)
     expected = found.before * (SLAB @ np.exp(fine - fine.max()))
@@ -94,11 +60,11 @@ def test_rivals_that_explain_the_same_are_counted_once() -> None:
     kept = [DrawnFleet(np.zeros(2), 5, -4.0).machine(rng) for _ in range(60)]
     for one in kept:
         one["places"]["backlash"] = {q: [0.5, 0.018, 4.0, 0.0, 0.5] for q in ("q1", "q2")}
-    told = statistics(total(Summary.of(one) for one in kept)).places
+    told = statistics(Pooled.of(kept)).places
     assert all(0.35 < one.frequency.value < 0.65 for one in told)
     for one in kept:
         one["places"]["backlash"] = {q: [0.5, 0.018, 4.0, 0.0, 1.0] for q in ("q1", "q2")}
-    alone = statistics(total(Summary.of(one) for one in kept)).places
+    alone = statistics(Pooled.of(kept)).places
     assert all(one.frequency.value > 0.85 for one in alone)
 
 
@@ -108,7 +74,7 @@ def test_frequencies_and_tolerances_hold_what_was_drawn() -> None:
     for seed in range(50):
         rng = np.random.default_rng(seed)
         fleet, ratio = DrawnFleet.draw(rng, 6), float(np.exp(0.6 * rng.standard_normal()))
-        told = statistics(total(Summary.of(fleet.machine(rng, ratio)) for _ in range(25)))
+        told = statistics(Pooled.of([fleet.machine(rng, ratio) for _ in range(25)]))
         for one in told.places:
             truth = float(fleet.frequency[int(one.place[0][1:]) - 1])
             held.append(one.frequency.low <= truth <= one.frequency.high)
