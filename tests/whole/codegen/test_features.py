@@ -189,7 +189,6 @@ def test_unknown_and_impossible_features_are_refused(tmp_path: Path) -> None:
     options = ["codegen", str(tmp_path / "scara.yaml"), "-o", str(tmp_path / "out"), "--features"]
     for asked_for, words in (
         ("warm,colt", ["'colt'", *FEATURES, "did you mean 'cold'?"]),
-        ("", ["''", *FEATURES]),
         ("warm,branches", ["found branches", "scara", "leave it out"]),
     ):
         done = CliRunner().invoke(app, [*options, asked_for])
