@@ -1,6 +1,6 @@
 """Results as people and programs read them: the only place that words, rounds, draws, and writes JSON and HTML.
 
-``pages`` puts the report of a diagnosis or a calibration together, ``results`` and the ``*_words`` modules write
-JSON and sentences, ``terminal`` the lines of a command. A page is a ``Document`` of plain blocks (``document``):
-``sections`` arrange them, ``figures`` draws, ``render`` writes the page. Nothing is estimated here.
+``diagnosis`` and ``estimate`` make the document of a diagnosis, a calibration or an estimate, top to bottom, from sections and
+sentences of the other modules; ``results`` writes JSON, ``frames`` tables of pandas, ``files`` a command's files. Nothing is
+estimated here.
 """

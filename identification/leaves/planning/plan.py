@@ -19,6 +19,7 @@ next to a singularity, are never entered: a pose that would goes on in a smaller
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -182,11 +183,7 @@ _SHORTER, _SHORTEST = 0.1, 1e-2
 
 
 class _LostError(Exception):
-    """Some poses cannot be entered: rows (n,)."""
-
-    def __init__(self, rows: Mask) -> None:
-        super().__init__("poses that cannot be entered")
-        self.rows = rows
+    """Some poses cannot be entered."""
 
 
 @dataclass(frozen=True)
@@ -225,56 +222,52 @@ def climb(
         here = q
     reach = np.ones(len(q))  # how far each pose may go, in shares of the ranges
     for _ in range(RUNS):
-        ascent = _Ascent(landscape, here, progress)
-        try:
-            ascent.run(reach)
-            lost = np.zeros(len(q), dtype=bool)
-        except _LostError as error:
-            lost = error.rows
-        here = ascent.q
-        if ascent.best > best:
-            best_q, best = ascent.q, ascent.best
+        here, value, lost = _ascend(landscape, here, reach, progress)
+        if value > best:
+            best_q, best = here, value
         if not lost.any() or not (reach[lost] > 0.0).any():
             break
         reach[lost] = np.where(reach[lost] > _SHORTEST, _SHORTER * reach[lost], 0.0)
     return best_q
 
 
-class _Ascent:
-    """One run of L-BFGS-B on minus the criterion, in shares of the ranges; remembers the best joints met."""
+def _ascend(
+    landscape: Landscape, q: Array, reach: Array, progress: Callable[[str], None]
+) -> tuple[Array, float, Mask]:
+    """Run L-BFGS-B on minus the criterion, in shares of the ranges, no pose going further than ``reach`` (n,).
 
-    def __init__(self, landscape: Landscape, q: Array, progress: Callable[[str], None]) -> None:
-        self._landscape, self._progress = landscape, progress
-        self._low, self._high = landscape.information.low, landscape.information.high
-        self._span = landscape.information.span
-        self.q, self.best = q, -np.inf
+    Returns the best joints met, their criterion, and the poses (n,) that cannot be entered, at which it stopped.
+    """
+    information = landscape.information
+    low, span = information.low, information.span
+    best_q, best, lost = q, -np.inf, np.zeros(len(q), dtype=bool)
 
-    def run(self, reach: Array) -> None:
-        """From ``q``, no pose going further than ``reach`` (n,). Raises _LostError."""
-        start = (self.q - self._low) / self._span
-        low, high = np.clip(start - reach[:, None], 0.0, 1.0), np.clip(start + reach[:, None], 0.0, 1.0)
+    def minus(shares: Array) -> tuple[float, Array]:
+        nonlocal best_q, best, lost
+        here = np.clip(low + shares.reshape(q.shape) * span, low, information.high)
+        # each time from home, so that the assembly is the one that every other command finds
+        poses = information.at(here)
+        lost = ~poses.within(landscape.strongest)
+        if lost.any():
+            raise _LostError
+        value, gradient = landscape.gradient(poses)
+        if value > best:
+            best_q, best = here, value
+            progress(f"moving the poses: {TITLE} = {value:.4f}")
+        return -value, -(gradient * span).ravel()
+
+    start = (q - low) / span
+    nearest, farthest = (np.clip(start + sign * reach[:, None], 0.0, 1.0).ravel() for sign in (-1.0, 1.0))
+    with contextlib.suppress(_LostError):
         minimize(
-            self._minus,
+            minus,
             start.ravel(),
             jac=True,
             method="L-BFGS-B",
-            bounds=list(zip(low.ravel(), high.ravel(), strict=True)),
+            bounds=list(zip(nearest, farthest, strict=True)),
             options={"maxiter": LIMIT, "ftol": FLAT, "gtol": 1e-9, "maxcor": 20},
         )
-
-    def _minus(self, shares: Array) -> tuple[float, Array]:
-        shares = shares.reshape(self.q.shape)
-        q = np.clip(self._low + shares * self._span, self._low, self._high)
-        # each time from home, so that the assembly is the one that every other command finds
-        poses = self._landscape.information.at(q)
-        lost = ~poses.within(self._landscape.strongest)
-        if lost.any():
-            raise _LostError(lost)
-        value, gradient = self._landscape.gradient(poses)
-        if value > self.best:
-            self.q, self.best = q, value
-            self._progress(f"moving the poses: {TITLE} = {value:.4f}")
-        return -value, -(gradient * self._span).ravel()
+    return best_q, best, lost
 
 
 def _apart(q: Array, information: PoseInformation, seed: int) -> Array:

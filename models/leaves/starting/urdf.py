@@ -6,11 +6,12 @@ import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
 from truepose.errors import InputError
 from truepose.models.builders.urdf import Urdf, expanded
-from truepose.models.builders.urdf_file import Robot, gravity_in, inertials_of
+from truepose.models.builders.urdf_file import KINDS, Robot, gravity_in, inertials_of
 from truepose.models.leaves.starting.start import UPRIGHT, Start, readings_of, unranged
 from truepose.models.machine.mechanism import BASE
 from truepose.models.units import UnitSystem
@@ -75,25 +76,55 @@ def _usual_base(robot: Robot, root: str) -> str:
 
 
 def _only_end(robot: Robot, base: str) -> str:
-    """Return the one link without joints beyond that a joint that moves leads to."""
-    known: dict[str, bool | None] = {base: False}
+    """Return the one link without joints beyond that a chain of driven joints, and of what follows them, leads to.
+
+    Where no such link can be reached without a floating or planar joint, it is one behind that joint.
+    """
+    ways = _ways(robot, base)
     carrying = {robot.end(joint, "parent") for joint in robot.above.values()}
-    ends = sorted(link for link in robot.links if link not in carrying and robot.carried(link, known, _moves))
-    if not ends:
+    leaves = sorted(link for link, way in ways.items() if way.moving and link not in carrying)
+    known = [link for link in leaves if not ways[link].unknown]
+    ends = [link for link in known if not ways[link].following or _follows_itself(robot, base, link)]
+    if leaves and not known:
+        return leaves[0]
+    if not leaves:
         raise InputError(
             f"{robot.path}: found no joint that moves beyond {cut(base)!r}, expected another --base-link"
         )
     if len(ends) != 1:
         raise InputError(
-            f"{robot.path}: found several ends of the chain from {cut(base)!r}: {_named(ends)}, expected one: say which with "
-            "--tip-link, which also takes a link before they part, such as the flange"
+            f"{robot.path}: found several ends of the chain from {cut(base)!r}: {_named(ends or known)}, expected one: say "
+            "which with --tip-link, which also takes a link before they part, such as the flange"
         )
     return ends[0]
 
 
-def _moves(before: bool, joint: Element) -> bool:
-    """Return True if a joint moves, or one before it does."""
-    return before or joint.get("type") != "fixed"
+class _Way(NamedTuple):
+    """How many joints on the way to a link move, follow others, and are of kinds that a chain cannot have."""
+
+    moving: int = 0
+    following: int = 0
+    unknown: int = 0
+
+    def beyond(self, joint: Element) -> _Way:
+        """Return the way beyond a further joint."""
+        kind, follows = joint.get("type", ""), joint.find("mimic") is not None
+        return _Way(
+            self.moving + (kind != "fixed" and not follows),
+            self.following + (kind != "fixed" and follows),
+            self.unknown + (kind not in KINDS),
+        )
+
+
+def _follows_itself(robot: Robot, base: str, end: str) -> bool:
+    """Return whether joints on the way to a link follow only joints on that way."""
+    way, link = [], end
+    while link != base:
+        way.append(robot.above[link])
+        link = robot.end(way[-1], "parent")
+    names = {robot.joint_name(joint) for joint in way}
+    leads = [robot.mimic(joint) for joint in reversed(way)]
+    return all(lead is None or lead[0] in names for lead in leads)
 
 
 def _left_out(robot: Robot, bodies: Sequence[str]) -> tuple[str, ...]:
@@ -102,6 +133,13 @@ def _left_out(robot: Robot, bodies: Sequence[str]) -> tuple[str, ...]:
     lines = [f"links that are not on the way to the tip: {_named(off)}"] if off else []
     lines += [f"elements that nothing reads: {_named(robot.unread)}"] if robot.unread else []
     return tuple(lines)
+
+
+def _ways(robot: Robot, base: str) -> dict[str, _Way]:
+    """Return the way from ``base`` to each link beyond."""
+    known: dict[str, _Way | None] = {base: _Way()}
+    ways = ((link, robot.carried(link, known, _Way.beyond)) for link in robot.links)
+    return {link: way for link, way in ways if way is not None}
 
 
 def _named(links: Sequence[str]) -> str:

@@ -10,7 +10,7 @@ import pytest
 import typer
 
 from truepose.commands import common
-from truepose.commands.common import check_file, fail, finish, note, reported, tell, written
+from truepose.commands.common import check_file, fail, finish, note, reported, tell
 from truepose.errors import ConvergenceError, InputError, TrueposeError
 
 
@@ -47,13 +47,6 @@ def test_plug_ins_are_loaded_before_anything_is_done(
     with pytest.raises(typer.Exit) as ended, reported([tmp_path / "good.py", tmp_path / "none.py"]):
         done.append("work")
     assert ended.value.exit_code == 2 and done == [] and "none.py" in capsys.readouterr().err
-
-
-def test_text_goes_out_and_notes_beside_it(capsys: pytest.CaptureFixture[str]) -> None:
-    tell("one")
-    tell("two", nl=False)
-    note("three")
-    assert tuple(capsys.readouterr()) == ("one\ntwo", "three\n")
 
 
 def test_a_command_ends_with_json_alone_or_with_lines_and_notes(capsys: pytest.CaptureFixture[str]) -> None:
@@ -108,10 +101,3 @@ def test_a_place_where_no_file_can_be_is_refused(name: str, said: str, tmp_path:
     with pytest.raises(InputError, match=said):
         check_file(tmp_path / name)
     assert os.listdir(tmp_path) == ["read.csv"]  # noqa: PTH208
-
-
-def test_files_are_named_with_their_folder() -> None:
-    assert written(Path("out"), ["a.json", "sub/b.csv"]) == [
-        str(Path("out/a.json")),
-        str(Path("out/sub/b.csv")),
-    ]

@@ -89,17 +89,7 @@ def test_candidates_cannot_be_moved(tmp_path: Path) -> None:
     assert (
         run("plan", MACHINES / "serial.yaml", "-n", 9, "-o", candidates, "--method", "random").exit_code == 0
     )
-    result = run(
-        "plan",
-        MACHINES / "serial.yaml",
-        "-n",
-        5,
-        "-o",
-        tmp_path / "p.csv",
-        "--candidates",
-        candidates,
-        "--method",
-        "continuous",
-    )
+    more = ("--candidates", candidates, "--method", "continuous")
+    result = run("plan", MACHINES / "serial.yaml", "-n", 5, "-o", tmp_path / "p.csv", *more)
     assert result.exit_code == 2 and "candidates stay in place" in result.stderr
     assert run("plan", MACHINES / "serial.yaml", "-n", 1, "-o", tmp_path / "p.csv").exit_code == 2
