@@ -1,9 +1,9 @@
 """Native code from a symbolic model: the controller's C, and batches in Python.
 
 ``c.generate`` writes the C of a machine. In ``evaluation``, ``batch.BatchFunction`` evaluates expressions over many
-rows and ``gram.GramFunction`` sums their squares and products; ``engine`` says when both are compiled (``rowwise`` is
-their C, ``compiled`` and ``cache`` the libraries).
-Below them: ``expressions`` (a shared graph of scalar operations), ``printer`` (that graph as C), ``lanes`` and
-``lane_runtime`` (the same for several rows at once), ``layout`` (scales, ranges and starts of the solver), ``names``
-(identifiers), ``reference`` (poses for test vectors).
+rows and ``gram.GramFunction`` sums their squares and products; ``batch.Engine`` says when both are compiled
+(``compiled`` makes and keeps the libraries).
+Below them: ``expressions`` (a shared graph of scalar operations), ``printer`` (that graph as C), ``lanes`` (the same for
+several rows at once), ``layout`` (scales, ranges and starts of the solver), ``texts`` (identifiers and templates),
+``reference`` (poses for test vectors).
 """

@@ -21,9 +21,10 @@ from truepose.codegen.features import ALL, Features
 from truepose.codegen.lanes import LanePrinter, lane_runtime
 from truepose.codegen.layout import Layout
 from truepose.codegen.loop_blocks import ROOTS, Arrays, Loops, write_loops, write_turns
-from truepose.codegen.memory import memory_of
+from truepose.codegen.memory import SLOWEST, memory_of
 from truepose.codegen.printer import Printer, Real
 from truepose.codegen.texts import identifiers
+from truepose.models.file.driver import TREMBLING
 from truepose.models.machine.kinematics import SymbolicModel
 from truepose.models.machine.velocities import chain_of
 
@@ -386,6 +387,8 @@ def _memory(model: SymbolicModel, layout: Layout, features: Features) -> dict[st
     followed = [(name, unit) for name, unit, place in rows if place >= len(memory.sensed)]
     return {
         "memory": memory,
+        "trembling": TREMBLING,
+        "slowest": SLOWEST,
         "followed": entries([n for n, _ in followed], [unit for _, unit in followed]),
         "sensed": entries([n for n, _, _ in memory.sensed], [unit for _, unit, _ in memory.sensed]),
         "fields": [field for field in memory.fields if field.size],

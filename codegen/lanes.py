@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from truepose.codegen.expressions import Graph, Node
-from truepose.codegen.printer import Printer, Real, literal, trigonometry
+from truepose.codegen.printer import INFIX, LONGEST_INLINE, TESTS, Printer, Real, bare, literal, trigonometry
 from truepose.codegen.texts import environment
 
 UNARY: tuple[str, ...] = ("SQRT", "EXP", "LOG", "TAN", "ASIN", "ACOS", "ATAN", "SINH", "COSH", "TANH")
@@ -44,11 +44,8 @@ def lane_runtime(real: Real, helpers: Iterable[str]) -> str:
     return environment().get_template("lanes.c.j2").render(context)
 
 
-_ARITHMETIC = {"ADD": "+", "SUB": "-", "MUL": "*", "DIV": "/"}
-_TESTS = {"LT": "<", "LE": "<=", "EQ": "==", "NE": "!="}
 _CALLS = {op: op.lower() for op in (*UNARY, *BINARY, "FLOOR")} | {"CONSTPOW": "pow"}
 _TURNS = {"SIN": "s", "COS": "c"}
-_LONGEST_INLINE = 56
 
 
 @dataclass(frozen=True)
@@ -107,23 +104,10 @@ class LanePrinter(Printer):
             written.lines.append(Statement(f"{place} = {text};", reads=end.reads))
         return written.lines
 
-    def _uses(self, order: Iterable[int], ends: Iterable[int]) -> Counter[int]:
-        uses = Counter(ends)
-        for node in order:
-            if node not in self._given:
-                entry = self._graph.nodes[node]
-                uses.update(entry.args * (2 if entry.op in ("SQ", "SIGN") else 1))
-        return uses
-
     def leaf(self, node: int) -> _Text:
         """A given node, an input or a constant."""
-        entry, shared = self._graph.nodes[node], self._shared[node]
-        if node in self._given:
-            return _Text(self._given[node], frozenset(), shared, True)
-        if entry.op == "INPUT":
-            return _Text(entry.leaf, frozenset(), shared, True)
-        value = literal(float(entry.leaf), self._real)
-        return _Text(f"({value})" if value.startswith("-") else value, frozenset(), True, False)
+        named = node in self._given or self._graph.nodes[node].op == "INPUT"
+        return _Text(self._leaf(node), frozenset(), self._shared[node], named)
 
     def entry(self, node: int) -> Node | None:
         """The operation that a node is, None for a leaf."""
@@ -137,8 +121,8 @@ class LanePrinter(Printer):
                 return f"{entry.op.lower()}{'f' if self._real == 'float' else ''}({args[0].text})"
             return self._operation(entry, [a.text for a in args])
         op, texts = entry.op, [a.text for a in args]
-        if op in _ARITHMETIC:
-            return f"({texts[0]} {_ARITHMETIC[op]} {texts[1]})"
+        if op in INFIX:
+            return f"({texts[0]} {INFIX[op]} {texts[1]})"
         wide = [f"LANES_OF({a.text})" if a.shared else a.text for a in args]
         return self._by_macro(op, wide)
 
@@ -161,8 +145,8 @@ class LanePrinter(Printer):
             "FMAX": f"LANES_SELECT(({a} > {b}) | ({b} != {b}), {a}, {b})",
             "SIGN": f"LANES_SELECT({a} > {of_zero}, {of_one}, LANES_SELECT({a} < {of_zero}, LANES_OF(-{one}), {a}))",
         }
-        if op in _TESTS:
-            return f"LANES_TEST({a} {_TESTS[op]} {b})"
+        if op in TESTS:
+            return f"LANES_TEST({a} {TESTS[op]} {b})"
         if op in forms:
             return forms[op]
         raise NotImplementedError(f"found CasADi's operation {op}, which has no counterpart in lanes here")
@@ -193,13 +177,13 @@ class _Written:
             self.texts[node] = self._expressed(node, entry, shared)
 
     def _expressed(self, node: int, entry: Node, shared: bool) -> _Text:
-        plain = entry.op in _ARITHMETIC or entry.op in ("NEG", "TWICE", "INV") or shared
+        plain = entry.op in INFIX or entry.op in ("NEG", "TWICE", "INV") or shared
         args = [self.texts[a] if plain or self.texts[a].shared else self._pointed(a) for a in entry.args]
         text = self._printer.written(entry, args)
         reads = frozenset[str]().union(*(a.reads for a in args))
-        if plain and self._uses[node] <= 1 and len(text) <= _LONGEST_INLINE:
+        if plain and self._uses[node] <= 1 and len(text) <= LONGEST_INLINE:
             return _Text(text, reads, shared, False)
-        return self._named(f"const {'real' if shared else 'lanes'} {{}} = {_bare(text)};", reads, shared)
+        return self._named(f"const {'real' if shared else 'lanes'} {{}} = {bare(text)};", reads, shared)
 
     def _named(self, form: str, reads: frozenset[str], shared: bool = False) -> _Text:
         name = f"a{self._count}"
@@ -213,7 +197,7 @@ class _Written:
         if here.shared:
             here = self._named(f"const lanes {{}} = LANES_OF({here.text});", here.reads)
         elif not here.named:
-            here = self.texts[node] = self._named(f"const lanes {{}} = {_bare(here.text)};", here.reads)
+            here = self.texts[node] = self._named(f"const lanes {{}} = {bare(here.text)};", here.reads)
         return here
 
     def _called(self, entry: Node) -> _Text:
@@ -243,13 +227,3 @@ class _Written:
             self.lines.append(Statement(text, f"s{k} c{k}", a.reads))
         name = _TURNS[entry.op] + self._turns[angle]
         return _Text(name, frozenset({name}), False, True)
-
-
-def _bare(text: str) -> str:
-    """Without the outer pair of brackets, where it encloses everything."""
-    depth = 0
-    for k, letter in enumerate(text):
-        depth += (letter == "(") - (letter == ")")
-        if depth == 0:
-            return text[1:-1] if text.startswith("(") and k == len(text) - 1 else text
-    return text

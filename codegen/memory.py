@@ -1,6 +1,6 @@
 """What the generated ``NAME_state`` follows: drivers that depend on what was before, as a plan for its template.
 
-The values are those of ``truepose.identification.recording.memory`` where each update is a row: a controller sees every
+The values are those of ``truepose.identification.recording.recording`` where each update is a row: a controller sees every
 motion, so that a side of arrival that a recording states, an approach from behind a goal (``stop.J~r~o``) and the time
 between the end of a move and its row (``creep.J~t0~d``) are updates of their own there.
 """
@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from truepose.codegen.layout import Layout, sample_ranges
-from truepose.models.file.driver import APPROACH, STEP, TREMBLING, Driver
+from truepose.models.file.driver import APPROACH, STEP, Driver
 from truepose.models.machine.kinematics import SymbolicModel, driver_default
 from truepose.models.machine.mechanism import coupling_matrix
 
 LONGEST = 1e6
 """s: creep is followed for so long after a move (twelve days), then it stands."""
-_SLOWEST = 1e-3 / LONGEST
+SLOWEST = 1e-3 / LONGEST
 """1/s: rate of the slowest exponential of creep; what is neglected is half of its square after the longest time."""
 _HIGHEST = 32.0
 """Rate of the fastest, times t0: what is neglected is exp(-32)."""
@@ -66,20 +66,10 @@ class Memory:
         return bool(self.arrivals or self.stops or self.creeps or self.lags)
 
     @property
-    def trembling(self) -> float:
-        """Share of the travel within which a joint has not moved."""
-        return TREMBLING
-
-    @property
-    def slowest(self) -> float:
-        """Rate of the slowest exponential of creep, 1/s."""
-        return _SLOWEST
-
-    @property
     def weights(self) -> tuple[float, ...]:
         """Of the exponentials of all creeps, one after the other; the slowest of each stands for all slower ones as well."""
         share = math.log(2.0) / math.log(10.0)
-        rates = [(_SLOWEST * 2.0**k * t0, 1 + (k == 0)) for _, t0, count in self.creeps for k in range(count)]
+        rates = [(SLOWEST * 2.0**k * t0, 1 + (k == 0)) for _, t0, count in self.creeps for k in range(count)]
         return tuple(float(f"{share * twice * math.exp(-rate):.15g}") for rate, twice in rates)
 
     @property
@@ -179,4 +169,4 @@ def _exponentials(t0: float) -> tuple[float, int]:
 
     log(1 + x) is the integral of (1 - exp(-x s)) exp(-s) over log s; the trapezoidal rule at powers of two leaves 1e-6.
     """
-    return t0, math.ceil(math.log2(_HIGHEST / (_SLOWEST * t0))) + 1
+    return t0, math.ceil(math.log2(_HIGHEST / (SLOWEST * t0))) + 1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -12,9 +12,9 @@ import numpy as np
 from truepose.codegen.expressions import Graph, Node
 
 Real = Literal["double", "float"]
-_LONGEST_INLINE = 56
-_INFIX = {"ADD": "+", "SUB": "-", "MUL": "*", "DIV": "/"}
-_TRUTH = {"LT": "<", "LE": "<=", "EQ": "==", "NE": "!=", "AND": "&&", "OR": "||"}
+LONGEST_INLINE = 56
+INFIX = {"ADD": "+", "SUB": "-", "MUL": "*", "DIV": "/"}
+TESTS = {"LT": "<", "LE": "<=", "EQ": "==", "NE": "!="}
 _CALLS = {
     **{op: op.lower() for op in ("EXP", "LOG", "POW", "SQRT", "TAN", "ASIN", "ACOS", "ATAN", "ATAN2")},
     **{
@@ -58,11 +58,7 @@ class Printer:
         """
         ends = [node for _, node in targets]
         order = self._graph.reachable(ends, self._given)
-        uses = Counter(ends)
-        for node in order:
-            if node not in self._given:
-                entry = self._graph.nodes[node]
-                uses.update(entry.args * (2 if entry.op in ("SQ", "SIGN") else 1))
+        uses = self._uses(order, ends)
         text: dict[int, str] = {}
         lines: list[str] = []
         turns: dict[int, int] = {}
@@ -73,9 +69,18 @@ class Printer:
             text[node] = self._text(node, text)
             if self._needs_name(node, text[node], uses[node]):
                 name = f"a{len(lines)}"
-                lines.append(f"const real {name} = {_bare(text[node])};")
+                lines.append(f"const real {name} = {bare(text[node])};")
                 text[node] = name
-        return lines + [f"{place} = {_bare(text[node])};" for place, node in targets]
+        return lines + [f"{place} = {bare(text[node])};" for place, node in targets]
+
+    def _uses(self, order: Iterable[int], ends: Iterable[int]) -> Counter[int]:
+        """How often each node is written."""
+        uses = Counter(ends)
+        for node in order:
+            if node not in self._given:
+                entry = self._graph.nodes[node]
+                uses.update(entry.args * (2 if entry.op in ("SQ", "SIGN") else 1))
+        return uses
 
     def _turns(self, node: int) -> bool:
         return node not in self._given and self._graph.nodes[node].op in ("SIN", "COS")
@@ -87,24 +92,29 @@ class Printer:
         if angle not in turns:
             turns[angle] = k = len(lines)
             lines.append(f"real s{k}, c{k};")
-            lines.append(f"sin_cos({_bare(text[angle])}, &s{k}, &c{k});")
+            lines.append(f"sin_cos({bare(text[angle])}, &s{k}, &c{k});")
         return f"{entry.op[0].lower()}{turns[angle]}"
 
     def _needs_name(self, node: int, text: str, uses: int) -> bool:
         if node in self._given or not self._graph.nodes[node].args:
             return False
-        return uses > 1 or len(text) > _LONGEST_INLINE
+        return uses > 1 or len(text) > LONGEST_INLINE
 
     def _text(self, node: int, text: Mapping[int, str]) -> str:
+        entry = self._graph.nodes[node]
+        if node in self._given or not entry.args:
+            return self._leaf(node)
+        return self._operation(entry, [text[a] for a in entry.args])
+
+    def _leaf(self, node: int) -> str:
+        """A given node, an input or a constant."""
         if node in self._given:
             return self._given[node]
         entry = self._graph.nodes[node]
         if entry.op == "INPUT":
             return entry.leaf
-        if entry.op == "CONST":
-            value = literal(float(entry.leaf), self._real)
-            return f"({value})" if value.startswith("-") else value
-        return self._operation(entry, [text[a] for a in entry.args])
+        value = literal(float(entry.leaf), self._real)
+        return f"({value})" if value.startswith("-") else value
 
     def _operation(self, entry: Node, args: Sequence[str]) -> str:
         op, a = entry.op, args[0]
@@ -119,24 +129,24 @@ class Printer:
             "SIGN": f"((real)(({a} > {zero}) - ({a} < {zero})))",
             "IF_ELSE_ZERO": f"(({a} != {zero}) ? {b} : {zero})",
         }
-        if op in _INFIX:
-            return f"({a} {_INFIX[op]} {b})"
+        if op in INFIX:
+            return f"({a} {INFIX[op]} {b})"
         if op in self._own:
-            return f"{self._own[op]}({', '.join(_bare(arg) for arg in args)})"
+            return f"{self._own[op]}({', '.join(bare(arg) for arg in args)})"
         if op in _CALLS:
             return (
-                f"{_CALLS[op]}{'f' if self._real == 'float' else ''}({', '.join(_bare(arg) for arg in args)})"
+                f"{_CALLS[op]}{'f' if self._real == 'float' else ''}({', '.join(bare(arg) for arg in args)})"
             )
         if op in ("AND", "OR"):
-            return f"((({a} != {zero}) {_TRUTH[op]} ({b} != {zero})) ? {one} : {zero})"
-        if op in _TRUTH:
-            return f"(({a} {_TRUTH[op]} {b}) ? {one} : {zero})"
+            return f"((({a} != {zero}) {'&&' if op == 'AND' else '||'} ({b} != {zero})) ? {one} : {zero})"
+        if op in TESTS:
+            return f"(({a} {TESTS[op]} {b}) ? {one} : {zero})"
         if op in special:
             return special[op]
         raise NotImplementedError(f"found CasADi's operation {op}, which has no C99 counterpart here")
 
 
-def _bare(text: str) -> str:
+def bare(text: str) -> str:
     """Without the outer pair of brackets, where it encloses everything."""
     if not text.startswith("("):
         return text

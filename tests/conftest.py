@@ -78,16 +78,6 @@ def shared() -> Path:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _libraries(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Libraries that are compiled on the way are kept for this run only, all workers in one folder."""
-    base = tmp_path_factory.getbasetemp()
-    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "libraries"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("TRUEPOSE_CACHE", str(folder))
-        yield
-
-
-@pytest.fixture(scope="session", autouse=True)
 def _patience() -> Iterator[None]:
     """On a loaded machine a command takes longer than the two seconds after which it says what it does."""
     from truepose.commands import progress

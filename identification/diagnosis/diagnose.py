@@ -28,8 +28,8 @@ from truepose.identification.fit.reading_errors import estimate_reading_errors
 from truepose.identification.fit.set_ups import with_set_ups
 from truepose.identification.fit.summary import summarise
 from truepose.identification.learned_prior import FleetPrior, LearnedPrior
+from truepose.identification.recording.load import with_measured_loads
 from truepose.identification.recording.recording import Recording
-from truepose.identification.recording.tried import with_measured_loads
 from truepose.identification.signatures.candidates import catalogue
 from truepose.identification.signatures.untestable import missing_inputs
 from truepose.models.machine.machine import Machine

@@ -85,14 +85,10 @@ def base_of(
 def base_by_bearings(points: Array, seen: Array, station: Array) -> tuple[Array, Array]:
     """Rotation and place of a base whose points (n, 3) are seen along unit vectors (n, 3) from a ``station`` (3,)."""
     across = np.eye(3) - np.einsum("ni,nj->nij", seen, seen)
-    best = min((_iterated(points, seen, across, r, _SWEEPS) for r in _many()), key=lambda found: found[2])
+    cube = np.asarray(Rotation.create_group("O").as_matrix())  # (24, 3, 3) its turns
+    best = min((_iterated(points, seen, across, r, _SWEEPS) for r in cube), key=lambda found: found[2])
     rotation, shift, _ = _iterated(points, seen, across, best[0], _LAST)
     return rotation, shift + station
-
-
-def _many() -> Array:
-    """(24, 3, 3) turns of a cube."""
-    return np.asarray(Rotation.create_group("O").as_matrix())
 
 
 def _iterated(

@@ -28,7 +28,7 @@ from truepose.identification.fit.estimated import Estimate, Fitted
 from truepose.identification.fit.leastsquares import Solution
 from truepose.identification.fit.problem import Prior, Problem, prior_of
 from truepose.identification.fit.reading_errors import estimate_reading_errors
-from truepose.identification.fit.relinearised import Scaling, linear_estimators, relinearised
+from truepose.identification.fit.relinearised import linear_estimators, relinearised
 from truepose.identification.fit.set_ups import held_but, kept_covariance, prior_but, with_set_ups, with_zeros
 from truepose.identification.fit.summary import Judgement, judged
 from truepose.identification.prediction.covariance import Covariance
@@ -46,7 +46,6 @@ DAMPING = {"gn": 0.0, "lm": 1e-4}
 """Initial damping."""
 TIGHT = 1e-13
 """What is left to gain of half the sum of squares: the same readings told otherwise give the same digits."""
-SCALINGS: tuple[Scaling, ...] = ("tolerance", "unit", "raw")
 BIAS = "std is the estimator's 1-sigma with {} taken as known; its bias towards the drawing is not in it"
 
 
@@ -93,7 +92,6 @@ def calibrate(
     *,
     estimator: str = "map",
     solver: str = "gn",
-    scaling: Scaling = "tolerance",
     tuning: float | None = None,
     only: Sequence[str] = (),
     progress: Callable[[str], None] = lambda _: None,
@@ -103,22 +101,20 @@ def calibrate(
     ``only``: frames, parts or constants (``base``, ``q4``, ``q4.theta``), or the zeros of all joints (``offset``), that alone
     are fitted; all else, effects included, is held as the file has it (``truepose.identification.fit.set_ups``).
 
-    ``scaling`` is the unit of the columns of ``liu``, ``ridge`` and ``pcr``, on which their bias depends, and
-    ``tuning`` Liu's d, ridge's k or the number of components where it is not to be chosen by rule (see
-    ``relinearised``). Raises InputError for an estimator, solver or scaling that does not exist or do not go
-    together, for bounds that cannot be kept and for too few rows, ConvergenceError naming the parameters
-    responsible.
+    ``tuning`` is Liu's d, ridge's k or the number of components where it is not to be chosen by rule (see ``relinearised``).
+    Raises InputError for an estimator or solver that does not exist or do not go together, for bounds that cannot be kept
+    and for too few rows, ConvergenceError naming the parameters responsible.
     """
-    biased = _checked(estimator, solver, scaling)
+    biased = _checked(estimator, solver)
     only = with_zeros(machine, only)
     machine = with_set_ups(held_but(machine, only) if only else machine, recording)
     progress("fitting")
     corrected = estimate_reading_errors(machine, recording)
     work = _Work(machine, corrected, solver, bounds_of(machine, machine.effects), only)
     method = {"estimator": estimator, "solver": solver, **({"only": ", ".join(only)} if only else {})}
-    fit, notes = work.linear(estimator, scaling, tuning) if biased else work.unbiased(estimator)
+    fit, notes = work.linear(estimator, tuning) if biased else work.unbiased(estimator)
     if biased and fit.shrunk is not None:
-        method |= {"scaling": scaling, linear_estimators()[estimator][0]: f"{fit.shrunk.tuning:.6g}"}
+        method |= {"scaling": "tolerance", linear_estimators()[estimator][0]: f"{fit.shrunk.tuning:.6g}"}
     progress("fitting without tolerances")
     free, more = work.free(fit.p)
     why = "the mechanism cannot be assembled there; the row was left out"
@@ -134,11 +130,10 @@ def bounded_solvers() -> dict[str, Callable[..., Solution]]:
     return {name: solve for leaf in modules_named("solving") for name, solve in leaf.SOLVERS.items()}
 
 
-def _checked(estimator: str, solver: str, scaling: str) -> bool:
+def _checked(estimator: str, solver: str) -> bool:
     """Whether the estimator is a biased one, where it exists and goes with the solver."""
     _check("estimator", estimator, ("map", *linear_estimators(), "huber"))
     _check("solver", solver, (*DAMPING, *bounded_solvers()))
-    _check("scaling", scaling, SCALINGS)
     biased = estimator in linear_estimators() and estimator != "ols"
     if biased and solver not in DAMPING:
         raise InputError(
@@ -221,27 +216,23 @@ class _Work:
                 raise first from None
         return fit, [f"{solver} found no minimum, {other} did; this is its result"]
 
-    def linear(
-        self, name: str, scaling: Scaling = "tolerance", tuning: float | None = None
-    ) -> tuple[Estimate, list[str]]:
+    def linear(self, name: str, tuning: float | None = None) -> tuple[Estimate, list[str]]:
         """A linear estimator, relinearised from the fit under tolerances.
 
         Where it finds no rest, parameters that depend on others are held at the drawing, and a note says so.
         """
         try:
-            return self._linear(self.flat, self.near.p, name, scaling, tuning)
+            return self._linear(self.flat, self.near.p, name, tuning)
         except ConvergenceError:
             prior, start, note = self.independent
-            fit, notes = self._linear(prior, start, name, scaling, tuning)
+            fit, notes = self._linear(prior, start, name, tuning)
             return fit, [*notes, note]
 
-    def _linear(
-        self, prior: Prior, p: Array, name: str, scaling: Scaling, tuning: float | None
-    ) -> tuple[Estimate, list[str]]:
+    def _linear(self, prior: Prior, p: Array, name: str, tuning: float | None) -> tuple[Estimate, list[str]]:
         problem = Problem(self.predictor, prior, p, ~self.recording.validation)
         start = np.zeros(len(prior.free))
         try:
-            solution, known = relinearised(problem, start, self.tolerances, name, scaling, tuning)
+            solution, known = relinearised(problem, start, self.tolerances, name, tuning)
         except InputError as exc:
             raise InputError(f"{', '.join(self.recording.files)}: {exc}") from None
         if not solution.status.ok or known is None:
@@ -255,7 +246,7 @@ class _Work:
         """Readings alone; unseen directions stay at the drawing."""
         if self.solver in DAMPING:
             with contextlib.suppress(ConvergenceError):  # curved valleys are walked down by damped steps
-                return self._linear(self.flat, self.near.p, "ols", "tolerance", None)
+                return self._linear(self.flat, self.near.p, "ols", None)
         try:
             # widening infinite tolerances only says that valleys may be flat
             return self.fitted(prior=self.flat, widen=FREE_WIDENING)

@@ -56,9 +56,6 @@ class Fitted(Shown):
         return residual_frame(self)
 
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 UNKNOWN = 1e15
 """1-sigma, in steps, of a direction that nothing determines."""
 

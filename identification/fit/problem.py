@@ -22,7 +22,7 @@ import casadi as ca
 import numpy as np
 
 from truepose.arrays import Array, Index, Mask
-from truepose.codegen.evaluation import engine
+from truepose.codegen.evaluation import batch
 from truepose.codegen.evaluation.gram import GramFunction
 from truepose.errors import InputError
 from truepose.identification.fit.leastsquares import WIDE_PROBLEM, Rows
@@ -52,7 +52,7 @@ class NormalEquations:
         machine, recording = predictor.machine, predictor.recording
         if len(predictor.model.home) or any(sensor.compares for sensor in machine.sensors):
             return None
-        if predictor.evaluations < engine.FEWEST_ROWS:
+        if predictor.evaluations < batch.FEWEST_ROWS:
             return None
         key = tuple(free.tolist())
         if key not in predictor.sums:
@@ -70,7 +70,7 @@ class NormalEquations:
         """
         if least <= 0.0:
             return None
-        gram = self.function(*self.inputs, p, weight=weight).matrix
+        gram = self.function(*self.inputs, p, weight=weight)
         steps = np.append(scale, 1.0)
         gram *= np.outer(steps, steps)
         rounding = float(np.finfo(float).eps * len(gram) * np.max(np.diag(gram)[:-1], initial=0.0))

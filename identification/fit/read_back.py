@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,13 +21,11 @@ from truepose.models.load import build_machine
 from truepose.models.machine.machine import Machine
 
 ROWS = 10
-"""Rows that are predicted by both machines."""
+"""Rows whose poses are predicted by both machines."""
 SAME = 1e-9
-"""Largest difference of a prediction, as a share of the machine's reach or of a radian."""
+"""Largest difference of a pose, as a share of the machine's reach or of a radian."""
 ROUNDING = 1e-12
 """Largest difference of a constant or a coefficient, as a share of its size: degrees are converted and back."""
-SURE = 1e-6
-"""rad; a rotation vector nearer to half a turn may be written with either sign."""
 PACKED = 1e-6
 """Largest difference of the covariance's factor, as a share of its row: many names are packed in single precision."""
 
@@ -72,7 +71,7 @@ def _differences(machine: Machine, fit: Estimate, known: Covariance, recording: 
         yield "its covariance is another one"
     away = _distance(machine, fit, recording)
     if not away <= SAME:
-        yield f"predictions of {ROWS} rows differ by {away:.1e} of the machine's reach"
+        yield f"poses of {ROWS} rows differ by {away:.1e} of the machine's reach"
 
 
 def _constants(machine: Machine, values: list[float]) -> dict[str, tuple[float, float]]:
@@ -95,31 +94,29 @@ def _same_covariance(machine: Machine, known: Covariance) -> bool:
 
 
 def _distance(machine: Machine, fit: Estimate, recording: Recording) -> float:
-    """Return the largest difference of predictions of both machines, as a share of the reach (mm) or of a radian."""
+    """Return the largest difference of the tool's poses of both machines, as a share of the reach (mm) or of a radian."""
     rows = np.flatnonzero(np.isfinite(fit.residual).all(axis=1))
-    if not any(s.compares or s.differs_from_row for s in machine.sensors):  # these need all rows
-        rows = rows[np.unique(np.linspace(0, len(rows) - 1, ROWS).astype(int))] if len(rows) else rows
     if not len(rows):
         return 0.0
+    rows = rows[np.unique(np.linspace(0, len(rows) - 1, ROWS).astype(int))]
     part = recording.subset(rows)
+    part = replace(
+        part, from_row=None if part.from_row is None else part.rows
+    )  # no pose depends on another row
     read, made = Predictor(machine, part, machine.effects), Predictor(fit.nominal, part, fit.effects)
-    values, poses, closed = _predictions(read, read.model.p_home, fit.x[rows])
-    expected, stand, good = _predictions(made, fit.p, fit.x[rows])
+    poses, closed = _poses(read, read.model.p_home, fit.x[rows])
+    expected, good = _poses(made, fit.p, fit.x[rows])
     if (closed != good).any():
         return math.inf
-    values, poses, expected, stand = (array[good] for array in (values, poses, expected, stand))
-    units = np.array([unit for sensor in machine.sensors for unit in sensor.columns.values()])
-    reach, in_turns = max(1.0, float(np.max(np.abs(stand[:, :3, 3]), initial=0.0))), units == "rad"
-    off, turn, gap = values - expected, 2.0 * np.pi, poses - stand
-    off[:, in_turns] -= turn * np.round(off[:, in_turns] / turn)
-    half = np.abs(np.linalg.norm(expected[:, in_turns], axis=1) - np.pi) < SURE
-    off[np.ix_(half, in_turns)] = 0.0  # a rotation vector of half a turn may point either way
-    moved = [np.where(in_turns, off, off / reach), gap[:, :3, :3], gap[:, :3, 3] / reach]
-    return float(np.max([np.max(np.abs(d), initial=0.0) for d in moved]))
+    gap, reach = (poses - expected)[good], max(1.0, float(np.max(np.abs(expected[good, :3, 3]), initial=0.0)))
+    return float(
+        np.max(
+            [np.max(np.abs(gap[:, :3, :3]), initial=0.0), np.max(np.abs(gap[:, :3, 3]), initial=0.0) / reach]
+        )
+    )
 
 
-def _predictions(predictor: Predictor, p: Array, start: Array) -> tuple[Array, Array, Mask]:
-    """Return columns (n, k), mm and rad, poses (n, 4, 4), and which rows (n,) could be assembled, from ``start`` (n, nx)."""
+def _poses(predictor: Predictor, p: Array, start: Array) -> tuple[Array, Mask]:
+    """Return poses (n, 4, 4), mm, and which rows (n,) could be assembled, from ``start`` (n, nx)."""
     x, good = predictor.assemble(p, start)
-    _, values, poses = predictor.values(p, x)
-    return values, poses, good
+    return predictor.poses(p, x)[0], good

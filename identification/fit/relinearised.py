@@ -13,17 +13,15 @@ Estimators of a linear problem y = H b + noise whose columns are nearly dependen
 ``decompose`` makes one SVD of H; an estimate is then a share, between 0 and 1, of each coordinate of the least-squares
 solution along the right singular vectors: all of it (``ols``), or less (the leaf ``shrinking``).
 
-The unit of the columns is part of a biased estimator (1 is compared with their squared singular values):
-``raw`` takes them as they are, ``unit`` makes every column one long, an array states sizes of steps, such as
-tolerances. With readings in units of their noise and columns in units of their tolerances, ridge with k = 1
-(and Liu with d = 0) is the maximum a posteriori estimate under those tolerances.
+The unit of the columns is part of a biased estimator (1 is compared with their squared singular values).
+With readings in units of their noise and columns in units of their tolerances, ridge with k = 1 (and Liu with d = 0) is the
+maximum a posteriori estimate under those tolerances.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
@@ -86,15 +84,14 @@ class LinearEstimate:
 
 
 def decompose(
-    h: Array, y: Array, scale: Literal["raw", "unit"] | Array = "raw", *, n_observations: int | None = None
+    h: Array, y: Array, scale: Array | float = 1.0, *, n_observations: int | None = None
 ) -> Spectrum:
-    """The problem of ``h`` (n, m) and ``y`` (n,) or (n, k), one column a right-hand side.
+    """The problem of ``h`` (n, m), in steps of ``scale`` (m,), and ``y`` (n,) or (n, k), one column a right-hand side.
 
     ``n_observations`` is how many there were where ``h`` and ``y`` are a triangular factor of them. Directions that
     no reading sees stay at zero. Raises InputError when no reading is left to tell the noise.
     """
-    size = column_scale(h) if isinstance(scale, str) and scale == "unit" else np.ones(h.shape[1])
-    size = size if isinstance(scale, str) else np.asarray(scale, dtype=float)
+    size = np.broadcast_to(np.asarray(scale, dtype=float), h.shape[1])
     u, s, vt = np.linalg.svd(h * size, full_matrices=False)
     seen = s > ROUNDING * np.max(s, initial=1e-300)
     u, s, vt = u[:, seen], s[seen], vt[seen]
@@ -109,13 +106,6 @@ def decompose(
     return Spectrum(s, vt.T, size, (along.T / s).T, noise)
 
 
-def column_scale(h: Array) -> Array:
-    """(m,) factors that make every column of ``h`` (n, m) one long; 1 for a column of zeros."""
-    length = np.linalg.norm(h, axis=0)
-    out: Array = 1.0 / np.where(length > 0.0, length, 1.0)
-    return out
-
-
 def ols(problem: Spectrum) -> LinearEstimate:
     """Least squares; directions that no reading sees stay at zero. ``tuning`` is the rank."""
     rank = np.full(problem.noise.shape, float(len(problem.values)))
@@ -128,7 +118,6 @@ def shrink(problem: Spectrum, share: Array, tuning: Array) -> LinearEstimate:
     return LinearEstimate(b.T, share, tuning, problem)
 
 
-Scaling = Literal["tolerance", "unit", "raw"]
 Linear = Callable[[Spectrum, float | None], LinearEstimate]
 """A linear problem, and what the estimator is tuned by (None: by its own rule), to an estimate."""
 LIMIT = 400
@@ -173,17 +162,15 @@ def relinearised(
     start: Array,
     drawing: Prior,
     name: str,
-    scaling: Scaling = "tolerance",
     tuning: float | None = None,
 ) -> tuple[Solution, Shrunk | None]:
     """The estimate from steps ``start`` (n_free,) of a problem without a prior; ``drawing`` states tolerances.
 
-    ``scaling`` is the unit of the columns: tolerances, columns of length one, or raw mm and rad with readings
-    in the unit of the first channel (as in the polisher paper). ``tuning`` is Liu's d, ridge's k or the number
+    Columns are in units of the tolerances. ``tuning`` is Liu's d, ridge's k or the number
     of components where its rule is not to choose it. The status tells whether the estimate came to rest.
     Raises InputError when no reading is left over to tell the noise.
     """
-    columns, (_, linear) = _Columns(problem, drawing, scaling), linear_estimators()[name]
+    columns, (_, linear) = _Columns(problem, drawing), linear_estimators()[name]
     t, share, last, moved = start.astype(float), 1.0, np.inf, np.zeros(len(start))
     known: Shrunk | None = None
     status = Status.LIMIT
@@ -208,18 +195,16 @@ def relinearised(
 class _Columns:
     """Steps of the problem as columns of the estimator: t = origin + [loose, or unit * b of what is held].
 
-    held (n_free,) parameters with a tolerance; origin (n_free,) their drawing value in steps; unit (n_held,),
-    None for columns of length one; reading: size of a whitened reading; n_observations: their number.
+    held (n_free,) parameters with a tolerance; origin (n_free,) their drawing value and unit (n_held,) their tolerances, in
+    steps; n_observations: number of readings.
     """
 
-    def __init__(self, problem: Problem, drawing: Prior, scaling: Scaling) -> None:
+    def __init__(self, problem: Problem, drawing: Prior) -> None:
         free = problem.prior.free
         step, sigma = problem.prior.scale[free], drawing.sigma[free]
         self.held, self.n_observations = np.isfinite(sigma), problem.n_observations
         self.origin = np.where(self.held, (drawing.mean[free] - problem.p[free]) / step, 0.0)
-        units = {"tolerance": (sigma / step)[self.held], "raw": 1.0 / step[self.held], "unit": None}
-        self.unit = units[scaling]
-        self.reading = problem.predictor.channels[0].sigma if scaling == "raw" else 1.0
+        self.unit = (sigma / step)[self.held]
 
     def solved(self, factor: Array, t: Array, linear: Linear, tuning: float | None) -> tuple[Array, Shrunk]:
         """Steps (n_free,) that the estimator makes of the triangular factor of [J r] at ``t``."""
@@ -229,19 +214,13 @@ class _Columns:
             np.linalg.qr(np.column_stack([j[:, ~self.held], j[:, self.held], factor[:, n]]), mode="r")
         )
         inverse, rank = _inverse(r[:k, :k])
-        unit = 1.0 / np.linalg.norm(j[:, self.held], axis=0) if self.unit is None else self.unit
-        problem = decompose(
-            self.reading * r[k:, k:n],
-            -self.reading * r[k:, n],
-            unit,
-            n_observations=self.n_observations - rank,
-        )
+        problem = decompose(r[k:, k:n], -r[k:, n], self.unit, n_observations=self.n_observations - rank)
         found = linear(problem.counted_from(at[self.held]), tuning)
         follow = -inverse @ r[:k, k:n]  # the loose ones follow the held ones
         steps = self._placed(
             at[~self.held] - inverse @ r[:k, n] + follow @ (found.b - at[self.held]), found.b
         )
-        root = found.root(self.reading**2)
+        root = found.root(1.0)
         known = Shrunk(
             root=np.hstack([self._placed(follow @ root, root), self._placed(inverse)]),
             unknown=Decomposition.of(j, np.zeros(n)).unknown,

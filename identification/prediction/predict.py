@@ -9,11 +9,13 @@ The variance of a column is J C J', C from the file's ``covariance:`` for what i
 rest; plus the square of what the fit left ``unexplained`` in that kind of reading; plus, outside of what was seen, what
 forms without a name (``empirical``) and the errors of form of named effects may be there. What is unexplained of
 rotations is that of a small turn; a column of a rotation vector near half a turn moves more than that.
+
+A recording as the machine would give it: its own effects, some more, and the sensor's noise.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,7 +28,9 @@ from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.sensor_rows import TOGETHER
 from truepose.identification.prior import FORM_ERROR
 from truepose.identification.recording.recording import Recording
+from truepose.identification.recording.table import Table
 from truepose.models import lie
+from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.common import sensor_names
 from truepose.models.effects.empirical import Empirical
 from truepose.models.file.driver import PAYLOAD, ROW, Driver
@@ -181,10 +185,10 @@ def predict(machine: Machine, recording: Recording) -> pd.DataFrame:
     return pd.DataFrame(data)
 
 
-def predictor_for(machine: Machine, recording: Recording) -> Predictor:
-    """Predictor with the machine's effects, whose sessions are those of the fit that wrote the file."""
+def predictor_for(machine: Machine, recording: Recording, visits: int = 1) -> Predictor:
+    """Predictor with the machine's effects, whose sessions are those of the fit that wrote the file; ``visits`` as there."""
     known = machine.file.sessions if machine.file else ()
-    predictor = Predictor(machine, recording, machine.effects)
+    predictor = Predictor(machine, recording, machine.effects, visits=visits)
     for k, name in enumerate(predictor.model.drivers):
         if name == ROW and not _is_the_fitted(machine, recording):
             predictor.z[:, k] = predictor.model.z_home[k]
@@ -277,3 +281,55 @@ def _complete(machine: Machine, recording: Recording, good: Mask) -> Mask:
     if recording.from_row is not None and any(sensor.differs_from_row for sensor in machine.sensors):
         return good & good[recording.from_row]
     return good
+
+
+def simulate(
+    machine: Machine,
+    poses: Recording,
+    extra: Sequence[PlacedEffect] = (),
+    *,
+    seed: int | None = 0,
+) -> pd.DataFrame:
+    """The sensor's columns for every row of ``poses``, in the machine file's units.
+
+    Noise is the instrument's, drawn from ``seed``; None leaves it out. Raises InputError naming the first row
+    that cannot be assembled, and a column of labels that a sensor without readings needs.
+    """
+    _check_labels(machine, poses)
+    predictor = predictor_for(machine.with_effects((*machine.effects, *extra)), poses)
+    found = predicted(predictor, with_std=False)
+    if not found.good.all():
+        row = int(np.flatnonzero(~found.good)[0])
+        raise InputError(f"{poses.where(row)}: the mechanism cannot be assembled there; mend or drop the row")
+    rng = np.random.default_rng(0 if seed is None else seed)
+    units = machine.units
+    data: dict[str, Array] = {}
+    offset = 0
+    for sensor in machine.sensors:
+        values = found.values[:, offset : offset + len(sensor.columns)]
+        offset += len(sensor.columns)
+        read = values if seed is None else sensor.noisy(values, rng)
+        if sensor.differs_from_row and poses.from_row is not None:  # a change since itself is nothing
+            read = np.where((poses.from_row == np.arange(len(poses)))[:, None], 0.0, read)
+        for k, (name, unit) in enumerate(sensor.columns.items()):
+            data[name] = convert(read[:, k], unit, units.written(unit))
+    return pd.DataFrame(data)
+
+
+def _check_labels(machine: Machine, poses: Recording) -> None:
+    for sensor in machine.sensors:
+        for name in sensor.label_columns:
+            if name not in poses.labels:
+                raise InputError(
+                    f"{', '.join(poses.files)}: missing column {name!r}, which the sensor {sensor.type} needs"
+                )
+
+
+def with_inputs(table: Table, simulated: pd.DataFrame) -> pd.DataFrame:
+    """The columns of a table of poses as they stand, then the simulated readings in place of its own."""
+    kept = {}
+    for column in table.columns:
+        if column.name not in simulated:
+            header = column.name if column.unit is None else f"{column.name} [{column.unit}]"
+            kept[header] = list(table.cells[column.name])
+    return pd.concat([pd.DataFrame(kept), simulated], axis=1)

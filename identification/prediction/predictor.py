@@ -168,7 +168,7 @@ class Predictor:
         told = [c for s in self.machine.sensors for c in s.cautions(self.recording.labels)]
         sensors = (f for s in self._sensors for f in s.functions)
         functions = (self._loops.closure, self._pose, self._kinematics, *sensors)
-        slow = dict.fromkeys(f.engine.why for f in functions if f.engine.missed)
+        slow = dict.fromkeys(f.engine.missed for f in functions if f.engine.missed)
         return (*told, *(f"{why}: evaluated by CasADi's virtual machine, more slowly" for why in slow))
 
     def assemble(

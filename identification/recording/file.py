@@ -11,17 +11,15 @@ import numpy.typing as npt
 
 from truepose.arrays import Array, Mask
 from truepose.errors import InputError
-from truepose.identification.recording.arrow_columns import ArrowCells
 from truepose.identification.recording.history import latest_earlier_row
-from truepose.identification.recording.joint_column import (
+from truepose.identification.recording.joint_readings import (
     JointColumn,
     column_unit,
     joint_readings,
     sized,
     turned_notes,
 )
-from truepose.identification.recording.names import in_known_case, missing_column
-from truepose.identification.recording.table import Table
+from truepose.identification.recording.table import Table, in_known_case, missing_column
 from truepose.identification.recording.times import Times, read_times
 from truepose.models.file.driver import APPROACH, MEASURED_LOADS, VELOCITY, DeclaredDriver, Driver
 from truepose.models.file.limits import LATEST, ROWS
@@ -87,7 +85,7 @@ def read_part(
     headers = [d.column for d in declared if d.column]
     table = in_known_case(table, (*names, *sensor_columns, *logged, *OF_ROWS, *headers))
     table = _under_drivers_names(table, declared)
-    unread = [name for name, unit in sensor_columns.items() if unit != LABEL and _all_empty(table, name)]
+    unread = [name for name, unit in sensor_columns.items() if unit != LABEL and table.is_empty(name)]
     table = table.without([name for name in unread if name not in needed])
     _check_there(table, (*names, *needed), unread, (*names, *sensor_columns, *logged, *OF_ROWS))
     present = {name: unit for name, unit in sensor_columns.items() if name in table}
@@ -160,16 +158,6 @@ def written_units(
     out |= {name: (unit, units.written(unit)) for name, unit in sensor_columns.items() if unit != LABEL}
     out |= {n: (Driver.of(n).unit(internal), Driver.of(n).unit(written)) for n in drivers}
     return out | {d.name: (d.unit, d.written) for d in declared if d.name in drivers}
-
-
-def _all_empty(table: Table, name: str) -> bool:
-    """Whether a column is there and holds nothing, as in a form that was not filled in."""
-    if name not in table:
-        return False
-    cells = table.cells[name]
-    if isinstance(cells, ArrowCells):
-        return cells.empty
-    return all(cell is None or (isinstance(cell, str) and not cell.strip()) for cell in cells)
 
 
 def _lost(file: str, observations: Mapping[str, Array]) -> list[str]:

@@ -1,6 +1,10 @@
 """Read recordings for a machine: its joints and its sensors say which columns are needed.
 
 What is a recording: a path, a DataFrame, a dict of columns, or several of these.
+
+Which rows of a recording the machine file's section ``recordings`` means, and when their files were begun.
+
+Columns that nobody declared, as drivers: those that a user tries, and what joints' drives hold, which needs none.
 """
 
 from __future__ import annotations
@@ -8,22 +12,32 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
+from fnmatch import fnmatchcase
+from pathlib import Path, PurePath
 from typing import Any, TypeAlias
 
+import numpy as np
 import pandas as pd
 
+from truepose.arrays import Mask
 from truepose.errors import InputError
-from truepose.identification.recording.angle_range import TURN, unfold_readings
 from truepose.identification.recording.file import LABEL
-from truepose.identification.recording.joint_column import JointColumn
-from truepose.identification.recording.names import in_known_case
-from truepose.identification.recording.own_equipment import begun, with_own_equipment
+from truepose.identification.recording.joint_readings import TURN, JointColumn, unfold_readings
 from truepose.identification.recording.read import read_recording
-from truepose.identification.recording.recording import Recording
-from truepose.identification.recording.table import Table, is_table, read_table, table_in_memory
-from truepose.models.machine.machine import Machine
+from truepose.identification.recording.recording import Recording, frozen
+from truepose.identification.recording.table import (
+    Table,
+    in_known_case,
+    is_table,
+    read_table,
+    table_in_memory,
+)
+from truepose.models.file.driver import MEASURED_LOADS, DeclaredDriver, Driver
+from truepose.models.file.sections import DriverEntry
+from truepose.models.machine.columns import declared_driver
+from truepose.models.machine.machine import Equipment, Machine
 from truepose.models.machine.mechanism import coupling_matrix, turns_freely
+from truepose.wording import close_matches, joined
 
 Source: TypeAlias = "str | os.PathLike[str] | Table | pd.DataFrame | Mapping[str, Any]"
 """One recording: a file (text, Parquet, Excel, a ROS bag), a DataFrame, or a dict of columns; units as in a file."""
@@ -134,3 +148,128 @@ def as_recording(
     if isinstance(source, Recording):
         return source
     return load_recording(machine, source, need_observations=need_observations)
+
+
+def with_own_equipment(machine: Machine, recording: Recording) -> Recording:
+    """The recording with the drivers ``recording.NAME`` of its rows, and a note on every entry that means none of them.
+
+    Raises InputError for rows that two entries give a tool, or a payload.
+    """
+    if not machine.equipment:
+        return recording
+    drivers, notes = dict(recording.drivers), list[str]()
+    rows = {own.name: _rows(own, recording) for own in machine.equipment}
+    for kind, owners in (
+        ("tool", [own.name for own in machine.equipment if own.tool is not None]),
+        ("payload", [own.name for own in machine.equipment if own.mass is not None]),
+    ):
+        _refuse_two(kind, {name: rows[name] for name in owners}, recording)
+    for own in machine.equipment:
+        if rows[own.name].any():
+            drivers[own.driver] = frozen(rows[own.name].astype(float))
+        else:
+            drivers.pop(own.driver, None)
+            notes.append(f"recordings.{own.name}: none of {', '.join(recording.files)} is {_meant(own)}")
+    return replace(recording, drivers=drivers, notes=(*recording.notes, *notes))
+
+
+def begun(machine: Machine, files: Sequence[str]) -> Mapping[str, float]:
+    """When each file was begun, s since 1970; empty where the machine file dates none.
+
+    Raises InputError where it dates some of them only, or one twice.
+    """
+    dates: dict[str, float] = {}
+    for own in machine.equipment:
+        for file in files if own.date is not None else ():
+            if not _is_of(own, file):
+                continue
+            if file in dates and dates[file] != own.date:
+                raise InputError(
+                    f"{file}: recordings.{own.name}.date: found two dates of this file, expected one"
+                )
+            dates[file] = own.date or 0.0
+    without = [file for file in files if file not in dates]
+    if dates and without:
+        raise InputError(
+            f"{without[0]}: found no date of it in `recordings`, expected one beside those of {joined(list(dates))}: "
+            "they share one clock"
+        )
+    return dates
+
+
+def _is_of(own: Equipment, file: str) -> bool:
+    name = PurePath(file).name
+    return any(fnmatchcase(name, pattern) or fnmatchcase(file, pattern) for pattern in own.files)
+
+
+def _rows(own: Equipment, recording: Recording) -> Mask:
+    """(n,) rows that an entry means, or that a column ``recording.NAME`` says are of it."""
+    of_file = np.array([_is_of(own, file) for file in recording.files], dtype=bool)
+    rows = of_file[recording.source_file] | np.isin(recording.session, own.sessions)
+    said = recording.drivers.get(own.driver)
+    return rows if said is None else rows | (said != 0.0)
+
+
+def _meant(own: Equipment) -> str:
+    if own.files:
+        return f"called {joined(own.files, 'or')}"
+    return f"of session {joined([str(number) for number in own.sessions], 'or')}"
+
+
+def _refuse_two(kind: str, rows: Mapping[str, Mask], recording: Recording) -> None:
+    if not rows:
+        return
+    stacked = np.array(list(rows.values()))
+    twice = np.flatnonzero(stacked.sum(axis=0) > 1)
+    if twice.size:
+        row = int(twice[0])
+        names = [f"recordings.{name}" for name, own in rows.items() if own[row]]
+        raise InputError(f"{recording.where(row)}: found its {kind} in {joined(names)}, expected one of them")
+
+
+def try_columns(machine: Machine, source: Sources, names: Sequence[str] = ()) -> Machine:
+    """The machine with undeclared columns of a recording as drivers: the ``names``, or all that hold numbers which vary.
+
+    A recording that is loaded for it has them, and ``diagnose`` weighs what they drive, each at a share of the prior that the
+    number of them divides. Raises InputError for a name that is no such column.
+    """
+    files = tables(source, machine.mechanism.readings)
+    untried = load_recording(machine, files, need_observations=False).untried
+    known = [d.name for d in machine.declared_drivers]
+    for name in names:
+        if name not in untried and name not in known:
+            raise InputError(
+                f"--try-columns: found {name!r}, expected a column of numbers that vary and that nothing else reads; "
+                f"{close_matches(name, untried) or 'this recording has none'}"
+            )
+    wanted = [name for name in untried if name in names or not names]
+    return _with(machine, [_tried(machine, files[0], name) for name in wanted])
+
+
+def with_measured_loads(machine: Machine, recording: Recording) -> Machine:
+    """The machine with the torques and currents of its joints that were recorded as drivers."""
+    of_joints = [n for n in recording.drivers if Driver.of(n).kind in MEASURED_LOADS]
+    missing = [n for n in of_joints if n not in machine.drivers]
+    units = machine.mechanism.reading_units
+    added = [declared_driver(n, Driver.of(n).unit(units), "", DriverEntry(name=n)) for n in missing]
+    return _with(machine, added)
+
+
+def tried(machine: Machine) -> tuple[str, ...]:
+    """Names of the columns that are tried."""
+    return tuple(driver.name for driver in machine.declared_drivers if driver.tried)
+
+
+def _tried(machine: Machine, table: Table, name: str) -> DeclaredDriver:
+    own = Driver.of(name).unit(machine.mechanism.reading_units)
+    return declared_driver(name, own, table.unit(name, own, own or "any"), DriverEntry(name=name), tried=True)
+
+
+def _with(machine: Machine, added: Sequence[DeclaredDriver]) -> Machine:
+    if not added:
+        return machine
+    return replace(
+        machine,
+        drivers=(*machine.drivers, *(driver.name for driver in added)),
+        declared_drivers=(*machine.declared_drivers, *added),
+    )

@@ -11,7 +11,7 @@ import numpy as np
 from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.recording.file import RecordingPart, read_part, written_units
-from truepose.identification.recording.joint_column import JointColumn
+from truepose.identification.recording.joint_readings import JointColumn
 from truepose.identification.recording.recording import IntArray, Recording, frozen
 from truepose.identification.recording.table import Table
 from truepose.models.file.driver import DeclaredDriver, Driver
@@ -62,25 +62,24 @@ def _on_one_clock(parts: Sequence[RecordingPart], begun: Mapping[str, float]) ->
     """
     if begun:
         origin = min(begun.values())
-        return [replace(part, time=_since(part, begun[part.file], origin)) for part in parts]
-    timed = [part for part in parts if part.times is not None]
-    for part in timed[1:]:
-        _check_clock(part, timed[0])
+
+        def since(part: RecordingPart, start: float) -> Array:
+            return (
+                np.full(len(part.q), start - origin)
+                if part.times is None
+                else part.times.since(origin, start)
+            )
+
+        return [replace(part, time=since(part, begun[part.file])) for part in parts]
+    timed = [(part.file, part.times.clock) for part in parts if part.times is not None]
+    for file, clock in timed:
+        first, expected = timed[0]
+        if clock is not expected:
+            raise InputError(
+                f"{file}: column 'time': found {clock.value}, expected {expected.value} as in {first}: all recordings of a "
+                "command share one clock"
+            )
     return list(parts)
-
-
-def _since(part: RecordingPart, begun: float, origin: float) -> Array:
-    return np.full(len(part.q), begun - origin) if part.times is None else part.times.since(origin, begun)
-
-
-def _check_clock(part: RecordingPart, first: RecordingPart) -> None:
-    """Refuse times that count from something else than those of the first file with times."""
-    assert part.times is not None and first.times is not None
-    if part.times.clock is not first.times.clock:
-        raise InputError(
-            f"{part.file}: column 'time': found {part.times.clock.value}, expected {first.times.clock.value} as in "
-            f"{first.file}: all recordings of a command share one clock"
-        )
 
 
 def _join(
@@ -151,7 +150,8 @@ def _common(
     """Columns of all files end to end; in a file that has none, what is known to hold then (``absent``)."""
     joined, known = {}, absent or {}
     for name in names:
-        arrays = [_column(getattr(part, group), name) for part in parts]
+        every = [getattr(part, group) for part in parts]
+        arrays = [columns.get(Driver.of(name).served_by(columns)) for columns in every]
         if name in known:
             pairs = zip(parts, arrays, strict=True)
             arrays = [np.full(len(part.q), known[name]) if own is None else own for part, own in pairs]
@@ -159,10 +159,6 @@ def _common(
         if values is not None:
             joined[name] = values
     return joined
-
-
-def _column(columns: Mapping[str, Array], name: str) -> Array | None:
-    return columns.get(Driver.of(name).served_by(columns))
 
 
 def _labels(parts: Sequence[RecordingPart], name: str) -> tuple[str, ...]:

@@ -1,6 +1,12 @@
 """Texts of measured rows: what stands between columns, and the columns themselves.
 
 Nothing is guessed: a text that could be read in two ways is refused with what was found.
+
+Where rows come from: the digest of a file, and what its comments say: the day of recording, and that rows are shuffled.
+
+Columns of a large file as pyarrow holds them: numbers are read column by column, single cells only when asked for.
+
+What is no plain number is left to ``Table.numbers``, which also says what is wrong with it.
 """
 
 from __future__ import annotations
@@ -8,22 +14,77 @@ from __future__ import annotations
 import codecs
 import contextlib
 import csv
+import datetime
+import hashlib
 import io
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.compute as pc  # type: ignore[import-untyped]
 import pyarrow.csv as pacsv  # type: ignore[import-untyped]
 
+from truepose.arrays import Array
 from truepose.bounded import read_input
 from truepose.errors import InputError
-from truepose.identification.recording.arrow_columns import ArrowCells
 from truepose.identification.recording.languages import refuse_languages
-from truepose.identification.recording.origin import recorded_on, says_shuffled
+
+
+class ArrowCells(Sequence[object]):
+    """Cells (n,) of a pyarrow array, or of numbers (n,)."""
+
+    def __init__(self, cells: Any) -> None:
+        self._cells = pa.array(cells) if isinstance(cells, np.ndarray) else cells
+
+    def __len__(self) -> int:
+        return len(self._cells)
+
+    def __getitem__(self, place: Any) -> Any:
+        return self._list[place]
+
+    def __iter__(self) -> Iterator[object]:
+        return (cell.as_py() for cell in self._cells)
+
+    @cached_property
+    def _list(self) -> list[object]:
+        out: list[object] = self._cells.to_pylist()
+        return out
+
+    def numbers(self, *, lost: bool = False) -> Array | None:
+        """(n,) values if every cell is a finite number or the plain text of one, else None.
+
+        Where cells may be ``lost``, an empty one is NaN, and so is NaN itself unless it is a text.
+        """
+        cells = _plain(self._cells)
+        kind = cells.type
+        text = pa.types.is_string(kind) or pa.types.is_large_string(kind)
+        if not (text or pa.types.is_integer(kind) or pa.types.is_floating(kind)):
+            return None
+        if lost and text:
+            empty = pc.equal(pc.utf8_trim_whitespace(cells), "")
+            cells = pc.if_else(empty, pa.scalar(None, kind), cells)
+        elif lost and pa.types.is_floating(kind):
+            cells = pc.if_else(pc.is_nan(cells), pa.scalar(None, kind), cells)
+        if cells.null_count and not lost:
+            return None
+        try:
+            values = pc.cast(cells, pa.float64(), safe=False)
+        except pa.ArrowException:
+            return None
+        out: Array = np.array(values, dtype=np.float64)
+        return out if np.count_nonzero(~np.isfinite(out)) == cells.null_count else None
+
+
+def _plain(cells: Any) -> Any:
+    """Cells that are kept by their distinct values, written out."""
+    return cells.dictionary_decode() if pa.types.is_dictionary(cells.type) else cells
+
 
 SPACES: Final = " "
 """Separator of columns that any white space stands between."""
@@ -236,3 +297,58 @@ def _stated(data: bytes) -> str | None:
     if marked is None and data[:2].count(0) == 1 and not len(data) % 2:
         return "utf-16-le" if data[1] == 0 else "utf-16-be"
     return marked
+
+
+_COMMENTS = ("#", "!", "%", "*", "//")
+_DATE = re.compile(r"(?<!\d)((?:19|20)\d\d-\d\d-\d\d)(?!\d)")
+_SHUFFLED = re.compile(r"\border\s*[:=]\s*shuffled\b", re.IGNORECASE)
+_FIELD = re.compile(r"[\s,;]+")
+_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+_LINES, _LETTERS = 40, 1 << 16
+"""Lines and characters at the head of a file in which comments are looked for."""
+
+
+def digest_of(path: Path) -> str:
+    """Return the SHA-256 of a file in hexadecimal; empty for what is no file."""
+    if not path.is_file():
+        return ""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def recorded_on(text: str) -> str:
+    """Return the first date (2026-03-14) in the comments above a text's data; empty where there is none.
+
+    A file's own time stamp says when it was copied, not when it was recorded.
+    """
+    dates = (found for line in _comments(text) for found in _DATE.findall(line) if _is_day(found))
+    return str(next(dates, ""))
+
+
+def says_shuffled(text: str) -> bool:
+    """Return True if a comment above a text's data says ``order: shuffled``: rows are no visits one after the other."""
+    return any(_SHUFFLED.search(line) for line in _comments(text))
+
+
+def _comments(text: str) -> list[str]:
+    """Return the comments above a text's data."""
+    lines = text[:_LETTERS].splitlines()[:_LINES]
+    above = takewhile(lambda line: _is_comment(line) or not _is_data(line), lines)
+    return [line for line in above if _is_comment(line)]
+
+
+def _is_comment(line: str) -> bool:
+    return line.lstrip().startswith(_COMMENTS)
+
+
+def _is_day(text: str) -> bool:
+    try:
+        datetime.date.fromisoformat(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _is_data(line: str) -> bool:
+    """Return True if a line has two numbers and more: a heading has none."""
+    return sum(_NUMBER.fullmatch(field) is not None for field in _FIELD.split(line)) >= 2

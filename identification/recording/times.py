@@ -6,8 +6,10 @@ import datetime
 import math
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
+from functools import cache
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -24,19 +26,13 @@ _NUMBER: Final = re.compile(r"[-+]?(?:[\d.]+(?:e[-+]?\d+)?|nan|inf(?:inity)?)", 
 _ISO: Final = "a date such as 2026-05-01T10:11:12.125"
 _TIME: Final = r"(?P<hour>\d+):(?P<minute>[0-5]?\d):(?P<second>[0-5]?\d(?:[.,]\d+)?)\s*(?P<half>[AP]M)?"
 _TIME_OF_DAY: Final = re.compile(_TIME, re.IGNORECASE)
-_MONTHS: Final = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
-_MONTH: Final = r"(?P<month>[A-Z]{3})[a-z]*"
-_DATES: Final = tuple(
-    re.compile(rf"{date},?[\sT]+{_TIME}", re.IGNORECASE)
-    for date in (
-        r"(?P<year>\d{4})[/.](?P<month>\d{1,2})[/.](?P<day>\d{1,2})",
-        r"(?P<day>\d{1,2})\.(?P<month>\d{1,2})\.(?P<year>\d{4})",
-        rf"(?P<day>\d{{1,2}})[-\s]{_MONTH}[-\s](?P<year>\d{{4}})",
-        rf"{_MONTH}\.?\s+(?P<day>\d{{1,2}}),?\s+(?P<year>\d{{4}})",
-        r"(?P<either>\d{1,2})[-/](?P<or>\d{1,2})[-/](?P<year>\d{4})",
-    )
-)
-"""Dates that are not ISO 8601: year first, day first with points, a month in letters, day and month in either order."""
+_DATED: Final = re.compile(rf"(?P<date>.+?)[\sT]+{_TIME}", re.IGNORECASE)
+_DATES: Final = (
+    "%Y/%m/%d", "%Y.%m.%d", "%d.%m.%Y", "%d-%b-%Y", "%d %b %Y", "%d-%B-%Y", "%d %B %Y", "%b %d %Y", "%B %d %Y",
+)  # fmt: skip
+"""Dates that are not ISO 8601: year first, day first with points, a month in letters."""
+_EITHER: Final = {False: ("%d/%m/%Y", "%d-%m-%Y"), True: ("%m/%d/%Y", "%m-%d-%Y")}
+"""Those of day and month in either order, by whether the month comes first."""
 _Moment: TypeAlias = "datetime.datetime | float"
 """A date, or seconds since midnight."""
 
@@ -115,8 +111,8 @@ def _moment(cell: object, *, month_first: bool) -> _Moment | None:
     if isinstance(cell, datetime.timedelta):
         return cell.total_seconds()
     if isinstance(cell, datetime.time):
-        return datetime.timedelta(
-            hours=cell.hour, minutes=cell.minute, seconds=cell.second, microseconds=cell.microsecond
+        return (
+            datetime.datetime.combine(datetime.datetime.min, cell) - datetime.datetime.min
         ).total_seconds()
     if isinstance(cell, datetime.datetime):
         return cell
@@ -134,28 +130,22 @@ def _of_text(text: str, *, month_first: bool) -> _Moment | None:
             return datetime.datetime.fromisoformat(text)
         except ValueError:
             return None
-    found = next((match for form in _DATES if (match := form.fullmatch(text))), None)
-    return (
-        None if found is None else _date(found.groupdict(), _seconds_of_day(found), month_first=month_first)
-    )
+    found = _DATED.fullmatch(text)
+    seconds = None if found is None else _seconds_of_day(found)
+    if found is None or seconds is None or seconds >= _DAY:
+        return None
+    day = _day(found["date"], month_first=month_first)
+    return None if day is None else day + datetime.timedelta(seconds=seconds)
 
 
-def _date(
-    words: dict[str, str | None], seconds: float | None, *, month_first: bool
-) -> datetime.datetime | None:
-    """Return the date of a match of one of the forms; None where the calendar has no such day."""
-    day, month = words.get("day"), words.get("month")
-    if day is None or month is None:
-        month, day = (words["either"], words["or"]) if month_first else (words["or"], words["either"])
-    short = str(month).casefold()
-    number = _MONTHS.index(short) + 1 if short in _MONTHS else int(short) if short.isdigit() else 0
-    if seconds is None or seconds >= _DAY:
-        return None
-    try:
-        date = datetime.datetime(int(str(words["year"])), number, int(str(day)))
-    except ValueError:
-        return None
-    return date + datetime.timedelta(seconds=seconds)
+@cache
+def _day(text: str, *, month_first: bool) -> datetime.datetime | None:
+    """Return the day of a date in one of the forms; None where it is in none of them."""
+    words = " ".join(text.replace(",", " ").replace(". ", " ").split())
+    for form in (*_DATES, *_EITHER[month_first]):
+        with suppress(ValueError):
+            return datetime.datetime.strptime(words, form)
+    return None
 
 
 def _seconds_of_day(found: re.Match[str]) -> float | None:

@@ -41,7 +41,7 @@ def _(found: Compensation) -> Document:
     rows = [[name, f"{value:.4g}"] for name, value in zip(found.readings, change, strict=True)]
     return Document(
         "Compensation",
-        f"Compensation of {len(found.command)} rows, solved by {found.solved_by}",
+        f"Compensation of {len(found.command)} rows",
         summary=[
             *([Text(error_sentence(found))] if len(found.command) else []),
             Table(["joint", "largest correction (mm, rad)"], rows),
@@ -52,7 +52,7 @@ def _(found: Compensation) -> Document:
 
 def compensation_lines(found: Compensation, output: Path) -> list[str]:
     """What was written, and the largest pose error with and without it."""
-    done = f"{output}: {len(found.command)} rows, solved by {found.solved_by}"
+    done = f"{output}: {len(found.command)} rows"
     return [done, f"  {error_sentence(found)}"]
 
 

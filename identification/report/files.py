@@ -23,7 +23,7 @@ from truepose.identification.fit.estimated import (
 )
 from truepose.identification.fit.tool_pose import calibrated_pose
 from truepose.identification.fit.write_machine import calibrated_text, write_calibrated
-from truepose.identification.gate import Caution
+from truepose.identification.load import Caution
 from truepose.identification.prediction.predict import predict
 from truepose.identification.recording.load import as_recording
 from truepose.identification.report.applied_words import expected_pose

@@ -13,8 +13,8 @@ from truepose.identification.fit.repeatability import revisits
 from truepose.identification.fit.summary import rms_by_kind
 from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.identifiability.observability import Note
+from truepose.identification.recording.load import tried
 from truepose.identification.recording.recording import Recording
-from truepose.identification.recording.tried import tried
 from truepose.identification.report.numbers import measure
 from truepose.wording import joined
 

@@ -18,8 +18,8 @@ from truepose.arrays import Array
 from truepose.identification.learned_prior import FleetPrior
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prior import ELSEWHERE, TOGETHER
+from truepose.identification.recording.load import tried
 from truepose.identification.recording.recording import Recording
-from truepose.identification.recording.tried import tried
 from truepose.identification.signatures import untestable
 from truepose.identification.signatures.untestable import Untestable, places_of, still_sources
 from truepose.models.effects import empirical as sources

@@ -49,7 +49,7 @@ Play is smaller (0.5 to 2 arcmin are 1e-4 to 4e-4 of a travel of 90 deg), so tha
 of joints that are held scatter less.
 """
 OF_THE_WAY = ("stop", "loop")
-"""Kinds of what a joint's way leaves behind (``truepose.identification.recording.memory``)."""
+"""Kinds of what a joint's way leaves behind (``truepose.identification.recording.recording``)."""
 _NUMBER = r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?"
 _NAME: Final = re.compile(
     rf"(?P<kind>[^.]+?)(?:\.(?P<place>.+?))?(?P<numbers>(?:~{_NUMBER})*)", flags=re.DOTALL

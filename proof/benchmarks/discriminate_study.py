@@ -33,6 +33,7 @@ from challenge.simulator.writing import recording_text
 from truepose.errors import TrueposeError
 from truepose.identification.diagnosis import diagnose as engine
 from truepose.identification.diagnosis.result import Diagnosis, Finding
+from truepose.identification.leaves.planning.command import findings_of
 from truepose.identification.leaves.planning.discriminate.experiment import Experiment, discriminate
 from truepose.identification.leaves.planning.discriminate.factors import Explanation, class_of, read_offer
 from truepose.identification.leaves.planning.showing import experiment_table
@@ -133,7 +134,7 @@ def _planned(simulated: PortedMachine, machine: Machine, at: Path) -> Experiment
     return discriminate(
         machine,
         ROWS,
-        class_of(at / "diagnosis.json", machine),
+        class_of(findings_of(at / "diagnosis.json"), machine),
         offer=read_offer(machine, payload, warm),
         recorded=load_recording(machine, [at / "first.csv"]),
     )

@@ -16,7 +16,6 @@ from truepose.identification.identifiability import analysis
 from truepose.identification.identifiability.analysis import SEED
 from truepose.identification.learned_prior import LearnedPrior, read_prior
 from truepose.identification.prediction import predict as prediction
-from truepose.identification.prediction import simulate as simulation
 from truepose.identification.recording.load import Sources, as_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine, MachineLike, as_machine
@@ -43,7 +42,7 @@ calibrate = of_sources(calibration.calibrate)
 compensate = of_sources(compensation.compensate, need_observations=False)
 estimate = of_sources(fitting.estimate)
 predict = of_sources(prediction.predict, need_observations=False)
-simulate = of_sources(simulation.simulate, need_observations=False)
+simulate = of_sources(prediction.simulate, need_observations=False)
 
 
 @wraps(engine.diagnose)

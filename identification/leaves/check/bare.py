@@ -35,7 +35,7 @@ from truepose.identification.leaves.check.weighing import (
     without,
 )
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.recording.angle_range import beyond
+from truepose.identification.recording.joint_readings import beyond
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.untestable import GRAVITY, GRAVITY_LINE
 from truepose.models.effects.base import PlacedEffect

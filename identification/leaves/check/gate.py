@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from truepose.identification.gate import Caution
 from truepose.identification.leaves.check.run import check_files
 from truepose.identification.leaves.check.words import caution, checked, refusal
+from truepose.identification.load import Caution
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine
 
@@ -20,7 +20,7 @@ def load_checked(
     tried: Sequence[str] | None = None,
     shuffled: bool = False,
 ) -> tuple[Caution, Machine | None, Recording | None]:
-    """Load and check files (`truepose.identification.gate.load_checked`)."""
+    """Load and check files (`truepose.identification.load.load_checked`)."""
     check, loaded, rows = check_files(
         machine, recordings, irradiance=irradiance, tried=tried, shuffled=shuffled
     )

@@ -41,10 +41,9 @@ from truepose.identification.leaves.check.weighing import (
     weigh,
 )
 from truepose.identification.load import load_recording
-from truepose.identification.recording.angle_range import leaves_range_open
-from truepose.identification.recording.load import Sources, as_recording, tables
+from truepose.identification.recording.joint_readings import leaves_range_open
+from truepose.identification.recording.load import Sources, as_recording, tables, try_columns
 from truepose.identification.recording.recording import Recording
-from truepose.identification.recording.tried import try_columns
 from truepose.identification.signatures.untestable import missing_inputs
 from truepose.models.file.machine_file import checked_machine
 from truepose.models.load import build_machine, load_machine

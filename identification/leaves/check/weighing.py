@@ -24,7 +24,7 @@ from truepose.identification.leaves.check.alignment import Frames
 from truepose.identification.leaves.check.pair import RARE, SELDOM, Scene, Slip, Stand
 from truepose.identification.leaves.check.rig import ABSURD, KEPT, Rig, motion
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.recording.angle_range import SLACK
+from truepose.identification.recording.joint_readings import SLACK
 from truepose.models.file.sections import FramesSection
 from truepose.models.machine.machine import FRAMES
 from truepose.models.sensors.pose import Position

@@ -9,11 +9,11 @@ import numpy as np
 import pandas as pd
 
 from truepose.files import atomic_directory, atomic_write_text
-from truepose.identification.gate import Caution
 from truepose.identification.leaves.drift import words
 from truepose.identification.leaves.drift.analysis import Drift
 from truepose.identification.leaves.drift.page import drift_document
 from truepose.identification.leaves.drift.sizes import Movement
+from truepose.identification.load import Caution
 from truepose.identification.report.files import REPORT
 from truepose.identification.report.json_text import json_text
 from truepose.shown.html import page

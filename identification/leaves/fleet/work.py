@@ -107,10 +107,10 @@ def _write_nothing(_: Path) -> None:
 def _worked_out(task: Task) -> tuple[Record, Write]:
     from truepose.identification.diagnosis.diagnose import diagnose
     from truepose.identification.fit.calibrate import calibrate
-    from truepose.identification.gate import load_checked
     from truepose.identification.learned_prior import read_prior
     from truepose.identification.leaves.fleet.evidence import kept
     from truepose.identification.leaves.fleet.place_evidence import evidence
+    from truepose.identification.load import load_checked
     from truepose.identification.report.files import put_both
     from truepose.identification.report.json_text import finite
     from truepose.identification.report.results import diagnosis_json, diagnosis_judgement

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -185,7 +186,8 @@ def _tell_apart(
 
     payload, varied, exist = offered
     if diagnosis is not None:
-        wanted, notes = class_of(diagnosis, machine, names), list(mixture_notes(diagnosis))
+        wanted = class_of(findings_of(diagnosis), machine, names, str(diagnosis))
+        notes = list(mixture_notes(diagnosis))
     else:
         wanted, notes = Class(tuple(explanation(text, machine) for text in names)), []
     recorded = load_recording(machine, exist, need_observations=False) if exist else None
@@ -198,6 +200,18 @@ def _tell_apart(
     heading = f"rows of {machine.name} to tell {joined(e.name for e in found.explanations)} apart: {n}"
     told = {**table, **experiment_json(found)}
     return frame, heading, sentences(found), told, [*notes, *worded(found.notes)]
+
+
+def findings_of(path: Path) -> list[dict[str, Any]]:
+    """Read the findings of a ``diagnosis.json``. Raises InputError for a file that diagnose did not write."""
+    try:
+        return list(json.loads(path.read_text(encoding="utf-8"))["findings"])
+    except OSError as exc:
+        raise InputError(f"{path}: cannot read the file: {exc.strerror or exc}") from None
+    except (ValueError, KeyError, TypeError):
+        raise InputError(
+            f"{path}: found no `findings`, expected a diagnosis.json that diagnose wrote"
+        ) from None
 
 
 COMMANDS = (plan,)

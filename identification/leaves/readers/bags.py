@@ -19,8 +19,7 @@ from truepose.arrays import Array
 from truepose.bounded import check_input
 from truepose.errors import InputError
 from truepose.identification.leaves.readers.settled import BAND, SECONDS, Stream, average, stretches
-from truepose.identification.recording.arrow_columns import ArrowCells
-from truepose.identification.recording.text import SI, TextTable
+from truepose.identification.recording.text import SI, ArrowCells, TextTable
 from truepose.wording import cut, joined, shortened
 
 _AXES: Final = (("x", "m"), ("y", "m"), ("z", "m"), ("rx", "rad"), ("ry", "rad"), ("rz", "rad"))

@@ -24,8 +24,7 @@ from truepose.identification.leaves.readers.points import PROGRAMS, is_marked, r
 from truepose.identification.leaves.readers.reading import MAGIC
 from truepose.identification.leaves.readers.tpoint import is_tpoint, machine_text, read_tpoint
 from truepose.identification.recording.languages import refuse_languages
-from truepose.identification.recording.names import in_known_case
-from truepose.identification.recording.table import Column, Table, read_table, table_of
+from truepose.identification.recording.table import Column, Table, in_known_case, read_table, table_of
 from truepose.identification.recording.text import SI, decoded
 from truepose.models.units import parse_unit
 from truepose.wording import joined, shortened

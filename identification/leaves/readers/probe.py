@@ -13,11 +13,10 @@ from scipy.signal import correlate, find_peaks
 
 from truepose.arrays import Array, Index, Mask
 from truepose.errors import InputError
-from truepose.identification.recording.arrow_columns import ArrowCells
 from truepose.identification.recording.file import LOGGED, OF_JOINTS
-from truepose.identification.recording.joint_column import sized
-from truepose.identification.recording.names import in_known_case
-from truepose.identification.recording.table import Column, Table
+from truepose.identification.recording.joint_readings import sized
+from truepose.identification.recording.table import Column, Table, in_known_case
+from truepose.identification.recording.text import ArrowCells
 from truepose.identification.recording.times import read_times
 from truepose.models.file.driver import TEMPERATURE, VELOCITY
 from truepose.models.machine.columns import OF_ROWS

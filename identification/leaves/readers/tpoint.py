@@ -25,8 +25,8 @@ import numpy as np
 
 from truepose.arrays import Array
 from truepose.errors import InputError
-from truepose.identification.recording.arrow_columns import ArrowCells
 from truepose.identification.recording.table import Column, Table
+from truepose.identification.recording.text import ArrowCells
 from truepose.wording import cut
 
 DISTANCE: Final = 1000.0

@@ -11,9 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from truepose.arrays import Array
 from truepose.errors import InputError
-from truepose.identification.recording.arrow_columns import ArrowCells
-from truepose.identification.recording.names import in_known_case
-from truepose.identification.recording.table import Column, Table
+from truepose.identification.recording.table import Column, Table, in_known_case
+from truepose.identification.recording.text import ArrowCells
 from truepose.models.units import convert
 from truepose.wording import joined
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.recording.joint_column import JointColumn
+from truepose.identification.recording.joint_readings import JointColumn
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.table import Column, Table

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from support import MACHINES, ROOT
 from truepose.errors import InputError
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.recording.joint_column import JointColumn
+from truepose.identification.recording.joint_readings import JointColumn
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.table import Column, Table
 from truepose.models.load import load_machine

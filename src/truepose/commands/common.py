@@ -18,7 +18,7 @@ from truepose.files import check_place
 
 if TYPE_CHECKING:
     from truepose.identification.fit.summary import Judgement
-    from truepose.identification.gate import Caution
+    from truepose.identification.load import Caution
     from truepose.identification.recording.recording import Recording
     from truepose.models.machine.machine import Machine
 
@@ -107,7 +107,7 @@ def gated(
 
     With ``anyway`` what was found stands above the result; a file without a sensor is refused all the same.
     """
-    from truepose.identification.gate import load_checked
+    from truepose.identification.load import load_checked
 
     caution, loaded, rows = load_checked(
         machine, recordings, irradiance=irradiance, tried=tried, shuffled=shuffled

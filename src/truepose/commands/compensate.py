@@ -89,27 +89,26 @@ def correct_and_tell(
 def compensate_table(machine: Machine, path: Path, output: Path, method: str) -> Corrected:
     """Write the commands for a table of joints or poses; summary, lines and notes."""
     from truepose.identification.compensation import compensate as compensation
-    from truepose.identification.compensation.path_table import check_commands, commands, load_path
+    from truepose.identification.compensation.path_table import check_commands, commands, path_rows
     from truepose.identification.prediction.predict import unheard
+    from truepose.identification.recording.table import read_table
     from truepose.identification.report.applied_words import expected_words, pose_json
     from truepose.identification.report.compensation_words import compensation_json, compensation_lines
 
     check_file(output, path)
-    table, rows = load_path(machine, path)
+    table, rows = path_rows(machine, read_table(path))
     found = compensation.compensate(machine, rows, method=method)  # type: ignore[arg-type]
     with atomic_file(output) as unfinished:
         _write(unfinished, output.suffix, commands(table, machine, found))
         if unfinished.is_file():  # a pipe is read by others
-            check_commands(unfinished, machine, found.command, str(output))
-    summary = {"method": method, "solved_by": found.solved_by, **compensation_json(found)}
+            check_commands(read_table(unfinished), machine, found.command, str(output))
+    summary = {"method": method, **compensation_json(found)}
     lines = [*compensation_lines(found, output), f"  {expected_words(machine)}"]
     return summary | {"expected_pose": pose_json(machine)}, lines, [*rows.notes, *unheard(machine, rows)]
 
 
 def _write(path: Path, suffix: str, frame: pd.DataFrame) -> None:
-    from truepose.identification.compensation.path_table import csv_text
-
     if suffix.lower() in {".parquet", ".pq"}:
         frame.to_parquet(path, index=False)
     else:
-        path.write_text(csv_text(frame), encoding="utf-8", newline="")
+        frame.to_csv(path, index=False, lineterminator="\n")

@@ -30,7 +30,7 @@ from truepose.commands.results import DIAGNOSIS, FIT, check_directory, check_mac
 if TYPE_CHECKING:
     from truepose.identification.diagnosis.result import Diagnosis
     from truepose.identification.fit.calibrate import Calibration
-    from truepose.identification.gate import Caution
+    from truepose.identification.load import Caution
 
 STOPPING = "the search ends, and what was found is named and written; Ctrl-C again stops at once"
 EstimatorOption = Annotated[

@@ -80,7 +80,7 @@ def simulate(
 
     Example: truepose simulate machine.yaml poses.csv -o out.csv --effect "axis-coupling@q3+q2:k=1e-4"
     """
-    from truepose.identification.prediction import simulate as simulation
+    from truepose.identification.prediction import predict as simulation
     from truepose.identification.prediction.predict import unheard
     from truepose.identification.recording.load import load_recording
     from truepose.identification.recording.table import read_table

@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import casadi as ca
 import numpy as np
-import pytest
 
-from support.generated_c import needs_compiler
-from support.lane_functions import compiled
 from truepose.codegen.expressions import Graph
-from truepose.codegen.printer import Real
 
 X, P = ca.SX.sym("x", 3), ca.SX.sym("p", 2)
 
@@ -30,67 +24,3 @@ def test_a_graph_computes_what_its_functions_do() -> None:
     np.testing.assert_allclose(graph.evaluate(first, known), expected[0].ravel(order="F"), rtol=1e-15)
     np.testing.assert_allclose(graph.evaluate(second, known), expected[1].ravel(), rtol=1e-15)
     assert graph.evaluate([graph.negative(first[0])], known) == [-x[0] * p[0]]
-
-
-def test_the_same_operation_is_one_node_whatever_the_order_where_that_does_not_matter() -> None:
-    graph = Graph()
-    a, b = X[0], X[1]
-    for f, alike in (
-        (lambda u, v: u + v, True),
-        (lambda u, v: u * v, True),
-        (ca.fmin, True),
-        (lambda u, v: u - v, False),
-        (lambda u, v: u / v, False),
-        (ca.atan2, False),
-        (lambda u, v: u < v, False),
-    ):
-        ((one,), (other,)) = graph.add({"x": X}, [f(a, b), f(b, a)])
-        assert (one == other) is alike
-    for node, entry in enumerate(graph.nodes):
-        assert all(argument < node for argument in entry.args)
-
-
-def test_what_is_kept_is_read_and_known_before_the_inputs() -> None:
-    graph = Graph(("p",))
-    ((node, plain),) = graph.add(
-        {"x": X, "p": P}, [ca.vertcat(ca.sin(P[0]) * X[0] + ca.exp(P[0] * P[1]), ca.cos(P[1]))]
-    )
-    kept = graph.kept([node, plain])
-    assert sorted(graph.nodes[k].op for k in kept) == ["COS", "EXP", "SIN"]  # not the product inside exp
-    below = graph.reachable([node], kept)
-    assert below == sorted(below) and below[-1] == node
-    assert not {"MUL"} & {graph.nodes[k].op for k in graph.reachable([kept[0]], kept)}
-    inputs = {graph.nodes[k].leaf for k in below if graph.nodes[k].op == "INPUT"}
-    assert inputs == {"x[0]"}  # with what is kept at hand nothing else is asked for
-    assert Graph().kept([]) == []
-
-
-@needs_compiler
-@pytest.mark.parametrize("real", ["double", "float"])
-def test_rounding_in_lanes_is_exact_up_to_the_largest_fraction(tmp_path: Path, real: Real) -> None:
-    """Numbers of a half, next to whole ones, and where whole numbers begin to be all there are."""
-    kind = np.float64 if real == "double" else np.float32
-    most = 2.0 ** (52 if real == "double" else 23)
-    some = [
-        0.0,
-        0.3,
-        0.5,
-        1.0,
-        1.5,
-        2.5,
-        1e3 + 0.5,
-        most / 2 - 0.5,
-        most / 2 + 0.5,
-        most - 0.5,
-        most,
-        most + 1,
-        4 * most,
-    ]
-    whole = np.array([1.0, 2.0, 7.0], dtype=kind)
-    x = np.concatenate([some, np.nextafter(whole, kind(0)), np.nextafter(whole, kind(9))])
-    x = np.concatenate([x, -x]).astype(kind).astype(float)
-    a, one = ca.SX.sym("a"), ca.SX.sym("p", 1)
-    found = compiled(tmp_path, a, one, [ca.floor(a) * one, ca.ceil(a) * one], real, ())(
-        x[:, None], np.ones(1)
-    )
-    np.testing.assert_array_equal(found, np.column_stack([np.floor(x), np.ceil(x)]))

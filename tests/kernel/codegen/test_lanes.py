@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from support.examples import examples
 from support.generated_c import needs_compiler
-from support.lane_functions import TARGETS, Evaluate, c_text, compiled
+from support.lane_functions import TARGETS, Evaluate, compiled
 from truepose.codegen.expressions import Graph
 from truepose.codegen.lanes import LanePrinter
-from truepose.codegen.printer import COSINE, FARTHEST, QUARTER_TURN, SINE, Real
+from truepose.codegen.printer import FARTHEST, Real
 
 pytestmark = needs_compiler
 mp: Any = import_module("mpmath")  # comes with sympy
@@ -141,18 +141,6 @@ def test_every_operation_is_that_of_casadi(
     np.testing.assert_allclose(evaluate(q, p)[:, smooth], expected[:, smooth], rtol=rtol, atol=atol)
 
 
-def test_no_row_sees_another(every: tuple[Real, Evaluate]) -> None:
-    """The same bits wherever a row stands, and beside whatever it stands."""
-    _, evaluate = every
-    rng = np.random.default_rng(2)
-    q, p = rng.normal(0, 3, (37, 3)), rng.normal(0, 3, 2)
-    q[5], q[11], q[20, 0] = np.nan, np.inf, 3e6
-    order = rng.permutation(len(q))
-    together = evaluate(q, p)
-    np.testing.assert_array_equal(evaluate(q[order], p), together[order])
-    np.testing.assert_array_equal(np.concatenate([evaluate(row[None], p) for row in q]), together)
-
-
 def test_what_is_no_number_stays_so(every: tuple[Real, Evaluate]) -> None:
     _, evaluate = every
     q = np.array([[np.nan, 1.0, 0.0], [np.inf, 1.0, 0.0], [1.0, np.nan, 0.0]])
@@ -221,64 +209,7 @@ def test_far_away_by_the_c_library(turns: tuple[Real, Evaluate]) -> None:
     assert not np.isfinite(evaluate(np.array([[np.inf], [np.nan]]), np.zeros(1))).any()
 
 
-@pytest.mark.parametrize("real", REALS)
-def test_the_polynomials_are_the_best_of_their_degree(real: Real) -> None:
-    """An error that swings between as many equal extremes as there are coefficients and one more (Chebyshev).
-
-    For double the coefficients' own rounding hides the swings: only their size is held.
-    """
-    with mp.workdps(40):
-        z = [mp.mpf(0.7854) ** 2 * (k + 1) / 3000 for k in range(3000)]
-        r = [mp.sqrt(v) for v in z]
-        sine = [
-            v * mp.polyval([mp.mpf(c) for c in SINE[real][::-1]], v) + 1 - mp.sin(x) / x
-            for v, x in zip(z, r, strict=True)
-        ]
-        cosine = [
-            v * v * mp.polyval([mp.mpf(c) for c in COSINE[real][::-1]], v) + 1 - v / 2 - mp.cos(x)
-            for v, x in zip(z, r, strict=True)
-        ]
-        for error, terms, bits in ((sine, len(SINE[real]), (28, 57)), (cosine, len(COSINE[real]), (33, 57))):
-            most = max(map(abs, error))
-            assert most < mp.mpf(2) ** -bits[real == "double"]
-            if real == "float":
-                swings = [0 if abs(e) < 0.98 * most else int(mp.sign(e)) for e in error]
-                ends = [
-                    s
-                    for k, s in enumerate(swings)
-                    if s and s != next((t for t in swings[k - 1 :: -1] if t), 0)
-                ]
-                assert len(ends) >= terms
-
-
-@pytest.mark.parametrize("real", REALS)
-def test_products_with_a_count_of_quarter_turns_are_exact(real: Real) -> None:
-    digits = 53 if real == "double" else 24
-    count = int(FARTHEST[real] / (np.pi / 2)) + 1
-    with mp.workdps(60):
-        first, second, third = (mp.mpf(part) for part in QUARTER_TURN[real])
-        for part in QUARTER_TURN[real][:2]:
-            numerator = float(part).as_integer_ratio()[0]
-            assert (numerator * count).bit_length() <= digits
-        assert abs(first + second + third - mp.pi / 2) < mp.mpf(2) ** (-2 * digits)
-
-
 # -- printing -----------------------------------------------------------------------------------------------------
-
-
-def test_what_rows_share_is_computed_as_one_number() -> None:
-    graph = Graph()
-    (ends,) = graph.add({"x": Q, "p": P}, [ca.vertcat(ca.sin(P[0]) * Q[0], ca.exp(P[0] * P[1]))])
-    printer = LanePrinter(graph, "double", ("p",))
-    lines = printer.statements([("y[0]", ends[0]), ("y[1]", ends[1])])
-    assert not printer.helpers
-    assert lines[-1] == "y[1] = LANES_OF(exp(p[0] * p[1]));"
-    assert all("lanes_" not in line for line in lines)
-
-
-def test_one_call_gives_sine_and_cosine() -> None:
-    text = c_text(Q, P, [ca.vertcat(ca.sin(Q[0]), ca.cos(Q[0]), ca.cos(Q[0]) * 2)], "double")
-    assert text.count("lanes_sincos(&") == 1
 
 
 def test_an_operation_that_lanes_have_not_is_named() -> None:

@@ -106,17 +106,6 @@ def test_the_position_is_met_and_less_turn_is_left_than_the_machine_errs(
     assert np.max(moved[one.found.eased], initial=0.0) < FARTHEST + 10 * error
 
 
-@needs_compiler
-@pytest.mark.parametrize("name", TILTING)
-def test_long_paths_by_the_c_are_those_of_numpy(name: str, root_directory: Path) -> None:
-    one = followed(root_directory, name, 1e-4, 5, TILTS)
-    fast = compensate(one.machine, rows_of(one.q, joints=one.found.readings), compiled_from=0)
-    assert fast.solved_by.startswith("compiled C")
-    np.testing.assert_array_equal(fast.eased, one.found.eased)
-    for column in ("command", "before", "after", "not_asked"):
-        np.testing.assert_allclose(getattr(fast, column), getattr(one.found, column), rtol=0, atol=1e-8)
-
-
 @every
 def test_far_from_the_singular_pose_all_is_met(name: str, error: float, root_directory: Path) -> None:
     one = followed(root_directory, name, error, 7, [0.25, -0.25, 0.8, -1.1])

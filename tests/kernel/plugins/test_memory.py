@@ -14,8 +14,7 @@ from typer.testing import CliRunner
 
 from support import ROOT
 from truepose.cli import app
-from truepose.identification.prediction.predict import predict
-from truepose.identification.prediction.simulate import simulate
+from truepose.identification.prediction.predict import predict, simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect, effects

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import re
-from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +19,6 @@ from truepose.codegen.leaves.all_solutions.solutions import branches_of
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.velocities import chain_of
 
-mp: Any = import_module("mpmath")  # comes with sympy
 pytestmark = needs_compiler
 Array = NDArray[np.float64]
 KINDS = {
@@ -189,33 +186,6 @@ def test_many_rows_are_each_row(root_directory: Path, name: str, flags: tuple[st
     _, joints, found = made.many("ik_n", poses[order], guesses[order])
     np.testing.assert_array_equal(found, codes[order])
     np.testing.assert_allclose(joints, np.array([v for _, v in alone])[order], rtol=0, atol=1e-7)
-
-
-def test_sine_and_cosine_are_right_to_an_ulp_and_a_half(root_directory: Path) -> None:
-    """Two beyond any joint, where the angle less its quarter turns is rounded twice."""
-    made = built(root_directory, "ur")
-    rng = np.random.default_rng(8)
-    quarters = np.round(rng.uniform(-6e4, 6e4, 1500)) * (np.pi / 2)
-    x = np.concatenate(
-        [
-            rng.uniform(-4, 4, 1500),
-            rng.uniform(-100, 100, 1500),
-            rng.uniform(-1e5, 1e5, 1500),
-            quarters[np.abs(quarters) <= 1e5],
-            np.arange(-8, 9) * np.pi / 4,
-            10.0 ** rng.uniform(-300, 0, 200),
-            [0.0, 1e5, -1e5],
-        ]
-    )
-    sine, cosine = np.empty_like(x), np.empty_like(x)
-    made.library["sines_and_cosines"](len(x), *(a.ctypes.data_as(ctypes.c_void_p) for a in (x, sine, cosine)))
-    with mp.workdps(60):
-        for found, function in ((sine, mp.sin), (cosine, mp.cos)):
-            exact = [function(mp.mpf(float(v))) for v in x]
-            off = [abs(mp.mpf(float(v)) - e) for v, e in zip(found, exact, strict=True)]
-            ulps = np.array([float(v) for v in off]) / np.spacing(np.abs([float(e) for e in exact]))
-            assert ulps[np.abs(x) <= 100].max() <= 1.5
-            assert ulps.max() <= 2.25
 
 
 @pytest.mark.parametrize("name", by_day(["ur_built", "puma_built"], "ur_built"))

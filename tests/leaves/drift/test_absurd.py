@@ -21,7 +21,7 @@ from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.estimate import estimate, wrapped
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.summary import GROSS, judged, judged_diagnosis
-from truepose.identification.prediction.simulate import simulate
+from truepose.identification.prediction.predict import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.effect_text import parse_effect

@@ -8,8 +8,8 @@ from typing import Any
 
 from support.reports import own_markup
 from support.told_drift import CHANGED, movement, told_drift
-from truepose.identification.gate import Caution
 from truepose.identification.leaves.drift.showing import write_drift
+from truepose.identification.load import Caution
 
 DOUBT = Caution("suspect", ("SUSPECT: sign: q2 counts backwards",), {"check": {"found": [{"kind": "sign"}]}})
 

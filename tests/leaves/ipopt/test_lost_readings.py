@@ -152,7 +152,7 @@ def test_every_route_to_the_minimum_leaves_them_out(tmp_path: Path, monkeypatch:
         sums.append(weight)
         return rows_of_sums(self, p, weight, scale, least)
 
-    compile_hastily(monkeypatch, tmp_path / "cache")
+    compile_hastily(monkeypatch)
     monkeypatch.setattr(NormalEquations, "rows", counted)
     summed = estimate(machine, recording)
     monkeypatch.undo()

@@ -34,7 +34,7 @@ from truepose.identification.leaves.planning.discriminate.race import (
 from truepose.identification.leaves.planning.discriminate.words import sentences
 from truepose.identification.leaves.planning.information import PoseInformation
 from truepose.identification.leaves.planning.showing import experiment_table
-from truepose.identification.prediction.simulate import simulate, with_inputs
+from truepose.identification.prediction.predict import simulate, with_inputs
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.table import read_table
 from truepose.identification.report.notes import worded

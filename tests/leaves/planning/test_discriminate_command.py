@@ -13,6 +13,7 @@ from support import MACHINES
 from support.experiments import BENT, COMPLIANT, UNEVEN, YIELDING, arm, planned, poses
 from truepose.cli import app
 from truepose.errors import InputError
+from truepose.identification.leaves.planning.command import findings_of
 from truepose.identification.leaves.planning.discriminate.experiment import discriminate
 from truepose.identification.leaves.planning.discriminate.factors import class_of, read_offer
 from truepose.identification.leaves.planning.discriminate.words import experiment_json, sentences
@@ -43,20 +44,22 @@ def diagnosis_file(folder: Path, **finding: object) -> Path:
 
 def test_a_class_is_read_from_a_diagnosis(tmp_path: Path) -> None:
     machine = arm()
-    wanted = class_of(diagnosis_file(tmp_path), machine)
+    wanted = class_of(findings_of(diagnosis_file(tmp_path)), machine)
     assert [e.name for e in wanted.explanations] == ["joint-compliance@q2", "transmission-error@q2"]
     assert wanted.explanations[0].amplitude == pytest.approx([0.1])
     assert [other.label for other in wanted.others] == ["backlash@q3"]
     assert len(wanted.explanations[1].forms) > 10  # any order, but no long series
     found = discriminate(machine, 8, wanted, offer=read_offer(machine, "0,5"), candidates=poses(machine, 30))
     assert found.splits
-    named = class_of(diagnosis_file(tmp_path), machine, ["joint-compliance@q2", "axis-coupling@q2+q3"])
+    named = class_of(
+        findings_of(diagnosis_file(tmp_path)), machine, ["joint-compliance@q2", "axis-coupling@q2+q3"]
+    )
     assert [e.slug for e in named.explanations] == ["joint-compliance", "axis-coupling"]
 
 
 def test_what_has_no_name_is_told_and_not_planned_for(tmp_path: Path) -> None:
     named = {"effect": "transmission-error", "place": ["q2"], "probability": 0.3}
-    wanted = class_of(diagnosis_file(tmp_path, equivalents=[NAMELESS, named]), arm())
+    wanted = class_of(findings_of(diagnosis_file(tmp_path, equivalents=[NAMELESS, named])), arm())
     assert [e.slug for e in wanted.explanations] == ["joint-compliance", "transmission-error"]
     assert any("without a name" in note for note in worded(wanted.notes))
 
@@ -73,7 +76,7 @@ def test_a_diagnosis_without_a_class_is_refused(
     tmp_path: Path, finding: dict[str, object], message: str
 ) -> None:
     with pytest.raises(InputError, match=message):
-        class_of(diagnosis_file(tmp_path, **finding), arm())
+        class_of(findings_of(diagnosis_file(tmp_path, **finding)), arm())
 
 
 @pytest.mark.parametrize(

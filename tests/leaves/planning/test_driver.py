@@ -10,17 +10,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from support.generated_c import needs_compiler
+from support.generated_c import built_of, needs_compiler
 from truepose import parse_effect, predict
 from truepose.codegen.c import generate
-from truepose.identification.compensation.inverse import CompiledKinematics
 from truepose.identification.leaves.planning.discriminate.factors import factors
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.drivers import columns
 from truepose.models.effects.base import Coefficient, Effect, PlacedEffect
 from truepose.models.file.driver import AIR, Driver
 from truepose.models.load import load_machine
-from truepose.models.machine.controllability import machine_task
 from truepose.models.machine.kinematics import driver_default
 
 KINDS = ("payload", "pressure", "humidity", "temperature", "approach", "velocity", "session", "time", "tilt")
@@ -123,16 +121,17 @@ def test_without_a_clock_the_c_stands_where_a_drift_began(named: list[str], tmp_
     entries = "".join(f"  - {DRIFTS[name]}\n" for name in named)
     (tmp_path / "arm.yaml").write_text(f"{ARM.strip()}\neffects:\n{entries}", encoding="utf-8")
     machine = load_machine(tmp_path / "arm.yaml")
-    compiled = CompiledKinematics(machine, machine_task(machine))
-    q, times = np.full((5, 1), 0.3), 1.8e9 + np.linspace(0.0, 3600.0, 5)[:, None]
-    recorded, followed = compiled.fk(q, times)
-    alone, held = compiled.fk(q)
-    assert followed.all() and held.all()
-    assert np.ptp(recorded, axis=0).max() > 1e-5
-    assert np.array_equal(alone, np.broadcast_to(recorded[0], alone.shape))
-    row = pd.DataFrame({"q1 [rad]": q[:, 0]})
+    built = built_of(machine, tmp_path / "c", "double")
+    q = np.array([0.3])
+    (code, alone), *recorded = (
+        built.fk(q, z=z) for z in (None, *(1.8e9 + np.linspace(0.0, 3600.0, 5)[:, None]))
+    )
+    assert code == 0 and all(code == 0 for code, _ in recorded)
+    assert np.ptp([pose for _, pose in recorded], axis=0).max() > 1e-5
+    assert np.array_equal(alone, recorded[0][1])
+    row = pd.DataFrame({"q1 [rad]": q})
     pose = predict(machine, row)[["pose.x", "pose.y", "pose.z"]].to_numpy()
-    assert np.allclose(pose, alone[:, :3, 3], rtol=0, atol=1e-9)
+    assert np.allclose(pose, alone[3::4], rtol=0, atol=1e-9)
 
 
 def test_a_drift_that_is_named_begins_with_those_of_the_machine(tmp_path: Path) -> None:

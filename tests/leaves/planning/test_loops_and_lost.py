@@ -15,9 +15,8 @@ from support import MACHINES
 from truepose.errors import InputError
 from truepose.identification.prediction import predict as predict_module
 from truepose.identification.prediction.covariance import Covariance
-from truepose.identification.prediction.predict import predict
+from truepose.identification.prediction.predict import predict, simulate
 from truepose.identification.prediction.predictor import Predictor, all_lost, lost_of
-from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine

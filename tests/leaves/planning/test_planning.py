@@ -17,7 +17,7 @@ from truepose.identification.fit.problem import prior_of
 from truepose.identification.leaves.planning.information import PoseInformation
 from truepose.identification.leaves.planning.plan import Landscape, Pool, climb, exchange, log_det, plan
 from truepose.identification.leaves.planning.showing import plan_table
-from truepose.identification.prediction.simulate import simulate
+from truepose.identification.prediction.predict import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 from truepose.models.sensors.pose import Position

@@ -16,8 +16,8 @@ from truepose.identification.fit.problem import prior_of
 from truepose.identification.leaves.planning.information import PoseInformation
 from truepose.identification.leaves.planning.plan import Landscape, plan
 from truepose.identification.leaves.planning.showing import plan_table
+from truepose.identification.prediction.predict import simulate, with_inputs
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.prediction.simulate import simulate, with_inputs
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.table import read_table
 from truepose.models.effect_text import parse_effect

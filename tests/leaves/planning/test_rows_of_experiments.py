@@ -13,7 +13,7 @@ from support.experiments import arm, poses, telescope
 from truepose.identification.leaves.planning.discriminate.factors import explanation
 from truepose.identification.leaves.planning.discriminate.race import Rows, recording_of, signals
 from truepose.identification.leaves.planning.information import PoseInformation
-from truepose.identification.prediction.simulate import simulate
+from truepose.identification.prediction.predict import simulate
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine

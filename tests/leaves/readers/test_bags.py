@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from truepose.errors import InputError
 from truepose.identification.leaves.readers.bags import read_bag
-from truepose.identification.recording.joint_column import JointColumn
+from truepose.identification.recording.joint_readings import JointColumn
 from truepose.identification.recording.load import tables
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording

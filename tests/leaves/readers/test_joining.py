@@ -13,8 +13,13 @@ from truepose.identification.leaves.readers.importing import frame_of, read_fore
 from truepose.identification.leaves.readers.points import is_marked, read_points
 from truepose.identification.leaves.readers.tpoint import is_tpoint, read_tpoint
 from truepose.identification.leaves.readers.turns import with_rotation_vector
-from truepose.identification.recording.names import in_known_case, missing_column
-from truepose.identification.recording.table import Column, Table, table_in_memory
+from truepose.identification.recording.table import (
+    Column,
+    Table,
+    in_known_case,
+    missing_column,
+    table_in_memory,
+)
 from truepose.identification.recording.text import SI
 
 

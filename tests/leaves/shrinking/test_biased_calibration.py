@@ -115,13 +115,12 @@ def test_their_limit_on_a_machine_is_least_squares(
     assert np.all(limit.std[plain.prior.free][~seen[plain.prior.free]] > 1e6)  # unknown, not small
 
 
-@pytest.mark.parametrize("scaling", ["tolerance", "unit", "raw"])
 @pytest.mark.parametrize("name", ["liu", "ridge", "pcr"])
 def test_the_estimate_is_what_its_own_linearisation_gives(
-    chain: Machine, recording: Recording, name: str, scaling: str
+    chain: Machine, recording: Recording, name: str
 ) -> None:
     """Built here from the Jacobian at the estimate, in parameters from the drawing."""
-    result = calibrate(chain, recording, estimator=name, scaling=scaling)  # type: ignore[arg-type]
+    result = calibrate(chain, recording, estimator=name)
     fit = result.fit
     free = fit.prior.free
     predictor = Predictor(chain, recording)
@@ -129,14 +128,8 @@ def test_the_estimate_is_what_its_own_linearisation_gives(
     j = block.jacobian[:, :, free].reshape(-1, len(free))
     drawing = np.array([p.nominal for p in chain.parameters])[free]
     tolerance = np.array([p.tolerance for p in chain.parameters])[free]
-    sigma = chain.sensors[0].channels[0].sigma if scaling == "raw" else 1.0
     y = j @ (fit.p[free] - drawing) - block.residual.ravel()
-    unit: Mapping[str, Array] = {
-        "tolerance": tolerance,
-        "unit": 1 / np.linalg.norm(j, axis=0),
-        "raw": np.ones(len(free)),
-    }
-    again = TUNED[name](decompose(sigma * j, sigma * y, unit[scaling]))
+    again = TUNED[name](decompose(j, y, tolerance))
     np.testing.assert_allclose(drawing + again.b, fit.p[free], atol=1e-7 * tolerance.max())
     key = {"liu": "d", "ridge": "k", "pcr": "components"}[name]
     assert float(result.method[key]) == pytest.approx(float(again.tuning), rel=1e-4)
@@ -203,11 +196,6 @@ def test_bounds_and_biased_estimators_do_not_go_together(chain: Machine, recordi
         InputError, match=r"--solver: found 'ipopt' with --estimator ridge.*expected gn or lm"
     ):
         calibrate(chain, recording, estimator="ridge", solver="ipopt")
-
-
-def test_an_unknown_scaling_is_refused(chain: Machine, recording: Recording) -> None:
-    with pytest.raises(InputError, match=r"scaling: found 'units', expected one of .*did you mean 'unit'"):
-        calibrate(chain, recording, scaling="units")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("name", "key"), [("liu", "d"), ("ridge", "k"), ("pcr", "components")])

@@ -11,9 +11,10 @@ import yaml
 
 from recording_columns import LOGGED, ORDER
 from truepose.errors import InputError
-from truepose.identification.compensation.path_table import load_path
+from truepose.identification.compensation.path_table import path_rows
 from truepose.identification.prediction.predict import predict
 from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.table import read_table
 from truepose.models.leaves.starting.written import PRESETS
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
@@ -107,8 +108,8 @@ def test_a_path_holds_joints_or_poses_and_says_which(tmp_path: Path) -> None:
     with pytest.raises(
         InputError, match=r"poses or the joints x, y, z, expected the joints alone, or poses in pose.x"
     ):
-        load_path(named, path)
+        path_rows(named, read_table(path))
     np.savetxt(path, poses, delimiter=",", header=",".join(f"pose.{a}" for a in AXIS_UNITS), comments="")
-    np.testing.assert_allclose(load_path(named, path)[1].q, poses[:, :3], atol=1e-6)
+    np.testing.assert_allclose(path_rows(named, read_table(path))[1].q, poses[:, :3], atol=1e-6)
     np.savetxt(path, poses[:, :3], delimiter=",", header="x,y,z", comments="")
-    np.testing.assert_allclose(load_path(named, path)[1].q, poses[:, :3], atol=1e-12)
+    np.testing.assert_allclose(path_rows(named, read_table(path))[1].q, poses[:, :3], atol=1e-12)

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from truepose.cli import app
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.leaves.check.run import check_files
-from truepose.identification.prediction.simulate import simulate
+from truepose.identification.prediction.predict import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.models.file.names import SCHEMA_LINE
 from truepose.models.leaves.starting.start import bundled_names

@@ -95,13 +95,15 @@ def compile_library(folder: Path, sources: Iterable[str], *flags: str, name: str
 
 @cache
 def build(where: Path, name: str, real: Real) -> Built:
-    machine = machine_of(where, name)
-    directory = where / f"{name}_{real}"
+    return built_of(machine_of(where, name), where / f"{name}_{real}", real)
+
+
+def built_of(machine: Machine, directory: Path, real: Real) -> Built:
+    """A machine's C, generated and compiled in a folder."""
     generate(machine, directory, real)
-    level = (
-        "-O1" if real == "double" else LEVEL
-    )  # some warnings come with optimisation; the C is the same in both
-    library = compile_library(directory, [f"{name}_kin.c"], level, name=f"lib{name}.so")
+    # some warnings come with optimisation; the C is the same in both
+    level = "-O1" if real == "double" else LEVEL
+    library = compile_library(directory, [f"{machine.name}_kin.c"], level, name="kin.so")
     return Built(machine, symbolic_model(machine, machine.effects), real, directory, library)
 
 

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from truepose.errors import InputError
-from truepose.identification.recording.joint_column import JointColumn
+from truepose.identification.recording.joint_readings import JointColumn
 from truepose.identification.recording.load import tables
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording

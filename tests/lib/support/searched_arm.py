@@ -18,7 +18,7 @@ from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.posterior.posterior import Posterior
 from truepose.identification.posterior.state import State, best_point, nearest_top
-from truepose.identification.prediction.simulate import simulate
+from truepose.identification.prediction.predict import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue, catalogue

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from support.telescope_legs import FLEXURED
-from truepose.identification.prediction.simulate import simulate, with_inputs
+from truepose.identification.prediction.predict import simulate, with_inputs
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.table import read_table

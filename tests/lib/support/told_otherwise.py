@@ -14,8 +14,8 @@ import yaml
 
 from support.telescope_legs import ENDS
 from truepose.identification.fit.estimated import Estimate
+from truepose.identification.prediction.predict import simulate
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie

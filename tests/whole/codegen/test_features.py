@@ -13,24 +13,19 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from support.embedded import needs_toolchain
 from support.examples import by_day
 from support.generated_c import COMPILER, WARNINGS, Built, build, needs_compiler
-from support.generated_machines import ARM, HEAD, machine_of
+from support.generated_machines import machine_of
 from truepose.arrays import Array
 from truepose.cli import app
-from truepose.codegen.blocks import rolled
-from truepose.codegen.c import generate, render
-from truepose.codegen.features import ALL, FEATURES, Features
-from truepose.codegen.leaves.embedded.measure import measure
+from truepose.codegen.c import generate
+from truepose.codegen.features import FEATURES, Features
 from truepose.codegen.printer import Real
-from truepose.codegen.pruning import pruned
-from truepose.errors import InputError
 from truepose.models.file.machine_file import checked_machine
 from truepose.models.file.yaml_document import parse_document
 from truepose.models.leaves.starting.start import bundled_start
 from truepose.models.leaves.starting.written import files_of
-from truepose.models.load import build_machine, load_machine
+from truepose.models.load import build_machine
 from truepose.models.machine.machine import Machine
 
 CASES: list[tuple[str, Real, str]] = [
@@ -81,19 +76,12 @@ def test_the_header_says_what_is_there(root_directory: Path, name: str, real: Re
             assert len(re.findall(rf"\b{function}\b", text)) > 1, f"{file.name}: {function}"
 
 
-def example_of(
-    machine: Machine, real: Real, where: Path, wrong: str = ""
-) -> subprocess.CompletedProcess[str]:
-    """What the example prints of a machine's smallest C; ``wrong`` has functions that replace generated ones."""
+def example_of(machine: Machine, real: Real, where: Path) -> subprocess.CompletedProcess[str]:
+    """What the example prints of a machine's smallest C."""
     assert COMPILER is not None
-    name = machine.name
     generate(machine, where, real, features=Features.of("warm"))
-    (where / "wrong.c").write_text(f'#include "{name}_kin.h"\n' + wrong)
-    replaced = re.findall(rf"int ({name}_\w+)\(.*{{", wrong)
-    renamed = [f"-D{function}=right_{function}" for function in replaced]
-    subprocess.run([COMPILER, *WARNINGS, *renamed, "-O0", "-c", f"{name}_kin.c"], cwd=where, check=True)
-    linked = [COMPILER, "-O0", "example.c", "wrong.c", f"{name}_kin.o", "-lm", "-o", "example"]
-    subprocess.run(linked, cwd=where, check=True)
+    command = [COMPILER, *WARNINGS, "-O0", "example.c", f"{machine.name}_kin.c", "-lm", "-o", "example"]
+    subprocess.run(command, cwd=where, check=True)
     return subprocess.run([where / "example"], capture_output=True, text=True, check=False)
 
 
@@ -117,26 +105,6 @@ def test_the_example_runs(root_directory: Path, tmp_path: Path, name: str, real:
 def test_the_example_runs_for_arms_whose_zero_is_singular_and_others(tmp_path: Path, name: str) -> None:
     ran = example_of(known_arm(name, tmp_path), "double", tmp_path)
     assert ran.returncode == 0, ran.stdout
-
-
-@needs_compiler
-@pytest.mark.parametrize(
-    ("wrong", "call", "result"),
-    [("fk", "p, z, q, T", "T[3] += 1e-5"), ("ik", "p, z, T, near, q", "q[0] += 1e-7"), ("ik", "p, z, T, near, q", "code = 2")],
-)  # fmt: skip
-def test_the_example_fails_on_wrong_code(tmp_path: Path, wrong: str, call: str, result: str) -> None:
-    """A pose that is 10 nm off, joints that are 0.1 urad off, and an inverse that gives up."""
-    machine = known_arm("ur5e", tmp_path)
-    arguments = {
-        "fk": "const double *p, const double *z, const double *q, double *T",
-        "ik": "const double *p, const double *z, const double *T, const double *near, double *q",
-    }[wrong]
-    code = (
-        f"int right_ur5e_{wrong}({arguments});\n"
-        f"int ur5e_{wrong}({arguments}) {{ int code = right_ur5e_{wrong}({call}); {result}; return code; }}\n"
-    )
-    ran = example_of(machine, "double", tmp_path, code)
-    assert ran.returncode == 1, ran.stdout
 
 
 @needs_compiler
@@ -220,7 +188,6 @@ def test_unknown_and_impossible_features_are_refused(tmp_path: Path) -> None:
     options = ["codegen", str(tmp_path / "scara.yaml"), "-o", str(tmp_path / "out"), "--features"]
     for asked_for, words in (
         ("warm,colt", ["'colt'", *FEATURES, "did you mean 'cold'?"]),
-        ("", ["''", *FEATURES]),
         ("warm,branches", ["found branches", "scara", "leave it out"]),
     ):
         done = CliRunner().invoke(app, [*options, asked_for])
@@ -240,110 +207,3 @@ def test_fewer_features_take_their_files_away(tmp_path: Path) -> None:
     there = {file for file in (tmp_path / "out").rglob("*") if file.is_file()}
     assert there == {*files, tmp_path / "out" / "mine_batch.c"}
     assert "batch" not in (tmp_path / "out" / "CMakeLists.txt").read_text()
-
-
-def test_the_readme_says_what_was_asked_for(tmp_path: Path) -> None:
-    texts = render(machine_of(tmp_path, "arm"), "double", features=Features.of("p,warm"))
-    assert "`--features warm,p`" in texts["README.md"]
-    assert "ik_all" not in texts["README.md"] and "_batch" not in texts["README.md"]
-    assert "--features" not in render(machine_of(tmp_path, "arm"), "double")["README.md"]
-
-
-@needs_toolchain
-def test_small_code_on_a_controller(root_directory: Path) -> None:
-    """An arm of six joints: the way from a nearby guess in 4 kB, everything in 14; neither slower than what is not small."""
-    text = HEAD.format(name="bare") + ARM.partition("masses:")[0]
-    (root_directory / "bare.yaml").write_text(text, encoding="utf-8")
-    machine, found = load_machine(root_directory / "bare.yaml"), {}
-    for features in ("warm", "warm,cold,branches,p", ""):
-        directory = root_directory / f"bare_{features}"
-        generate(machine, directory, features=Features.of(features) if features else ALL)
-        found[features] = measure(directory, optimisation="-Os")
-    warm, every, plain = found.values()
-    assert warm.cold is None and warm.solved and every.solved
-    assert warm.linked_ik.text <= 4000 and every.linked_ik.text <= 14_000
-    assert warm.linked_ik.data == every.linked_ik.data == 0
-    assert max(warm.warm.median, every.warm.median) <= plain.warm.median
-    assert max(warm.warm.stack, every.warm.stack) <= plain.warm.stack
-
-
-SOURCE = """/* a */
-#include <math.h>
-
-#define USED 1 /* is */
-#define UNUSED 2
-
-#if USED == 1
-#define MAYBE inline
-#else
-#define MAYBE static
-#endif
-
-/* ---- tables ---- */
-
-static const int table[2] = { 1, 2 };
-
-/* ---- more ---- */
-
-/* Never read. */
-static const int other[2] = {
-    3, 4
-};
-typedef double spread __attribute__((aligned(sizeof(double)), unused));
-
-MAYBE int helper(int a)
-{
-    if (a) {
-        return table[0];
-    }
-    return USED;
-}
-
-static int lonely(void)
-{
-    return helper(other[0]);
-}
-
-int m_open(spread *s)
-{
-    return helper((int)*s);
-}
-"""
-
-
-def test_what_nothing_uses_is_taken_out() -> None:
-    out = pruned(SOURCE, "m")
-    for gone in ("other", "lonely", "UNUSED", "Never read"):
-        assert gone not in out
-    for kept in (
-        "spread",
-        "helper",
-        "table[2]",
-        "MAYBE inline",
-        "---- tables",
-        "#include <math.h>",
-        "m_open",
-    ):
-        assert kept in out
-    assert pruned(out, "m") == out
-
-
-def test_blocks_that_are_alike_become_a_loop() -> None:
-    blocks = [
-        ["{", f"    x = p[{5 + 3 * k}] * p[{6 + 3 * k}];", f"    f(x, k + {22 + 6 * k});", "}"]
-        for k in range(3)
-    ]
-    blocks.append(["{", "    x = p[20] * z[0];", "    f(x, k + 40);", "}"])
-    lines = rolled(blocks)
-    assert "    static const unsigned short first[3] = { 5, 8, 11 };" in lines
-    assert "        x = a[0] * a[1];" in [line[0:] for line in lines]
-    assert "        f(x, k + 22 + 6 * i);" in lines
-    assert lines[-4:] == blocks[-1]
-
-
-def test_features_are_read_from_a_list() -> None:
-    assert Features.of(" warm , p").names == ("warm", "p")
-    assert Features().names == tuple(FEATURES)
-    assert not Features().listed and Features.of("warm").listed
-    with pytest.raises(InputError, match="expected one or several of warm, cold"):
-        Features.of("warm,")

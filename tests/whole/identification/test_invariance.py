@@ -24,7 +24,7 @@ from support.told_otherwise import (
 from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.calibrate import calibrate
-from truepose.identification.prediction.simulate import simulate
+from truepose.identification.prediction.predict import simulate
 
 SAME = 1e-8
 """Relative to the parameter, or to its tolerance where it is smaller: as built it is of that size."""

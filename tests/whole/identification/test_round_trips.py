@@ -17,7 +17,7 @@ from support.round_trips import check_round_trip
 from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import calibrated_text, effect_entry
-from truepose.identification.prediction.simulate import simulate
+from truepose.identification.prediction.predict import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import catalogue

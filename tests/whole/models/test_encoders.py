@@ -18,11 +18,12 @@ from truepose.api import calibrate, predict
 from truepose.codegen.c import generate
 from truepose.errors import InputError
 from truepose.identification.compensation.compensate import compensate
-from truepose.identification.compensation.path_table import commands, load_path
+from truepose.identification.compensation.path_table import commands, path_rows
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.leaves.planning.plan import plan
 from truepose.identification.leaves.planning.showing import plan_table
 from truepose.identification.load import load_recording
+from truepose.identification.recording.table import read_table
 from truepose.models.leaves.export.write import export
 from truepose.models.load import load_machine
 from truepose.models.machine.kinematics import symbolic_model
@@ -250,7 +251,7 @@ def test_a_path_comes_back_as_it_was_logged(tmp_path: Path, lowest: float) -> No
         path = tmp_path / f"{name}.csv"
         given[name] = pd.DataFrame({"J2": scale * rows[:, 0], "J3": rows[:, 1]})
         given[name].to_csv(path, index=False)
-        table, way = load_path(machine, path)
+        table, way = path_rows(machine, read_table(path))
         found[name] = commands(table, machine, compensate(machine, way))
     found["other"]["J2"] /= 10.0
     given["other"]["J2"] /= 10.0

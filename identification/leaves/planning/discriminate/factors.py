@@ -11,11 +11,9 @@ They are named on a command line as ``simulate --effect`` names them, or taken f
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -122,22 +120,27 @@ def explanation(text: str, machine: Machine) -> Explanation:
     return Explanation(placed.effect.slug, placed.place, tuple(forms), amplitude)
 
 
-def class_of(path: Path | str, machine: Machine, texts: Sequence[str] = ()) -> Class:
-    """The class of a finding in ``diagnosis.json``, with the finding's fitted value.
+def class_of(
+    found: Iterable[Mapping[str, Any]],
+    machine: Machine,
+    texts: Sequence[str] = (),
+    source: str = "diagnosis.json",
+) -> Class:
+    """The class of a finding in ``diagnosis.json``, which ``source`` names, with the finding's fitted value.
 
     Without ``texts`` the first finding that has equivalents is taken; with them, the finding that is among them,
     against the others. Raises InputError where there is nothing to tell apart.
     """
-    findings = [f for f in _findings(path) if f["effect"] in effects and f["effect"] not in NO_NAMES]
+    findings = [f for f in found if f["effect"] in effects and f["effect"] not in NO_NAMES]
     wanted = [explanation(text, machine) for text in texts]
     names = {e.name for e in wanted}
-    fitted = [_fitted(machine, f, f"{path}: findings[{k}]") for k, f in enumerate(findings)]
+    fitted = [_fitted(machine, f, f"{source}: findings[{k}]") for k, f in enumerate(findings)]
     chosen = [
         k for k, f in enumerate(findings) if (fitted[k].name in names if texts else _named_equivalents(f))
     ]
     if not chosen:
         what = f"with the name of {' or '.join(texts)}" if texts else "with equivalents"
-        raise InputError(f"{path}: found no finding {what}, expected one to tell from its equivalents")
+        raise InputError(f"{source}: found no finding {what}, expected one to tell from its equivalents")
     true = fitted[chosen[0]]
     rivals = [e for e in wanted if e.name != true.name] or [
         _equivalent(machine, e, true) for e in _named_equivalents(findings[chosen[0]])
@@ -152,18 +155,6 @@ def class_of(path: Path | str, machine: Machine, texts: Sequence[str] = ()) -> C
 def _named_equivalents(finding: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """Rivals of a finding that have a name, and that a recording of this machine can speak of."""
     return [e for e in finding.get("equivalents", ()) if e["effect"] != UNNAMED and e.get("tested", True)]
-
-
-def _findings(path: Path | str) -> list[dict[str, Any]]:
-    try:
-        content = json.loads(Path(path).read_text(encoding="utf-8"))
-        return list(content["findings"])
-    except OSError as exc:
-        raise InputError(f"{path}: cannot read the file: {exc.strerror or exc}") from None
-    except (ValueError, KeyError, TypeError):
-        raise InputError(
-            f"{path}: found no `findings`, expected a diagnosis.json that diagnose wrote"
-        ) from None
 
 
 def _fitted(machine: Machine, finding: Mapping[str, Any], where: str) -> Explanation:

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import logging
-import subprocess
 import sys
-from collections.abc import Iterator
-from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -15,22 +12,18 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from support.built_machines import TEXTS, manufactured, read_machines, simulated
 from support.engines import compile_all, compile_none
-from support.examples import by_day, examples
+from support.examples import examples
 from support.generated_c import needs_compiler
-from truepose.codegen.evaluation import engine, rowwise
+from truepose.codegen.evaluation import batch, compiled
 from truepose.codegen.evaluation.batch import BatchFunction
-from truepose.codegen.evaluation.compiled import Compiler, library_cache
-from truepose.identification.fit.calibrate import calibrate
 
 Array = NDArray[np.float64]
 
 
-@pytest.fixture
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    compile_all(monkeypatch, tmp_path / "cache")
-    yield tmp_path / "cache"
+@pytest.fixture(autouse=True)
+def _all_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    compile_all(monkeypatch)
 
 
 def example(name: str = "example") -> BatchFunction:
@@ -46,32 +39,26 @@ def inputs(n: int, seed: int = 1) -> tuple[Array, Array, Array, Array]:
     return rng.normal(0, 2, (n, 3)), rng.normal(0, 2, (n, 1)), rng.normal(0, 1, 2), np.zeros((n, 0))
 
 
-def libraries(cache: Path) -> list[Path]:
-    return sorted(cache.glob("*.so"))
-
-
 @needs_compiler
 @pytest.mark.parametrize("n", [1, 2, 7, 8, 9, 100])
 @pytest.mark.parametrize("shared", [True, False])
-def test_the_virtual_machine_says_the_same(
-    cache: Path, monkeypatch: pytest.MonkeyPatch, n: int, shared: bool
-) -> None:
+def test_the_virtual_machine_says_the_same(monkeypatch: pytest.MonkeyPatch, n: int, shared: bool) -> None:
     q, z, p, none = inputs(n)
     given = (q, z, p if shared else np.tile(p, (n, 1)), none)
     fast = example()
     found = fast(*given)
-    assert str(fast.engine) == "compiled"
+    assert fast.engine.compiled
     compile_none(monkeypatch)
     slow = example()
     expected = slow(*given)
-    assert slow.engine.name == "virtual machine" and not slow.engine.missed
+    assert not slow.engine.compiled and not slow.engine.missed
     for one, other in zip(found, expected, strict=True):
         assert one.shape == other.shape and one.strides == other.strides
         np.testing.assert_allclose(one, other, rtol=1e-14, atol=1e-15)
 
 
 @needs_compiler
-def test_rows_may_be_shared_and_one_may_stand_for_all(cache: Path) -> None:
+def test_rows_may_be_shared_and_one_may_stand_for_all() -> None:
     q, z, p, none = inputs(5)
     function = example()
     for one, other in zip(function(q, z[:1], p, none), function(q, z[0], p, none), strict=True):
@@ -82,7 +69,7 @@ def test_rows_may_be_shared_and_one_may_stand_for_all(cache: Path) -> None:
 @needs_compiler
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=examples(25))
 @given(data=st.data())
-def test_neither_order_nor_chunks_matter(cache: Path, data: st.DataObject) -> None:
+def test_neither_order_nor_chunks_matter(data: st.DataObject) -> None:
     """Not to a single bit: a row does not know its place."""
     function, (q, z, p, none) = example(), inputs(41)
     whole = function(q, z, p, none)
@@ -94,7 +81,7 @@ def test_neither_order_nor_chunks_matter(cache: Path, data: st.DataObject) -> No
 
 
 @needs_compiler
-def test_a_long_function_in_many_parts(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_long_function_in_many_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Values that one part leaves to another, of rows and of what they share, among them sines with their cosines."""
     x, p = ca.SX.sym("x", 4), ca.SX.sym("p", 3)
     value, shared, ends = ca.vertcat(x), ca.vertcat(p), []
@@ -108,23 +95,20 @@ def test_a_long_function_in_many_parts(cache: Path, monkeypatch: pytest.MonkeyPa
     given = rng.normal(0, 1, (20, 4)), rng.normal(0, 1, 3)
     expected = BatchFunction("long", [x, p], [ca.vertcat(*ends)])(*given)[0]
     for length in (1, 2, 5, 17, 1000):
-        monkeypatch.setattr(rowwise, "LENGTH", length)
+        monkeypatch.setattr(batch, "LENGTH", length)
         function = BatchFunction("long", [x, p], [ca.vertcat(*ends)], rows=1)
         np.testing.assert_allclose(function(*given)[0], expected, rtol=1e-12, atol=1e-13)
         assert function.engine.compiled
-    assert len(libraries(cache)) == 5
 
 
-def test_few_rows_are_not_worth_a_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("TRUEPOSE_CACHE", str(tmp_path))
+def test_few_rows_are_not_worth_a_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.undo()
     x = ca.SX.sym("x")
-    small = BatchFunction("small", [x], [ca.sin(x)], rows=engine.FEWEST_ROWS)
+    small = BatchFunction("small", [x], [ca.sin(x)], rows=batch.FEWEST_ROWS)
     unknown = BatchFunction("unknown", [x], [ca.sin(x)])
     for function in (small, unknown):
         function(np.zeros((3, 1)))
-        assert str(function.engine) == "virtual machine (too little work for a compiler)"
-    assert not libraries(tmp_path)
-    assert engine.engine_for(10**6, 1000).compiled
+        assert not function.engine.compiled
 
 
 # -- the cache ----------------------------------------------------------------------------------------------------
@@ -135,82 +119,13 @@ def refuse(*args: object) -> None:
 
 
 @needs_compiler
-def test_what_was_compiled_once_is_not_compiled_again(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_was_compiled_once_is_not_compiled_again(monkeypatch: pytest.MonkeyPatch) -> None:
     first = example("one")(*inputs(9))
-    (library,) = libraries(cache)
-    monkeypatch.setattr(Compiler, "build", refuse)
+    monkeypatch.setattr(compiled, "_build", refuse)
     function = example("another_name")
     for one, other in zip(first, function(*inputs(9)), strict=True):
         np.testing.assert_array_equal(one, other)
-    assert function.engine.compiled and libraries(cache) == [library]
-    assert not [path for path in cache.iterdir() if path.name.startswith(".")]
-
-
-@needs_compiler
-@pytest.mark.parametrize("spoilt", ["empty", "cut", "changed", "not ours"])
-def test_a_spoilt_library_is_made_again(cache: Path, spoilt: str) -> None:
-    """It is never loaded: a library that was cut short would take the process with it."""
-    expected = example()(*inputs(9))
-    (library,) = libraries(cache)
-    whole = library.read_bytes()
-    if spoilt == "not ours":
-        library.chmod(0o666)  # anybody could have written it
-    else:
-        changes = {"empty": b"", "cut": whole[: len(whole) // 2], "changed": whole[:-1] + b"?"}
-        library.unlink()
-        library.write_bytes(changes[spoilt])
-    for one, other in zip(example()(*inputs(9)), expected, strict=True):
-        np.testing.assert_array_equal(one, other)
-    (again,) = libraries(cache)
-    assert not again.stat().st_mode & 0o022
-    assert len(again.read_bytes()) == len(whole)
-
-
-@needs_compiler
-def test_a_folder_that_others_may_write_to_is_not_used(cache: Path) -> None:
-    cache.mkdir()
-    cache.chmod(0o777)
-    function = example()
-    function(*inputs(3))
     assert function.engine.compiled
-    assert not list(cache.iterdir())
-
-
-@needs_compiler
-def test_without_a_folder_nothing_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    compile_all(monkeypatch, tmp_path / "file" / "cache")
-    (tmp_path / "file").write_text("in the way")
-    function = example()
-    function(*inputs(3))
-    assert function.engine.compiled
-
-
-def test_where_libraries_are_kept(tmp_path: Path) -> None:
-    def folder(**environment: str) -> Path | None:
-        return library_cache(environment).folder
-
-    own, general = tmp_path / "own", tmp_path / "general"
-    assert folder(TRUEPOSE_CACHE=str(own), XDG_CACHE_HOME=str(general)) == own
-    assert folder(XDG_CACHE_HOME=str(general)) == general / "truepose"
-    assert folder(XDG_CACHE_HOME=str(general), TRUEPOSE_CACHE="") == general / "truepose"
-    assert not own.stat().st_mode & 0o077
-
-
-@pytest.mark.nightly
-@needs_compiler
-def test_processes_share_a_cache(cache: Path, tmp_path: Path) -> None:
-    """Several at once, each of which finds it empty."""
-    script = tmp_path / "one.py"
-    script.write_text(
-        "import casadi as ca, numpy as np\n"
-        "from truepose.codegen.evaluation.batch import BatchFunction\n"
-        "x = ca.SX.sym('x')\n"
-        "f = BatchFunction('f', [x], [ca.sin(x) * x], rows=10**9)\n"
-        "assert f(np.ones((5, 1)))[0].sum() > 4 and f.engine.compiled, f.engine\n"
-    )
-    running = [subprocess.Popen([sys.executable, str(script)]) for _ in range(3)]
-    assert [process.wait(60) for process in running] == [0, 0, 0]
-    assert len(libraries(cache)) == 1
 
 
 # -- without a compiler -------------------------------------------------------------------------------------------
@@ -218,10 +133,10 @@ def test_processes_share_a_cache(cache: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("setting", ["", "no-such-compiler", sys.executable])
 def test_without_a_compiler_the_virtual_machine_says_so(
-    cache: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, setting: str
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, setting: str
 ) -> None:
     """An empty setting, a program that is not there, one that is no compiler: the numbers come all the same."""
-    engine.log_once.cache_clear()
+    batch.log_once.cache_clear()
     monkeypatch.setenv("TRUEPOSE_CC", setting)
     with caplog.at_level(logging.WARNING):
         functions = [example(), example()]
@@ -232,14 +147,13 @@ def test_without_a_compiler_the_virtual_machine_says_so(
             np.testing.assert_array_equal(one, other)
     for function in functions:
         assert function.engine.missed
-        assert str(function.engine).startswith("virtual machine (")
     (record,) = caplog.records  # once, not for each function
     assert "virtual machine" in record.getMessage()
     assert {"": "TRUEPOSE_CC is empty"}.get(setting, setting) in record.getMessage()
 
 
 @pytest.mark.parametrize("expression", ["operation", "constant"])
-def test_what_c_cannot_say_is_left_to_the_virtual_machine(cache: Path, expression: str) -> None:
+def test_what_c_cannot_say_is_left_to_the_virtual_machine(expression: str) -> None:
     x = ca.SX.sym("x")
     value = ca.erfinv(x) if expression == "operation" else ca.if_else(x > 1, ca.SX.inf(), x)
     function = BatchFunction("odd", [x], [value], rows=1)
@@ -248,32 +162,3 @@ def test_what_c_cannot_say_is_left_to_the_virtual_machine(cache: Path, expressio
 
 
 # -- a whole calibration ------------------------------------------------------------------------------------------
-
-
-@needs_compiler
-@pytest.mark.parametrize("name", by_day(TEXTS, "arm"))
-def test_a_calibration_is_the_same_by_both(
-    cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
-) -> None:
-    machine, rng = read_machines(tmp_path)[name], np.random.default_rng(6)
-    recording = simulated(machine, manufactured(machine, rng), rng)
-    fast = calibrate(machine, recording)
-    assert len(libraries(cache)) >= 2
-    compile_none(monkeypatch)
-    slow = calibrate(machine, recording)
-    # parts of the parameter, of 1 mm or 1 rad where it is smaller: poses of 500 mm round by 1e-13 mm
-    np.testing.assert_allclose(fast.fit.p, slow.fit.p, rtol=1e-12, atol=1e-12)
-    assert fast.fit.chi2 == pytest.approx(slow.fit.chi2, rel=1e-11)  # tolerances pull: it is not stationary
-    np.testing.assert_allclose(fast.fit.std, slow.fit.std, rtol=1e-9)
-    assert fast.notes == slow.notes
-
-
-@pytest.mark.nightly
-def test_a_calibration_says_that_it_went_slowly(
-    cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    machine, rng = read_machines(tmp_path)["arm"], np.random.default_rng(6)
-    recording = simulated(machine, manufactured(machine, rng), rng)
-    monkeypatch.setenv("TRUEPOSE_CC", "")
-    notes = calibrate(machine, recording).notes
-    assert sum("TRUEPOSE_CC is empty: evaluated by CasADi's virtual machine" in note for note in notes) == 1

@@ -79,16 +79,6 @@ def test_blocks_run_beside_each_other_with_their_own_calibration(built: Built) -
     other.close()
 
 
-@cases(("nano",), ("double",))
-def test_a_block_tells_parameters_that_are_wrong(built: Built) -> None:
-    for function in (0.0, 4.0, 1.5, -1.0):
-        error = Block(built, function).error
-        assert error == "nano_sfun: FUNCTION: expected 1 (compensate), 2 (ik) or 3 (fk)"
-    error = Block(built, FK, [1.0, 2.0]).error
-    assert error == f"nano_sfun: P: expected [] or {built.define('NP')} numbers"
-    assert Block(built, FK, parameters=1).inputs == []  # Simulink itself says that one is missing
-
-
 @cases(("arm", "nano"))
 def test_a_block_compiles_for_generated_code_too(built: Built) -> None:
     assert COMPILER is not None

@@ -19,9 +19,10 @@ from support.calibrated_machines import calibrated, path_file, with_drawing
 from truepose.cli import app
 from truepose.errors import InputError
 from truepose.identification.compensation.compensate import Compensation, Method, compensate
-from truepose.identification.compensation.path_table import commands, load_path
+from truepose.identification.compensation.path_table import commands, path_rows
 from truepose.identification.prediction.predict import predict
 from truepose.identification.recording.recording import Recording
+from truepose.identification.recording.table import read_table
 from truepose.models.lie import log_so3
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
@@ -31,7 +32,7 @@ POSE = ["x", "y", "z", "rx", "ry", "rz"]
 
 
 def followed(machine: Machine, path: Path, method: Method = "exact") -> tuple[Recording, Compensation]:
-    _, rows = load_path(machine, path)
+    _, rows = path_rows(machine, read_table(path))
     return rows, compensate(machine, rows, method=method)
 
 
@@ -40,12 +41,12 @@ def test_the_real_tool_stands_where_nominal_links_would_put_it(kind: str, tmp_pa
     """Checked against the forward kinematics of a second machine file, whose links are the drawing's."""
     machine = calibrated(kind, tmp_path)
     path = path_file(machine, tmp_path)
-    table, rows = load_path(machine, path)
+    table, rows = path_rows(machine, read_table(path))
     found = compensate(machine, rows)
     commands(table, machine, found).to_csv(tmp_path / "commands.csv", index=False)
     ideal = with_drawing(machine, tmp_path)
-    meant = predict(ideal, load_path(ideal, path)[1])
-    real = predict(machine, load_path(machine, tmp_path / "commands.csv")[1])
+    meant = predict(ideal, path_rows(ideal, read_table(path))[1])
+    real = predict(machine, path_rows(machine, read_table(tmp_path / "commands.csv"))[1])
     columns = [f"pose.{axis}" for axis in POSE]
     # files are in mm and deg; the solver meets poses to 1e-9 of the machine's size
     np.testing.assert_allclose(real[columns], meant[columns], rtol=0, atol=3e-6)
@@ -81,7 +82,7 @@ def test_poses_ask_for_the_same_as_their_joints(tmp_path: Path) -> None:
     columns = np.hstack([inside[:, :3, 3], log_so3(inside[:, :3, :3])])
     header = [f"{name} [{'mm' if k < 3 else 'rad'}]" for k, name in enumerate(POSE)]
     pd.DataFrame(columns, columns=header).assign(note="a").to_csv(tmp_path / "poses.csv", index=False)
-    table, rows = load_path(machine, tmp_path / "poses.csv")
+    table, rows = path_rows(machine, read_table(tmp_path / "poses.csv"))
     again = compensate(machine, rows)
     np.testing.assert_allclose(again.command, found.command, rtol=0, atol=1e-6)
     frame = commands(table, machine, again)
@@ -118,7 +119,7 @@ def test_columns_come_back_in_order_and_in_their_own_units(tmp_path: Path) -> No
     frame = frame.rename(columns={"q2 [rad]": "q2"})
     frame["q2"] = np.degrees(frame["q2"])
     frame.to_csv(path, index=False)
-    table, rows = load_path(machine, path)
+    table, rows = path_rows(machine, read_table(path))
     found = compensate(machine, rows)
     out = commands(table, machine, found)
     assert list(out) == list(frame)
@@ -174,15 +175,6 @@ def test_a_path_that_cannot_be_followed_is_refused(change: Any, says: str, tmp_p
     assert not out.exists()
 
 
-def test_an_unknown_method_is_refused(tmp_path: Path) -> None:
-    machine = calibrated("arm", tmp_path)
-    path = path_file(machine, tmp_path)
-    assert (
-        "expected one of exact, first-order"
-        in run(tmp_path / "calibrated.yaml", path, "-o", tmp_path / "c.csv", "--method", "magic").stderr
-    )
-
-
 def test_a_pose_out_of_reach_names_its_row(tmp_path: Path) -> None:
     machine = calibrated("polisher", tmp_path)
     path = tmp_path / "poses.csv"
@@ -190,7 +182,7 @@ def test_a_pose_out_of_reach_names_its_row(tmp_path: Path) -> None:
     with pytest.raises(
         InputError, match=r"poses.csv: row 2: found a pose that the nominal machine cannot take"
     ):
-        load_path(machine, path)
+        path_rows(machine, read_table(path))
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])

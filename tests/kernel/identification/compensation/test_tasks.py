@@ -11,13 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from support.generated_c import needs_compiler
 from support.partial_machines import PARTIAL, as_built, partial_machine, readings
 from support.recordings import rows_of
 from truepose.arrays import Array
 from truepose.identification.compensation.compensate import compensate, ideal_constants
 from truepose.identification.compensation.inverse import PoseSolver, base_frame
-from truepose.identification.compensation.path_table import load_path
+from truepose.identification.compensation.path_table import path_rows
+from truepose.identification.recording.table import read_table
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine
 
@@ -113,19 +113,6 @@ def test_next_to_a_singular_pose_no_axis_of_a_mill_swings(
     assert found.eased.all() or np.max(np.abs(found.after[:, 3:])) < TURN
 
 
-@needs_compiler
-@pytest.mark.parametrize("name", ["mill", "pallets", "delta", "pan_tilt", "drill"])
-def test_long_paths_by_the_c_have_the_commands_of_numpy(name: str, tmp_path: Path) -> None:
-    """Joints to spare are left to numpy; the rest goes through the C, but for rows where joints would swing."""
-    machine = as_built(partial_machine(tmp_path, name), 12, length=0.03, angle=2e-4)
-    path = rows_of(readings(machine, 200, 13), joints=machine.mechanism.readings)
-    own, fast = compensate(machine, path), compensate(machine, path, compiled_from=0)
-    assert ("numpy: more joints" if name == "drill" else "compiled C") in fast.solved_by
-    np.testing.assert_array_equal(own.eased, fast.eased)
-    for column in ("command", "before", "after", "not_asked", "target"):
-        np.testing.assert_allclose(getattr(fast, column), getattr(own, column), rtol=0, atol=1e-7)
-
-
 def test_a_path_of_poses_says_what_of_them_is_not_met(tmp_path: Path) -> None:
     """Poses of a SCARA, all tilted by 3 deg: the joints are those of the upright poses, and the tilt is noted."""
     machine = partial_machine(tmp_path, "scara")
@@ -137,7 +124,7 @@ def test_a_path_of_poses_says_what_of_them_is_not_met(tmp_path: Path) -> None:
     file.write_text(
         "\n".join(["x,y,z,rx,ry,rz", *(",".join(map(repr, row)) for row in table.tolist())]), encoding="utf-8"
     )
-    _, rows = load_path(machine, file)
+    _, rows = path_rows(machine, read_table(file))
     np.testing.assert_allclose(PoseSolver(machine).forward(rows.q)[0][:, :3, 3], poses[:, :3, 3], atol=1e-6)
     assert (
         "nominal joints meet x, y and z of the tool's position and the turn about the tool's z axis"

@@ -12,7 +12,7 @@ from support.calibrated_machines import SIX_AXES
 from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.compensation.compensate import ideal_constants, twists_between
-from truepose.identification.compensation.inverse import PoseSolver, Reach, base_frame, inverse
+from truepose.identification.compensation.inverse import PoseSolver, Reach, inverse
 from truepose.models.load import load_machine
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine
@@ -59,12 +59,6 @@ def test_the_drawing_has_its_links_the_calibrated_frames_and_no_effect(tmp_path:
     assert value["q2.d"] == 30.0 and value["q3.d"] == own["q3.d"] and value["tool.x"] == own["tool.x"] == 10.0
     (effect,) = set(value) - set(own)
     assert value[effect] == 0.0
-
-
-def test_the_base_is_turned_about_z_then_y_then_x(machine: Machine) -> None:
-    expected = Rotation.from_euler("ZYX", [40, 2, 1], degrees=True).as_matrix()
-    np.testing.assert_allclose(base_frame(machine)[:3, :3], expected, atol=1e-12)
-    np.testing.assert_allclose(base_frame(machine)[:, 3], [100, 20, 5, 1])
 
 
 def test_joints_come_back_next_to_the_middle_of_their_ranges_or_on_the_turn_of_their_start(

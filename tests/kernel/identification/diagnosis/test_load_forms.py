@@ -15,8 +15,7 @@ from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import covariance_of, write_calibrated
-from truepose.identification.prediction.predict import predicted, predictor_for
-from truepose.identification.prediction.simulate import simulate
+from truepose.identification.prediction.predict import predicted, predictor_for, simulate
 from truepose.identification.prior import FORM_ERROR
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording

@@ -31,7 +31,7 @@ from truepose.identification.diagnosis.proof import replications
 from truepose.identification.diagnosis.result import NAMED, Alarm, Replication
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.posterior.state import State
-from truepose.identification.prediction.simulate import simulate
+from truepose.identification.prediction.predict import simulate
 from truepose.identification.prior import TOGETHER
 from truepose.identification.recording.load import load_recording
 from truepose.identification.signatures.candidates import Catalogue, catalogue

@@ -18,7 +18,7 @@ from support import plain_arm as arm
 from support.plain_arm import soft_arm
 from truepose.cli import app
 from truepose.identification.diagnosis.result import Diagnosis
-from truepose.identification.recording.tried import try_columns
+from truepose.identification.recording.load import try_columns
 from truepose.identification.signatures.candidates import catalogue
 from truepose.identification.signatures.untestable import missing_inputs
 from truepose.models.file.driver import Driver

@@ -33,8 +33,8 @@ from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.summary import worst_allowed
 from truepose.identification.fit.tool_pose import ToolPoints, tool_points
 from truepose.identification.fit.write_machine import write_calibrated
+from truepose.identification.prediction.predict import simulate
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.applied_words import check_applicable, expected_pose

@@ -21,7 +21,7 @@ from truepose.identification.diagnosis import rivals
 from truepose.identification.diagnosis.rivals import forms_hold
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.posterior.design import GridPoint
-from truepose.identification.prediction.simulate import simulate
+from truepose.identification.prediction.predict import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine

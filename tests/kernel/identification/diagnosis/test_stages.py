@@ -17,7 +17,7 @@ from truepose.identification.diagnosis import search as stages
 from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import estimate
-from truepose.identification.prediction.simulate import simulate
+from truepose.identification.prediction.predict import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import catalogue

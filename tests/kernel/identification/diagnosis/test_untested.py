@@ -20,7 +20,7 @@ from truepose.identification.diagnosis.result import Levels
 from truepose.identification.diagnosis.rivals import beside_untested, without_untested
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.fit.estimate import estimate
-from truepose.identification.prediction.simulate import simulate
+from truepose.identification.prediction.predict import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.finding_words import driver_clauses
 from truepose.identification.signatures.signatures import Signatures

@@ -13,7 +13,7 @@ import pytest
 from support.built_machines import TEXTS, departures, manufactured, nominal, read_machines, simulated
 from support.moving_machines import record, written
 from support.telescope_legs import ENDS, leg_rows
-from truepose.identification.fit.estimate import FREE_TOLERANCE, FREE_WIDENING, estimate, independent_columns
+from truepose.identification.fit.estimate import FREE_TOLERANCE, estimate
 from truepose.identification.fit.problem import prior_of
 from truepose.identification.fit.summary import worst_allowed
 from truepose.identification.prediction.predictor import Predictor
@@ -117,34 +117,6 @@ def test_freedom_fits_better_and_strays_further(machines: Mapping[str, Machine],
         # only an independent set of tolerances is widened, a larger one where more of it shows
         assert np.sum(loose.prior.sigma > stated) >= np.sum(tight.prior.sigma > stated)
     assert np.any(fits[1].prior.sigma > stated)
-
-
-@pytest.mark.parametrize("name", TEXTS)
-def test_widening_an_independent_set_is_as_free_as_widening_all(
-    machines: Mapping[str, Machine], name: str
-) -> None:
-    machine, rng = machines[name], np.random.default_rng(7)
-    recording = simulated(machine, manufactured(machine, rng), rng)
-    fit = estimate(machine, recording, widen=FREE_WIDENING)
-    h = fit.factor[:, : len(fit.prior.free)]
-    stated = prior_of(machine)
-    wide = np.array([1.0 if part == "frame" else FREE_WIDENING for part in stated.parts]) * stated.sigma
-    gains = []
-    for sigma in (fit.prior.sigma, wide):
-        weight = np.diag(stated.scale[fit.prior.free] / sigma[fit.prior.free])
-        axes, _ = np.linalg.qr(np.vstack([h, weight]))  # normal equations would square the condition
-        gains.append(float(np.sum(axes[: len(h)] ** 2)))
-    # effective parameters: what is left out moves the readings by a tenth of a sigma at most, each
-    assert gains[0] <= gains[1] + 1e-6  # of 30, by axes that are orthogonal to rounding
-    assert gains[0] == pytest.approx(gains[1], abs=0.5)
-
-
-def test_columns_that_are_no_numbers_are_all_taken_and_refused_later() -> None:
-    """One that is not finite spoils what the others show."""
-    columns = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 2.0]])
-    assert set(independent_columns(columns[:, :0], columns)) in ({0, 2}, {1, 2})
-    columns[0, 2] = np.nan
-    np.testing.assert_array_equal(independent_columns(columns[:, :0], columns), [0, 1, 2])
 
 
 @pytest.mark.parametrize("name", TEXTS)

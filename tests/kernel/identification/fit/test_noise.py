@@ -9,14 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from truepose.errors import InputError
 from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.estimated import Estimate
-from truepose.identification.fit.leastsquares import triangular, triangular_parts
 from truepose.identification.fit.noise import Scatter, unexplained
 from truepose.identification.fit.write_machine import calibrated_document, covariance_of
-from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.prediction.predict import predict
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
@@ -74,20 +71,6 @@ def fitted(machine: Machine, folder: Path, noise: dict[str, float]) -> tuple[Est
 # -- algebra -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("columns", [6, 260])
-def test_parts_of_a_factor_make_the_whole(columns: int) -> None:
-    """By small and by wide problems: groups of channels that are folded one by one hold all rows."""
-    rng = np.random.default_rng(1)
-    blocks = [rng.standard_normal((4 * rows, columns)) for rows in (200, 1, 90)]
-    groups = [[0, 2], [1], [3]]
-    parts = triangular_parts(iter(blocks), columns, groups)
-    for at, part in zip(groups, parts, strict=True):
-        own = np.concatenate([b.reshape(-1, 4, columns)[:, at].reshape(-1, columns) for b in blocks])
-        np.testing.assert_allclose(part.T @ part, own.T @ own, rtol=1e-9, atol=1e-8)
-    whole, again = triangular(iter(blocks), columns), triangular(parts, columns)
-    np.testing.assert_allclose(again.T @ again, whole.T @ whole, rtol=1e-9, atol=1e-8)
-
-
 @pytest.mark.parametrize("weights", [(1.0, 0.5, 0.0, 2.0, 0.0), (1.0, 1.0, 1.0, 1.0, 1.0), (0.0,) * 5])
 def test_a_sandwich_is_the_textbooks(weights: Sequence[float]) -> None:
     """A^-1 M A^-1 with A = slope J'J + P and M = sum of noise J_g'J_g + P; the plain posterior where M is A."""
@@ -105,34 +88,7 @@ def test_a_sandwich_is_the_textbooks(weights: Sequence[float]) -> None:
     np.testing.assert_allclose(same @ same.T, known.root @ known.root.T, rtol=1e-8, atol=1e-12)
 
 
-def test_what_nothing_sees_stays_out_of_a_sandwich() -> None:
-    rng = np.random.default_rng(3)
-    jacobian = rng.standard_normal((20, 4))
-    jacobian[:, 3] = 2.0 * jacobian[:, 2]
-    known = Decomposition.of(jacobian, np.zeros(4))
-    root = known.root_with(0.5, [jacobian])
-    assert len(known.unknown) == 1
-    np.testing.assert_allclose(known.unknown @ root, 0.0, atol=1e-9)
-    np.testing.assert_allclose(root, known.root_with(0.5, [jacobian]), rtol=0)
-    np.testing.assert_allclose(root @ root.T, 4.0 * known.root @ known.root.T, rtol=1e-6, atol=1e-12)
-
-
 # -- noise ---------------------------------------------------------------------------------------------
-
-
-def test_scatter_is_chi2_per_degree_of_freedom_without_weights() -> None:
-    """But for the few readings that the stated sigma counts for; by groups, and 1 where nothing was read."""
-    residual = np.random.default_rng(4).standard_normal((500, 6)) * [2.0, 2.0, 2.0, 0.5, 0.5, 0.5]
-    found = Scatter.of(residual, np.ones(500), [[0, 1, 2], [3, 4, 5]], [20.0, 10.0])
-    expected = [
-        np.sum(residual[:, at] ** 2) / (1500.0 - used) for at, used in (([0, 1, 2], 20), ([3, 4, 5], 10))
-    ]
-    assert found.slope == 1.0
-    assert found.variance == pytest.approx(expected, rel=0.02)
-    nothing = Scatter.of(np.zeros((0, 6)), np.ones(0), [[0]], [0.0])
-    assert nothing.as_stated
-    few = Scatter.of(residual[:1, :1] * 10, np.ones(1), [[0]], [0.5])
-    assert few.variance[0] < np.sum(residual[:1, :1] ** 2 * 100)
 
 
 def test_hubers_variance_is_that_of_the_estimate() -> None:
@@ -213,18 +169,3 @@ def test_predictions_are_as_uncertain_as_what_is_unexplained(stage: Machine, tmp
     again = predict(load_machine(tmp_path / "with.yaml"), fresh)
     pulls = [(fresh.observations[a] - again[a]) / np.hypot(again[f"{a}.std"], 0.01) for a in "xyz"]
     assert 0.8 < float(np.sqrt(np.mean(np.square(pulls)))) < 1.25
-
-
-@pytest.mark.parametrize(
-    ("entry", "message"),
-    [
-        ({"value": -1.0, "unit": "mm"}, r"covariance\.unexplained\.sensor\.position: found -1\.0 mm"),
-        ({"value": 1.0, "unit": "inch"}, r"found 1\.0 inch, expected a number from 0 on in mm or rad"),
-        ({"value": 1.0}, r"found a covariance that cannot be read"),
-        ("0.05", r"found a covariance that cannot be read"),
-    ],
-)
-def test_what_cannot_be_read_is_refused(entry: object, message: str) -> None:
-    section = {"names": ["a"], "factor": ["1.0"], "unexplained": {"sensor.position": entry}}
-    with pytest.raises(InputError, match=message):
-        Covariance.read(section, "covariance")

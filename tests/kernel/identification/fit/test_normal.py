@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from support.engines import compile_hastily, compile_none
 from support.generated_c import needs_compiler
 from truepose.arrays import Array
 from truepose.identification.fit.estimate import estimate
-from truepose.identification.fit.problem import NormalEquations, Problem, prior_of
+from truepose.identification.fit.problem import Problem, prior_of
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine
@@ -26,14 +25,9 @@ def machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Machine]:
     return read_machines(tmp_path_factory.mktemp("machines"))
 
 
-@pytest.fixture(scope="module")
-def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("cache")
-
-
 @pytest.fixture
-def arm(machines: Mapping[str, Machine], cache: Path, monkeypatch: pytest.MonkeyPatch) -> Machine:
-    compile_hastily(monkeypatch, cache)
+def arm(machines: Mapping[str, Machine], monkeypatch: pytest.MonkeyPatch) -> Machine:
+    compile_hastily(monkeypatch)
     return machines["arm"]
 
 
@@ -83,19 +77,3 @@ def test_what_tolerances_do_not_hold_is_seen_row_by_row(arm: Machine) -> None:
     for sigma in (np.where(prior.sigma > 0, np.inf, 0.0), prior.sigma * 1e8):
         found = problem(arm, recording, sigma)
         assert len(np.asarray(next(iter(found.blocks(np.zeros(len(prior.free))))))) > len(prior.free) + 1
-
-
-def test_only_large_fits_and_explicit_machines(
-    machines: Mapping[str, Machine], cache: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    hexapod, arm = machines["hexapod"], machines["arm"]
-    recording = recorded(arm)
-    assert NormalEquations.of(Predictor(arm, recording, visits=FIT), prior_of(arm).free) is None
-    compile_hastily(monkeypatch, cache)
-    assert NormalEquations.of(Predictor(hexapod, recorded(hexapod)), prior_of(hexapod).free) is None
-    predictor = Predictor(arm, recording, visits=FIT)
-    assert NormalEquations.of(predictor, prior_of(arm).free) is not None
-    monkeypatch.setenv("TRUEPOSE_CC", "")
-    found = problem(arm, recording)
-    assert len(list(found.blocks(np.zeros(len(found.prior.free))))) > 1
-    assert predictor.sums.keys() == {tuple(prior_of(arm).free.tolist())}

@@ -52,18 +52,6 @@ def test_visits_tell_the_noise_of_a_row(visited: tuple[Estimate, Recording]) -> 
     assert f"{seen.pairs} pairs of rows" in note and "repeats to" in note
 
 
-def test_the_order_of_the_file_does_not_matter_where_a_clock_tells_it(
-    visited: tuple[Estimate, Recording],
-) -> None:
-    fit, recording = visited
-    order = np.random.default_rng(9).permutation(len(recording))
-    timed = replace(recording, time=frozen(np.arange(len(recording), dtype=float)))
-    moved = replace(timed.subset(order), source_row=frozen(np.arange(len(order))))
-    one, other = revisits(fit, timed), revisits(replace(fit, residual=fit.residual[order]), moved)
-    assert one is not None and other is not None
-    assert other.scatter == pytest.approx(one.scatter) and other.pairs == one.pairs
-
-
 def test_an_arm_that_stands_still_or_never_comes_back_tells_nothing(
     visited: tuple[Estimate, Recording],
 ) -> None:

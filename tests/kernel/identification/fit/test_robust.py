@@ -21,11 +21,8 @@ from support.built_machines import (
 )
 from support.moving_machines import written
 from truepose.errors import ConvergenceError, InputError
-from truepose.identification.fit import estimate as estimating
 from truepose.identification.fit.estimate import estimate
-from truepose.identification.fit.leastsquares import minimise, triangular
-from truepose.identification.fit.problem import Problem, prior_of
-from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.fit.leastsquares import minimise
 from truepose.models.machine.machine import Machine
 
 
@@ -52,13 +49,6 @@ def test_huber_resists_outliers_that_draw_least_squares_away(machines: Mapping[s
     assert np.median((robust.std[at] / plain.std[at])[sure]) < 0.2
     assert np.all(robust.weights[::12] < 0.1)
     assert np.median(robust.weights) == 1.0
-
-
-def test_huber_and_least_squares_agree_without_outliers(machines: Mapping[str, Machine]) -> None:
-    machine, rng = machines["arm"], np.random.default_rng(9)
-    recording = simulated(machine, manufactured(machine, rng), rng)
-    plain, robust = (estimate(machine, recording, loss=loss) for loss in ("gauss", "huber"))
-    assert np.abs(departures(robust, plain.p)).max() < 1.5
 
 
 def test_validation_rows_and_excluded_rows_are_not_fitted(machines: Mapping[str, Machine]) -> None:
@@ -97,20 +87,6 @@ def test_too_few_rows_are_refused(tmp_path: Path) -> None:
         estimate(machine, recording)
 
 
-def test_damped_steps_take_over_where_full_ones_find_no_minimum(
-    machines: Mapping[str, Machine], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    machine, rng = machines["arm"], np.random.default_rng(14)
-    recording = simulated(machine, manufactured(machine, rng), rng)
-    usual = estimate(machine, recording)
-    monkeypatch.setattr(estimating, "TRIES", ((0.0, 1), *estimating.TRIES[1:]))
-    damped = estimate(machine, recording)
-    assert damped.chi2 == pytest.approx(usual.chi2, rel=1e-9)
-    monkeypatch.setattr(estimating, "TRIES", ((0.0, 1),))
-    with pytest.raises(ConvergenceError):
-        estimate(machine, recording)
-
-
 def test_a_fit_that_does_not_converge_names_what_still_moves(
     machines: Mapping[str, Machine], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -123,35 +99,3 @@ def test_a_fit_that_does_not_converge_names_what_still_moves(
     )
     with pytest.raises(ConvergenceError, match=r"iteration limit.*responsible: .*tool\.x"):
         estimate(machine, recording)
-
-
-def test_readings_of_another_machine_are_no_estimate(machines: Mapping[str, Machine]) -> None:
-    """Nonsense is fitted badly or not at all, never called good."""
-    machine, rng = machines["hexapod"], np.random.default_rng(14)
-    recording = simulated(machine, nominal(machine), rng)
-    scrambled = {name: rng.permutation(values) for name, values in recording.observations.items()}
-    try:
-        fit = estimate(machine, replace(recording, observations=scrambled))
-    except ConvergenceError as error:
-        assert "responsible" in str(error)
-    else:
-        assert fit.chi2_per_dof > 100.0
-
-
-@pytest.mark.parametrize("component", [1.0, -1.0, 1.1])
-def test_a_step_to_where_a_rail_has_no_derivative_is_forbidden(
-    machines: Mapping[str, Machine], component: float
-) -> None:
-    """The third component of a rail's unit vector is the root of what two leave: infinitely steep at 0, none below."""
-    machine = machines["hexapod"]
-    recording = simulated(machine, nominal(machine), np.random.default_rng(15), 20)
-    problem = Problem(
-        Predictor(machine, recording), prior_of(machine), nominal(machine), ~recording.validation
-    )
-    k = [machine.parameters[k].name for k in problem.prior.free].index("leg1.u.x")
-    t = np.zeros(len(problem.prior.free))
-    assert np.isfinite(triangular(problem.blocks(t), len(t) + 1)).all()
-    t[k] = component / problem.prior.scale[problem.prior.free[k]]
-    _, good = problem.predictor.assemble(problem.at(t))
-    assert good.all() == (abs(component) == 1.0)
-    assert not np.isfinite(triangular(problem.blocks(t), len(t) + 1)).any()

@@ -10,8 +10,8 @@ import pytest
 
 from support.short_arm import HEAD, JOINTS
 from truepose.identification.fit.align import aligned_start
+from truepose.identification.prediction.predict import simulate, with_inputs
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.prediction.simulate import simulate, with_inputs
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.table import read_table
 from truepose.models.load import load_machine
@@ -72,15 +72,3 @@ def test_points_that_turn_with_the_tool_put_the_base_right_once_the_tool_is(tmp_
     drawn = machine(tmp_path, "drawn", both, **HERE, loose="2000", tilt="200", bent="120")
     # three turns of putting each right leave no more; the first leaves millimetres
     assert apart(started(tmp_path, true, drawn), true) < 1e-3
-
-
-@pytest.mark.parametrize(("tilt", "put"), [("12", True), ("11", False)])
-def test_a_frame_is_put_right_that_may_be_a_radian_off(tmp_path: Path, tilt: str, put: bool) -> None:
-    """At five sigma: from nearer than that a fit finds its way itself."""
-    stands = {"base": "30, -20, 10", "turn": "5, -8, 20", "tool": HERE["tool"]}
-    true, drawn = (
-        machine(tmp_path, "true", POSE, **stands),
-        machine(tmp_path, "drawn", POSE, **HERE, tilt=tilt),
-    )
-    start = started(tmp_path, true, drawn)
-    assert apart(start, true if put else drawn) < 1e-6

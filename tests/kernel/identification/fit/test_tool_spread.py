@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +16,6 @@ from truepose.arrays import Array
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.noise import unexplained
-from truepose.identification.fit.problem import prior_of
 from truepose.identification.fit.tool_pose import (
     EXPLANATIONS,
     READINGS,
@@ -28,7 +26,6 @@ from truepose.identification.fit.tool_pose import (
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.sensor import Channel, Sensor
 
 SMALL = """
 mechanism:
@@ -125,51 +122,6 @@ def test_what_no_parameter_explains_is_added_to_all(small: Machine) -> None:
     np.testing.assert_allclose(tool_spread(fit, loud, rows).variance[UNEXPLAINED], 3.0 * size**2)
 
 
-def test_the_readings_part_shrinks_with_their_number(small: Machine) -> None:
-    """As 1/n where the readings decide; tolerances are left as they were where the readings say nothing."""
-    rng = np.random.default_rng(2)
-    poses = record(small, rng.uniform(-1.4, 1.4, (20, 2)))
-    wide = prior_of(small).with_sigma(100.0 * prior_of(small).sigma)
-    rows = np.arange(20, dtype=np.intp)
-    found = []
-    for times in (1, 4, 16):
-        many = record(small, np.tile(poses.q, (times, 1)))
-        recording = measured(small, many, drawn(small, np.random.default_rng(1)), rng)
-        fit = estimate(small, recording, prior=wide)
-        noise = fit.scatter.variance[0]
-        spread = tool_spread(fit, recording, rows)
-        found.append(np.mean(spread.variance[READINGS]) / noise)
-        assert np.mean(spread.variance[TOLERANCES]) < 0.02 * np.mean(spread.variance[READINGS])
-    np.testing.assert_allclose(np.divide(found[0], found), [1.0, 4.0, 16.0], rtol=0.05)
-
-
-def test_without_tolerances_they_have_no_part(small: Machine) -> None:
-    """All constants exactly known but the tool's frame, of which the drawing says nothing."""
-    rng = np.random.default_rng(2)
-    recording = measured(small, record(small, rng.uniform(-1.4, 1.4, (30, 2))), drawn(small, rng, 0.0), rng)
-    prior = prior_of(small)
-    tool = np.array([name in ("tool.x", "tool.y", "tool.z") for name in prior.names])
-    fit = estimate(small, recording, prior=prior.with_sigma(np.where(tool, np.inf, 0.0)))
-    spread = tool_spread(fit, recording, np.arange(30, dtype=np.intp))
-    assert np.array_equal(spread.variance[TOLERANCES], np.zeros(30))
-    # the mean of n readings of a point that is carried around
-    expected = 3 * fit.scatter.variance[0] * 0.05**2 / 30
-    np.testing.assert_allclose(spread.variance[READINGS], expected, rtol=1e-6)
-
-
-def test_readings_that_say_nothing_leave_the_tolerances(tmp_path: Path) -> None:
-    """Noise of a kilometre: what is known of the tool is what the drawing says."""
-    dull = written(tmp_path, SMALL.replace("xyz: 0.05", "xyz: 1000000"))
-    rng = np.random.default_rng(2)
-    recording = measured(dull, record(dull, rng.uniform(-1.4, 1.4, (30, 2))), drawn(dull, rng), rng)
-    fit = estimate(dull, recording)
-    rows = np.array([3, 4], dtype=np.intp)
-    spread, by = tool_spread(fit, recording, rows), slopes(fit, recording, rows)
-    sigma = np.array([p.tolerance for p in dull.parameters])[fit.prior.free]
-    np.testing.assert_allclose(spread.variance[TOLERANCES], np.sum((by * sigma) ** 2, axis=(1, 2)), rtol=1e-4)
-    assert (spread.variance[READINGS] < 1e-6 * spread.variance[TOLERANCES]).all()
-
-
 REFITS = 80
 
 
@@ -203,32 +155,3 @@ def test_refits_scatter_as_the_budget_says(
     told = parts[READINGS] + parts[TOLERANCES] if source == "both" else parts[source]
     assert np.mean(squares) == pytest.approx(np.mean(told), rel=0.3)
     assert np.max(np.abs(np.log(squares / told))) < np.log(2.0)
-
-
-class Angles(Sensor):
-    """Azimuth and elevation of the tool's origin."""
-
-    type = "angles of the tests"
-    columns = {"azimuth": "rad", "elevation": "rad"}  # noqa: RUF012
-    channels = tuple(Channel(name, "rad", 2e-5, "angle", "sight") for name in columns)
-
-    @classmethod
-    def build(cls, section: object, context: object) -> Angles:
-        return cls()
-
-    def predict(self, world, s):  # type: ignore[no-untyped-def]
-        import casadi as ca
-
-        x, y, z = (world[k, 3] for k in range(3))
-        return ca.vertcat(ca.atan2(y, x), ca.atan2(z, ca.sqrt(x**2 + y**2)))
-
-
-def test_a_sensor_of_angles_alone_has_a_budget(small: Machine) -> None:
-    machine = replace(small, sensors=(Angles(),))
-    rng = np.random.default_rng(5)
-    poses = record(machine, rng.uniform(-1.0, 1.0, (40, 2)))
-    recording = measured(machine, poses, drawn(machine, rng), rng, noise=5.0)
-    fit = estimate(machine, recording)
-    spread = tool_spread(fit, recording, np.arange(6, dtype=np.intp))
-    assert set(spread.variance) == {READINGS, TOLERANCES}  # angles say nothing of lengths without a name
-    assert (spread.std > 0).all()

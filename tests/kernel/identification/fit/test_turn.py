@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from truepose.arrays import Array
 from truepose.identification.fit.decomposition import Decomposition
-from truepose.identification.fit.turn import Turn, Turned, seen_directions, turn_of
+from truepose.identification.fit.turn import Turn, Turned, turn_of
 from truepose.identification.prediction.by_ports import ByPorts, Part
 from truepose.identification.prior import LONG
 
@@ -35,15 +35,6 @@ def jacobian() -> Array:
     by_steps = np.random.default_rng(5).normal(size=(40, 10))
     by_steps[:, 3] = 0.0
     return np.asarray(by_steps @ TURN.matrix.toarray().T)
-
-
-def test_a_turn_and_its_rest_are_all_directions() -> None:
-    steps, rest = TURN.matrix.toarray(), TURN.rest.toarray()
-    assert steps.shape == (N, 10) and rest.shape == (N, N - 10)
-    whole = np.hstack([steps, rest])
-    np.testing.assert_allclose(whole.T @ whole, np.eye(N), atol=1e-12)
-    np.testing.assert_array_equal(steps[PLAIN, :5], np.eye(5))
-    np.testing.assert_array_equal(rest[PLAIN], 0.0)
 
 
 def same_span(one: Array, other: Array) -> None:
@@ -72,33 +63,7 @@ def test_what_is_known_by_turned_steps_is_what_all_entries_say() -> None:
     np.testing.assert_allclose(turned.root[:, : seen.shape[1]], seen, atol=1e-12)
 
 
-def test_rows_and_the_prior_follow_the_turn() -> None:
-    """A step's prior is that of its series; what a row says of a step is what it says along it."""
-    rng = np.random.default_rng(7)
-    steps = TURN.matrix.toarray()
-    rows = rng.normal(size=(6, N + 1))
-    np.testing.assert_allclose(
-        TURN.of_rows(rows), np.column_stack([rows[:, :-1] @ steps, rows[:, -1]]), atol=1e-12
-    )
-    pull = rng.normal(size=N)
-    held, by_steps = TURN.of_prior(WEIGHT, pull)
-    np.testing.assert_array_equal(held, [*WEIGHT[PLAIN], 2.5, 2.5, 2.5, 0.4, 0.4])
-    np.testing.assert_allclose(by_steps, steps.T @ pull, atol=1e-12)
-    np.testing.assert_allclose(np.diag(held**2), steps.T @ np.diag(WEIGHT**2) @ steps, atol=1e-12)
-
-
 # -- which directions readings see ---------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("least", "count"), [(0.5, 4), (1.5, 3), (3.5, 1), (99.0, 1)])
-def test_directions_with_more_than_the_least_information_are_kept_and_one_at_least(
-    least: float, count: int
-) -> None:
-    axes = orthonormal(4, 4, 3)
-    found = seen_directions(axes @ np.diag([1.0, 2.0, 3.0, 4.0]) @ axes.T, least)
-    best = axes[:, 4 - count :]
-    assert found.shape == (4, count)
-    np.testing.assert_allclose(found @ found.T, best @ best.T, atol=1e-12)
 
 
 def parts(values: Array, port: Index | None = None, twice: bool = False) -> list[Part]:
@@ -119,39 +84,6 @@ def parts(values: Array, port: Index | None = None, twice: bool = False) -> list
 
 def seen_in_three() -> Array:
     return np.random.default_rng(11).normal(size=(30, 3)) @ orthonormal(14, 3, 4).T
-
-
-def test_a_series_is_turned_to_what_readings_see_of_it() -> None:
-    values = seen_in_three()
-    given = parts(values)
-    turn = turn_of([FIRST], given, WEIGHT)
-    assert turn is not None
-    np.testing.assert_array_equal(turn.plain, np.setdiff1d(np.arange(N), FIRST))
-    ((at, directions),) = turn.series
-    np.testing.assert_array_equal(at, FIRST)
-    span = orthonormal(14, 3, 4)
-    np.testing.assert_allclose(directions @ directions.T, span @ span.T, atol=1e-9)
-    for part in given:
-        whole = part.written(N + 1)
-        steps = np.zeros((N + 1, turn.matrix.shape[1] + 1))
-        steps[:-1, :-1], steps[-1, -1] = turn.matrix.toarray(), 1.0
-        np.testing.assert_allclose(turn.of_part(part).written(steps.shape[1]), whole @ steps, atol=1e-9)
-
-
-@pytest.mark.parametrize(("size", "kept"), [(2e-3, 3), (1e-5, 2)])
-def test_what_could_gain_nothing_stays_where_it_is(size: float, kept: int) -> None:
-    """A direction of which readings tell a millionth of what the tolerance does, whatever that is."""
-    axes = orthonormal(14, 3, 4)
-    for weight in (0.4, 2.5):
-        amounts = np.linalg.qr(np.random.default_rng(11).normal(size=(30, 3)))[0] * [1.0, 1.0, size]
-        own = np.where(np.isin(np.arange(N), FIRST), weight, WEIGHT)
-        given = [
-            replace(p, ports=replace(p.ports, slopes=np.ones_like(p.ports.slopes)))
-            for p in parts(weight * amounts @ axes.T)
-            if p.ports
-        ]
-        turn = turn_of([FIRST], given, own)
-        assert turn is not None and turn.series[0][1].shape == (14, kept)
 
 
 def test_only_long_series_of_one_port_and_one_tolerance_are_turned() -> None:

@@ -23,13 +23,12 @@ from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.write_machine import calibrated_document, write_calibrated
 from truepose.identification.prediction.covariance import Covariance
-from truepose.identification.prediction.simulate import simulate
+from truepose.identification.prediction.predict import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.effect_text import parse_effect
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.file.machine_file import machine_text, write_machine
-from truepose.models.file.yaml_document import read_document
+from truepose.models.file.machine_file import machine_text
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
@@ -130,47 +129,6 @@ def test_the_users_document_is_not_touched_and_its_fields_stay(tmp_path: Path) -
     assert document["tolerances"] == before["tolerances"]
 
 
-def test_rails_stay_unit_vectors(tmp_path: Path) -> None:
-    _, recording, fit = fitted("pus", tmp_path)
-    document = calibrated_document(fit, recording)
-    for leg in document["mechanism"]["legs"]:
-        assert np.linalg.norm(leg["u"]) == pytest.approx(1.0, abs=1e-14)
-        assert leg["u"][2] > 0.99
-
-
-def test_missing_fields_are_made_and_aliases_are_parted(tmp_path: Path) -> None:
-    """Two joints that share one YAML anchor get values of their own; a frame without xyz gets one."""
-    raw = read_document(MACHINES / "serial.yaml")
-    raw["frames"]["tool"] = raw["frames"]["base"]
-    write_machine(tmp_path / "machine.yaml", raw)
-    text = (tmp_path / "machine.yaml").read_text(encoding="utf-8")
-    head, _, tail = text.partition("  base:\n")
-    (tmp_path / "machine.yaml").write_text(
-        f"{head}  base: &same\n{tail}".replace(_block(tail, "  tool:\n"), "  tool: *same\n"), encoding="utf-8"
-    )
-    machine = load_machine(tmp_path / "machine.yaml")
-    recording = read(rows(machine, tmp_path / "poses.csv"), machine, (), seed=1)
-    fit = estimate(machine, recording)
-    document = calibrated_document(fit, recording)
-    values = dict(zip(fit.prior.names, fit.p.tolist(), strict=True))
-    assert document["frames"]["base"]["xyz"] == [values[f"base.{a}"] for a in "xyz"]
-    assert document["frames"]["tool"]["xyz"] == [values[f"tool.{a}"] for a in "xyz"]
-    assert document["frames"]["base"]["xyz"] != document["frames"]["tool"]["xyz"]
-
-
-def _block(text: str, head: str) -> str:
-    """A key with everything indented below it."""
-    lines = text[text.index(head) :].splitlines(keepends=True)
-    end = next((k for k, line in enumerate(lines) if k and not line.startswith("    ")), len(lines))
-    return "".join(lines[:end])
-
-
-def test_an_unknown_direction_is_kept_apart() -> None:
-    covariance = Covariance.of_tolerances(["a", "b"], np.array([0.5, np.inf]))
-    std = covariance.std(np.array([[2.0, 0.0], [0.0, 1.0]]), np.ones(2))
-    assert std.tolist() == [1.0, np.inf]
-
-
 def test_a_tool_that_a_shorthand_implies_is_written_out(tmp_path: Path) -> None:
     """Each of its six constants in its place, whatever a fit found of it."""
     machine = machine_of("hybrid")
@@ -209,7 +167,7 @@ FAULTS: dict[str, Callable[[dict[str, Any]], None]] = {
     "effects": lambda document: document["effects"].pop(),
     "+-": _changed("tolerances", "length"),
     "covariance": lambda document: document["covariance"]["names"].reverse(),
-    "predictions": _changed("masses", "link2", "kg", by=1.0),
+    "poses": _changed("masses", "link2", "kg", by=1.0),
     "cannot be read": lambda document: document["mechanism"]["joints"].pop(),
 }
 

@@ -14,26 +14,19 @@ from support.short_arm import POSITION, arm
 from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.fit.decomposition import Decomposition
-from truepose.identification.fit.problem import prior_of
 from truepose.identification.identifiability.analysis import (
-    Seen,
     drawn_poses,
     identifiability,
-    measured,
-    with_observations,
 )
 from truepose.identification.identifiability.observability import (
     LEVER,
-    Columns,
     Direction,
     Knowledge,
     determined,
     nearly_unseen,
-    shares,
-    subset_of,
     unseen,
 )
-from truepose.identification.identifiability.patterns import Pattern, patterns, point_frames, remaining
+from truepose.identification.identifiability.patterns import Pattern, patterns, remaining
 from truepose.models.load import load_machine
 
 INF = float("inf")
@@ -70,18 +63,6 @@ def test_an_angle_s_lever_is_what_shows_as_much_as_a_millimetre() -> None:
     bare = known("ab", np.diag([5.0, 7.0]), ["rad", "1/K"], scale=[0.01, 1e-5])
     np.testing.assert_allclose(bare.lever, [LEVER, LEVER * 1e-3 / 1e-5])
     assert LEVER == 300.0
-
-
-def test_directions_are_told_in_millimetres_at_a_lever() -> None:
-    told = known("abc", np.diag([2.0, 2.0, 600.0]), ["mm", "mm", "rad"], scale=[1.0, 10.0, 0.01])
-    rows = np.array([[1.0, 0.3, 0.0], [0.0, 1.0, 4.0]])
-    found = told.physical(rows)
-    np.testing.assert_allclose(found @ found.T, np.eye(2), atol=1e-12)
-    moved = rows * [1.0, 10.0, 3.0]
-    np.testing.assert_allclose(moved @ found.T @ found, moved, atol=1e-9)
-    assert told.physical(rows[:0]).shape == (0, 3)
-    np.testing.assert_allclose(shares(told, rows[1:]), np.array([0.0, 10.0, 12.0]) / np.hypot(10.0, 12.0))
-    assert shares(told, rows[:0]).tolist() == [0.0, 0.0, 0.0]
 
 
 def test_a_parameter_is_determined_where_readings_halve_its_variance() -> None:
@@ -209,63 +190,6 @@ def test_a_scale_is_one_of_three_lengths_at_least(values: list[float], kinds: li
     assert (shift.kind, shift.members) == ("shift", ("leg1.d", "leg2.d"))
 
 
-def test_points_of_machines_stand_in_frames_of_their_own() -> None:
-    hexapod = point_frames(load_machine(MACHINES / "ups.yaml"))
-    assert (
-        len({hexapod[f"leg{k}.a"] for k in range(1, 7)})
-        == len({hexapod[f"leg{k}.b"] for k in range(1, 7)})
-        == 1
-    )
-    assert hexapod["leg1.a"] != hexapod["leg1.b"]
-    pus = load_machine(MACHINES / "pus.yaml")
-    frames = point_frames(pus)
-    assert {frames[name] for name in ("P1", "P2", "P3")} == {pus.mechanism.flange} == {frames["leg1.b"]}
-
-
-def test_poses_are_drawn_evenly_over_the_ranges() -> None:
-    machine = load_machine(MACHINES / "serial.yaml")
-    rows = drawn_poses(machine, 400)
-    low, high = np.array([a.range for a in machine.mechanism.actuators], dtype=float).T
-    share = (rows.q - low) / (high - low)
-    assert share.min() >= 0.0 and share.max() <= 1.0
-    np.testing.assert_allclose(share.mean(axis=0), 0.5, atol=0.06)  # 4 sigma of 400
-    np.testing.assert_allclose(share.std(axis=0), 1.0 / np.sqrt(12.0), atol=0.04)
-    np.testing.assert_array_equal(drawn_poses(machine, 400, 20).q, rows.q)
-    assert not np.array_equal(drawn_poses(machine, 400, 21).q, rows.q)
-    assert rows.source_row.tolist() == list(range(1, 401)) and rows.pose is not None
-    assert rows.pose.tolist() == list(range(1, 401))
-    assert set(rows.session.tolist()) == {1} and not rows.validation.any() and rows.shuffled
-    assert rows.where(0) == "drawn poses: row 1" and not rows.session_recorded.any()
-    assert not measured(machine, rows)
-
-
-def test_readings_that_are_missing_are_those_of_the_drawing() -> None:
-    machine = load_machine(MACHINES / "serial.yaml")
-    rows = drawn_poses(machine, 6)
-    whole = with_observations(machine, rows)
-    assert measured(machine, whole.recording)
-    p, x = whole.model.p_home, whole.assemble(whole.model.p_home)[0]
-    residual = np.concatenate([block.residual for block in whole.blocks(p, x)])
-    np.testing.assert_allclose(residual, 0.0, atol=1e-6)
-    again = with_observations(machine, whole.recording)
-    for name, values in whole.recording.observations.items():
-        np.testing.assert_array_equal(again.recording.observations[name], values)
-
-
-def test_rows_for_validation_and_readings_that_say_nothing_are_not_counted() -> None:
-    machine = load_machine(MACHINES / "serial.yaml")
-    rows = replace(drawn_poses(machine, 9), validation=np.arange(9) % 3 == 0)
-    predictor = with_observations(machine, rows)
-    prior = prior_of(machine, machine.effects)
-    seen = Seen.at(predictor, prior, predictor.model.p_home)
-    assert seen.used.tolist() == [k % 3 != 0 for k in range(9)]
-    assert seen.n_observations == 6 * len(machine.channels)
-    blocks = list(predictor.blocks(predictor.model.p_home, predictor.assemble(predictor.model.p_home)[0]))
-    jacobian = np.concatenate([b.jacobian for b in blocks])[seen.used][:, :, prior.free]
-    flat = jacobian.reshape(-1, len(prior.free)) * prior.scale[prior.free]
-    np.testing.assert_allclose(seen.factor.T @ seen.factor, flat.T @ flat, atol=1e-9 * np.max(flat.T @ flat))
-
-
 @pytest.mark.parametrize(
     ("share", "status"), [(3.0, "determined"), (0.7, "partly"), (0.4, "tolerance decides")]
 )
@@ -285,12 +209,3 @@ def test_nothing_is_drawn_over_a_range_without_an_end() -> None:
     endless = tuple(replace(a, range=(0.0, INF)) for a in machine.mechanism.actuators)
     with pytest.raises(InputError, match="found no range to draw poses from"):
         drawn_poses(replace(machine, mechanism=replace(machine.mechanism, actuators=endless)), 3)
-
-
-def test_terms_that_are_rounding_are_no_part_of_a_relation() -> None:
-    """A millionth of the largest, in steps."""
-    for size, told in ((2e-6, True), (0.5e-6, False)):
-        columns = Columns(("a", "b", "c"), np.array([[1.0, 0.0, 1.0], [0.0, 1.0, size]]), np.ones(3))
-        assert ("b" in subset_of(columns, [0, 1]).relations["c"]) == told
-    nothing = subset_of(Columns(("a", "b"), np.zeros((2, 2)), np.ones(2)), [])
-    assert nothing.relations == {"a": {}, "b": {}} and nothing.condition == 0.0

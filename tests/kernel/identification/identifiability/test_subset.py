@@ -7,7 +7,6 @@ import pytest
 
 from truepose.identification.identifiability.observability import (
     Columns,
-    extended,
     independent_subset,
     subset_of,
 )
@@ -65,14 +64,3 @@ def test_a_column_that_nothing_shows_is_like_nothing() -> None:
     assert set(found.kept) | set(found.relations) == set(NAMES) and len(found.kept) == 2
     assert found.relations["d"] == {}
     assert found.relations["c"] if "c" not in found.kept else True
-
-
-def test_a_basis_grows_by_what_is_new() -> None:
-    rng = np.random.default_rng(0)
-    basis = np.zeros((5, 0))
-    for column in rng.standard_normal((5, 4)).T:
-        basis = extended(basis, column)
-        assert column - basis @ (basis.T @ column) == pytest.approx(np.zeros(5), abs=1e-12)
-    np.testing.assert_allclose(basis.T @ basis, np.eye(4), atol=1e-12)
-    nearly = extended(basis, basis[:, 0] + 1e-9 * rng.standard_normal(5))
-    np.testing.assert_allclose(nearly.T @ nearly, np.eye(5), atol=1e-12)

@@ -13,21 +13,16 @@ from support import MACHINES, TESTS
 from support.reports import said_of
 from support.short_arm import POSITION, arm, status
 from truepose.api import calibrate
-from truepose.arrays import Array
 from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.identifiability.analysis import drawn_poses, identifiability
 from truepose.identification.identifiability.observability import (
-    Columns,
     Direction,
     Knowledge,
     identifiable,
-    independent_subset,
     nearly_unseen,
     unseen,
 )
-from truepose.identification.identifiability.patterns import patterns
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.report.unseen_words import unseen_sentences
 from truepose.models.load import load_machine
 
 
@@ -92,45 +87,6 @@ def test_no_reading_changes_along_an_unseen_direction(kind: str) -> None:
         assert shown[1] < 0.5 * shown[0] or shown[1] < 1e-8
 
 
-def test_bodies_that_may_be_placed_anywhere_are_said_in_one_sentence_each() -> None:
-    found = identifiability(load_machine(MACHINES / "ups.yaml"))
-    assert unseen_sentences(found.unseen) == [
-        "points leg1..leg6 a move as one body along x, y, z and about x, y, z; "
-        "base.x, base.y, base.z, base.rx, base.ry, base.rz would undo it",
-        "points leg1..leg6 b move as one body along x, y, z and about x, y, z; "
-        "tool.x, tool.y, tool.z, tool.rx, tool.ry, tool.rz would undo it",
-    ]
-
-
-def test_targets_and_platform_without_a_tool_frame_float_together() -> None:
-    said = unseen_sentences(identifiability(load_machine(MACHINES / "pus.yaml")).unseen)
-    assert any(
-        text.startswith("points leg1..leg6 b, P1, P2 and P3 move as one body along x, y, z and about x, y, z")
-        and "nobody's measurement" in text
-        for text in said
-    )
-
-
-def synthetic(names: tuple[str, ...], value: Array, rows: Array) -> Knowledge:
-    units = tuple("mm" for _ in names)
-    ones = np.ones(len(names))
-    return Knowledge(names, units, value, ones, ones, Decomposition.of(rows, ones))
-
-
-def test_a_common_factor_and_a_common_shift_are_recognised() -> None:
-    """Readings that see every combination but one."""
-    names, value = ("a.x", "leg1.offset", "leg2.offset", "leg3.offset"), np.array([3.0, 1.0, 2.0, 5.0])
-    for kind, hidden in (("scale", value), ("shift", np.array([0.0, 1.0, 1.0, 1.0]))):
-        unit = hidden / np.linalg.norm(hidden)
-        known = synthetic(names, value, np.eye(4) - np.outer(unit, unit))
-        found = patterns(known, known.decomposition.null_space, dict(zip(names, value, strict=True)), {})
-        assert [p.kind for p in found] == [kind]
-        cosine = found[0].change @ hidden / np.linalg.norm(found[0].change) / np.linalg.norm(hidden)
-        assert abs(cosine) == pytest.approx(1.0)
-    known = synthetic(names, value, np.eye(4)[:3])
-    assert patterns(known, known.decomposition.null_space, {}, {}) == ()
-
-
 def test_parallel_axes_hide_an_offset_at_the_drawing_only(tmp_path: Path) -> None:
     """q2 and q3 are parallel: r of both shows as one until alpha, as built, tilts them."""
     free = ("q2.r: 0.2", "q3.r: 0.2", "q3.alpha: 0.1")
@@ -176,48 +132,6 @@ def test_a_free_companion_is_allowed_for_before_a_direction_counts_as_seen() -> 
 
 
 # -- independent sets ----------------------------------------------------------------------------------
-
-
-def columns(seed: int = 0) -> Columns:
-    """a, b, c independent; d = 2a - b; e nearly c; f unseen."""
-    rng = np.random.default_rng(seed)
-    a, b, c = rng.standard_normal((3, 30))
-    factor = np.column_stack([a, b, c, 2 * a - b, c + 1e-3 * rng.standard_normal(30), np.zeros(30)])
-    scale = np.array([1.0, 10.0, 0.1, 1.0, 1.0, 1.0])
-    return Columns(tuple("abcdef"), factor * scale, scale)
-
-
-def test_a_set_is_independent_maximal_and_says_what_the_others_show_like() -> None:
-    h = columns()
-    found = independent_subset(h)
-    assert len(found.kept) == h.rank == 4
-    kept = [h.names.index(name) for name in found.kept]
-    assert np.linalg.matrix_rank(h.factor[:, kept]) == 4
-    for left, terms in found.relations.items():
-        k = h.names.index(left)
-        shown = sum(
-            (value * h.factor[:, h.names.index(n)] / h.scale[h.names.index(n)] for n, value in terms.items()),
-            np.zeros(30),
-        )
-        np.testing.assert_allclose(shown, h.factor[:, k] / h.scale[k], atol=1e-9)
-    assert found.relations["f"] == {}
-    assert found.condition == pytest.approx(np.linalg.cond(h.factor[:, kept]))
-
-
-def test_ties_go_to_the_first_and_a_least_size_leaves_the_rest() -> None:
-    factor = np.diag([3.0, 3.0 * (1 + 1e-12), 0.5])
-    h = Columns(("p", "q", "r"), factor, np.ones(3))
-    assert independent_subset(h).kept == ("p", "q", "r")
-    assert independent_subset(h, least=1.0).kept == ("p", "q")
-
-
-@pytest.mark.parametrize("kind", ["serial", "ups", "pus", "distance"])
-def test_the_set_of_a_machine_has_its_rank(kind: str) -> None:
-    found = identifiability(load_machine(MACHINES / f"{kind}.yaml"))
-    assert len(found.subset.kept) == found.rank_at_drawing
-    assert not set(found.subset.kept) & set(found.subset.relations)
-    assert set(found.subset.kept) | set(found.subset.relations) == set(found.known.names)
-    assert identifiability(load_machine(MACHINES / f"{kind}.yaml")).subset == found.subset
 
 
 # -- nothing hangs on rounding ---------------------------------------------------------------------------

@@ -10,7 +10,7 @@ import pytest
 
 from truepose.arrays import Array
 from truepose.errors import InputError
-from truepose.identification.prediction.covariance import MANY, UNSEEN, Covariance
+from truepose.identification.prediction.covariance import UNSEEN, Covariance
 
 NAMES = ("a", "b", "c", "d")
 SCALE = np.array([1.0, 0.01, 10.0, 2.0])
@@ -48,16 +48,6 @@ def test_what_is_written_is_read() -> None:
     assert [len(row.split()) for row in bare["factor"]] == [1, 2, 3, 4]
 
 
-@pytest.mark.parametrize(("count", "packed"), [(MANY, False), (MANY + 1, True)])
-def test_many_names_are_packed(count: int, packed: bool) -> None:
-    made = drawn(tuple(f"n{k}" for k in range(count)), unknown=0)
-    document = made.document()
-    assert isinstance(document["factor"], str) == packed == ("base64" in document["form"])
-    read = Covariance.read(document, "here")
-    # 32-bit floats have seven digits
-    np.testing.assert_allclose(read.factor, made.factor, rtol=1e-6 if packed else 0.0, atol=0.0)
-
-
 def test_some_names_are_a_part_of_the_whole() -> None:
     made = replace(drawn(), unexplained={"s.position": (1.0, "mm")}, seen={"q1": (0.0, 1.0)})
     made = replace(made, unknown=np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 1.0, 0.0]]))
@@ -82,12 +72,6 @@ def test_two_stand_beside_each_other_as_independent() -> None:
     np.testing.assert_allclose(both.unknown[:1, :4], one.unknown)
     np.testing.assert_allclose(both.unknown[1:, 4:], other.unknown)
     assert both.unknown.shape == (3, 7) and not both.unknown[:1, 4:].any() and not both.unknown[1:, :4].any()
-
-
-def test_tolerances_are_independent_and_without_one_a_name_is_unknown() -> None:
-    found = Covariance.of_tolerances(("a", "b", "c"), np.array([2.0, np.inf, 0.0]))
-    np.testing.assert_array_equal(whole(found), np.diag([4.0, 0.0, 0.0]))
-    np.testing.assert_array_equal(found.unknown, [[0.0, 1.0, 0.0]])
 
 
 def test_a_quantity_has_the_sigma_of_the_whole_covariance() -> None:
@@ -135,9 +119,3 @@ def changed(**sections: Any) -> dict[str, Any]:
 def test_what_is_no_covariance_is_refused(section: dict[str, Any], says: str) -> None:
     with pytest.raises(InputError, match=f"^here.*{says}"):
         Covariance.read(section, "here")
-
-
-def test_values_at_the_borders_are_read() -> None:
-    section = changed(seen={"q": [1.0, 1.0]}, unexplained={"s": {"value": 0.0, "unit": "rad"}})
-    read = Covariance.read(section, "here")
-    assert read.seen == {"q": (1.0, 1.0)} and read.unexplained == {"s": (0.0, "rad")}

@@ -14,15 +14,13 @@ from support import MACHINES
 from truepose.errors import InputError
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import write_calibrated
-from truepose.identification.prediction.predict import predict, unassembled
-from truepose.identification.prediction.simulate import simulate, with_inputs
+from truepose.identification.prediction.predict import predict, simulate, unassembled, with_inputs
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.table import read_table
 from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
-from truepose.models.units import convert
 
 KINDS = ("serial", "pus", "ups", "distance")
 
@@ -57,18 +55,6 @@ def test_simulation_without_noise_is_the_prediction(kind: str, tmp_path: Path) -
         np.testing.assert_array_equal(silent[name], predicted[name])
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_prediction_has_a_std_for_each_column_and_the_pose(kind: str, tmp_path: Path) -> None:
-    machine = load_machine(MACHINES / f"{kind}.yaml")
-    rows = load_recording(machine, [poses(machine, tmp_path / "poses.csv")], need_observations=False)
-    frame = predict(machine, rows)
-    columns = [name for sensor in machine.sensors for name in sensor.columns]
-    pose = [f"pose.{axis}" for axis in ("x", "y", "z", "rx", "ry", "rz")]
-    assert list(frame) == [c for name in columns for c in (name, f"{name}.std")] + pose
-    assert len(frame) == len(rows)
-    assert not frame.isna().any().any()
-
-
 def test_noise_is_the_instruments_and_follows_the_seed(tmp_path: Path) -> None:
     machine = load_machine(MACHINES / "serial.yaml")
     rows = load_recording(machine, [poses(machine, tmp_path / "p.csv", n=400)], need_observations=False)
@@ -76,14 +62,6 @@ def test_noise_is_the_instruments_and_follows_the_seed(tmp_path: Path) -> None:
     pd.testing.assert_frame_equal(first, same)
     assert not first.equals(other)
     assert float(np.std((first - silent).to_numpy())) == pytest.approx(0.01, rel=0.1)
-
-
-def test_a_change_since_itself_is_nothing(tmp_path: Path) -> None:
-    machine = load_machine(MACHINES / "distance.yaml")
-    rows = load_recording(machine, [poses(machine, tmp_path / "poses.csv")], need_observations=False)
-    frame = simulate(machine, rows, seed=4)
-    assert frame["dL"][0] == 0.0
-    assert (frame["dL"][1:] != 0.0).all()
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -189,45 +167,6 @@ def test_a_row_that_cannot_be_assembled_stays_empty(tmp_path: Path) -> None:
     ]
     with pytest.raises(InputError, match="row 4"):
         simulate(unbound, rows)
-
-
-def test_a_file_in_other_units_predicts_the_same(tmp_path: Path) -> None:
-    machine = load_machine(MACHINES / "serial.yaml")
-    rows = load_recording(machine, [poses(machine, tmp_path / "p.csv")], need_observations=False)
-    text = (MACHINES / "serial.yaml").read_text(encoding="utf-8")
-    other = _in_micrometres(text, tmp_path / "um.yaml")
-    rows_um = load_recording(other, [tmp_path / "p.csv"], need_observations=False)
-    found, wanted = predict(other, rows_um), predict(machine, rows)
-    assert len(wanted.columns) >= 6
-    for column in wanted:
-        angle = str(column).startswith("pose.r")
-        factor = convert(1.0, "mrad", "deg") if angle else convert(1.0, "um", "mm")
-        np.testing.assert_allclose(found[column] * factor, wanted[column], rtol=1e-9, atol=1e-9)
-
-
-def _in_micrometres(text: str, path: Path) -> Machine:
-    """The same arm with every length in um and every angle in mrad."""
-    from truepose.models.file.machine_file import write_machine
-    from truepose.models.file.yaml_document import read_document
-
-    path.write_text(text, encoding="utf-8")
-    raw, um, mrad = read_document(path), 1000.0, float(np.radians(1.0)) * 1000.0
-    raw["units"] = {"length": "um", "angle": "mrad"}
-    for joint in raw["mechanism"]["joints"]:
-        turning = joint["kind"] == "revolute"
-        for key in {"d", "r"} & set(joint):
-            joint[key] *= um
-        for key in {"alpha", "beta", "theta"} & set(joint):
-            joint[key] *= mrad
-        joint["range"] = [v * (mrad if turning else um) for v in joint["range"]]
-    raw["frames"]["base"]["tolerance"] = {"xyz": 5 * um, "rpy": mrad}
-    raw["frames"]["tool"] = {"in": "flange", "xyz": [200 * um, 0, 30 * um], "tolerance": {"xyz": um}}
-    raw["sensor"]["sigma"] = {"xyz": 0.01 * um}
-    raw["tolerances"] = {"length": 0.1 * um, "angle": 0.1 * mrad}
-    for mass in raw["masses"].values():
-        mass["com"] = [v * um for v in mass["com"]]
-    write_machine(path, raw)
-    return load_machine(path)
 
 
 @pytest.mark.parametrize(

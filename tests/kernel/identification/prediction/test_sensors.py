@@ -15,7 +15,6 @@ from truepose.identification.prediction.predictor import Predictor, lost_of
 from truepose.identification.prediction.sensor_rows import Sight, sights
 from truepose.identification.recording.load import load_recording
 from truepose.models import lie
-from truepose.models.machine.mechanism import AXES
 
 SENSORS = {
     "pose": "{type: pose, sigma: {xyz: 0.01, rot: 0.001}}",
@@ -105,26 +104,6 @@ def test_a_cavity_is_as_long_as_from_its_source_to_the_mirror(tmp_path: Path) ->
         spans = np.column_stack([light, -plane[:, 0], -plane[:, 1]])
         lengths.append(np.linalg.solve(spans, centre - source)[0])
     np.testing.assert_allclose(values[:, 0], np.array(lengths) - lengths[0], atol=1e-8)
-
-
-def test_a_mirror_in_the_flange_does_not_see_the_tool(tmp_path: Path) -> None:
-    text = MOVERS + f"sensor: {SENSORS['distance'].replace('in: tool', 'in: flange')}\n"
-    (tmp_path / "bare").mkdir()
-    bare, tooled = written(tmp_path / "bare", text), written(tmp_path, FRAMED + text)
-    assert tooled.geometry["tool.x"].nominal != 0.0
-    q = readings(bare, np.random.default_rng(3), 4)
-    read = {"dL": np.zeros(4)}
-    seen = []
-    for machine in (bare, tooled):
-        base = {f"base.{axis}": bare.geometry[f"base.{axis}"].nominal for axis in AXES}
-        predictor = Predictor(machine, record(machine, q, read, from_row=np.zeros(4, dtype=int)))
-        pairs = zip(predictor.model.names, predictor.model.p_home, strict=True)
-        p = np.array([base.get(name, value) for name, value in pairs])
-        _, values, jacobian, _ = predictor.columns(p, predictor.assemble(p)[0])
-        at = [predictor.model.names.index(f"tool.{axis}") for axis in AXES]
-        np.testing.assert_allclose(jacobian[..., at], 0.0, atol=1e-9)
-        seen.append(values)
-    np.testing.assert_allclose(seen[1], seen[0], atol=1e-9)
 
 
 # -- changes from an earlier row -----------------------------------------------------------------------

@@ -4,24 +4,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from unittest import mock
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from support.searched_arm import ROWS, SCALE, Case
 from truepose.arrays import Array
-from truepose.errors import InputError
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import write_calibrated
-from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.prediction.predict import predict
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prior import FORM_ERROR
 from truepose.models.effect_text import parse_effect
-from truepose.models.file.yaml_document import document_text, parse_document
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
@@ -82,33 +76,3 @@ def moved_by_effect(machine: Machine, case: Case, turned: float) -> Array:
     _, _, jacobian, _ = predictor.columns(p, x)
     count = len(machine.parameters)
     return np.abs(jacobian[:, :, count:] @ p[count:])
-
-
-def test_a_machine_without_effects_says_no_ranges(case: Case, tmp_path: Path) -> None:
-    machine = calibrated(case, tmp_path)
-    assert machine.file is not None and machine.file.covariance is not None
-    assert "seen" not in machine.file.covariance
-
-
-@pytest.mark.parametrize("wrong", [[1.0], [2.0, 1.0], ["a", 1.0], 3.0, [0.0, float("inf")]])
-def test_a_range_that_is_none_is_refused(wrong: object) -> None:
-    section = {"names": ["a"], "factor": ["1.0"], "seen": {"q1": wrong}}
-    with pytest.raises(InputError, match="cannot be read"):
-        Covariance.read(section, "here")
-
-
-@given(st.integers(1, 30), st.integers(0, 2**32 - 1))
-def test_a_packed_covariance_is_the_one_that_was_written(size: int, seed: int) -> None:
-    """32-bit floats: seven digits of each entry of the factor."""
-    rng = np.random.default_rng(seed)
-    root = rng.standard_normal((size, size)) * 10.0 ** rng.uniform(-9, 3, (size, 1))
-    written = Covariance.of([f"p{k}" for k in range(size)], np.ones(size), root, np.zeros((0, size)))
-    with mock.patch("truepose.identification.prediction.covariance.MANY", 0):
-        text = document_text({"covariance": written.document(), "after": [1, 2]})
-    document = parse_document(text, "packed.yaml")
-    assert document["after"] == [1, 2] and max(map(len, text.splitlines())) < 130
-    found = Covariance.read(document["covariance"], "packed.yaml: covariance")
-    np.testing.assert_allclose(found.factor, written.factor, rtol=1e-6, atol=1e-37)
-    document["covariance"]["factor"] = document["covariance"]["factor"][:-8]
-    with pytest.raises(InputError, match=r"packed.yaml: covariance: found"):
-        Covariance.read(document["covariance"], "packed.yaml: covariance")

@@ -19,12 +19,11 @@ from truepose.identification.prediction.predict import (
     predict,
     predicted,
     predictor_for,
+    simulate,
     unassembled,
     unheard,
-    unknown_frames,
 )
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.prediction.simulate import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.effect_text import parse_effect
@@ -146,23 +145,6 @@ def test_sessions_are_those_of_the_fit() -> None:
     assert shifted() == shifted(1, 2, 5, 7, 9) == [[0, 1, 1, 1, 1, 1], [0, 0, 0, 1, 1, 1]]
     assert shifted(1, 5, 7) == [[0, 1, 1, 1, 1, 1], [0, 1, 1, 0, 1, 1]]
     assert shifted(5, 7, 9) == [[1, 1, 1, 0, 1, 1], [1, 1, 1, 0, 0, 1]]
-
-
-def test_frames_that_are_set_up_anew_are_not_known_of_other_sessions() -> None:
-    machine = in_file(replace(machine_of("serial"), set_up=("base", "tool")), sessions=(1, 4, 2))
-    recording = rows_of(machine, session=[1, 2, 3, 3, 4, 6])
-    notes = unknown_frames(machine, recording)
-    where = " and ".join(machine.set_up)
-    assert [note.partition(",")[0].rpartition(": ")[0].rpartition(" ")[2] for note in notes] == ["3", "6"]
-    assert all("predicted as in session 4; truepose calibrate --only base,tool finds it" in n for n in notes)
-    assert [f"session {number} was not in the fit, so where its {where} stood" in note
-            for number, note in zip((3, 6), notes, strict=True)] == [True, True]  # fmt: skip
-    assert unknown_frames(replace(machine, set_up=()), recording) == []
-    assert unknown_frames(in_file(machine, sessions=()), recording) == []
-    assert unknown_frames(in_file(machine, sessions=(1, 2, 3, 4, 6)), recording) == []
-    silent = replace(recording, session_recorded=np.zeros(6, dtype=bool))
-    assert len(unknown_frames(machine, silent)) == 5  # nobody says that its session 1 is the fit's
-    assert unknown_frames(replace(machine, file=None), recording) == []
 
 
 # -- drivers that nobody logged ------------------------------------------------------------------------

@@ -14,9 +14,8 @@ from hypothesis import strategies as st
 from support.examples import examples
 from truepose.arrays import Array
 from truepose.identification.recording.history import last_steps, side_of_arrival, stop_operator
-from truepose.identification.recording.joint_column import JointColumn
+from truepose.identification.recording.joint_readings import JointColumn
 from truepose.identification.recording.load import tables
-from truepose.identification.recording.memory import TREMBLING
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.table import table_in_memory
@@ -70,12 +69,6 @@ def test_long_motions_are_what_play_is_a_function_of(way: Array) -> None:
     piece = np.zeros(len(way), dtype=np.int64)
     stop = stop_operator(way, np.zeros(len(way)), piece, 0.1)
     np.testing.assert_allclose(stop, 0.1 * of(way), atol=1e-12)
-
-
-@settings(max_examples=examples(60), deadline=None)
-@given(WAYS)
-def test_the_other_way_round_the_sides_are_the_other_ones(way: Array) -> None:
-    assert of(-way).tolist() == (-of(way)).tolist()
 
 
 def test_steps_are_of_motions_of_the_machine() -> None:
@@ -169,9 +162,3 @@ def test_one_shuffled_file_takes_the_order_from_all(tmp_path: Path) -> None:
     assert both.driver("approach.s") is None
     assert "the other files" in both.notes[-1]
     assert replace(both, shuffled=False).driver("approach.s") is not None
-
-
-def test_the_band_is_narrower_than_what_friction_is_looked_for() -> None:
-    from truepose.models.effects.play import WIDTHS
-
-    assert min(WIDTHS) > TREMBLING

@@ -10,10 +10,7 @@ import pandas as pd
 import pytest
 
 from truepose.errors import InputError
-from truepose.identification.compensation import path_table as path_file
-from truepose.identification.compensation.path_table import csv_text
-from truepose.identification.recording.arrow_columns import ArrowCells
-from truepose.identification.recording.table import Column, Table, read_table
+from truepose.identification.recording.table import read_table
 
 
 def test_columns_of_parquet_are_what_was_written(tmp_path: Path) -> None:
@@ -26,35 +23,3 @@ def test_columns_of_parquet_are_what_was_written(tmp_path: Path) -> None:
     assert {name: list(found.cells[name]) for name in found.names} == data
     with pytest.raises(InputError, match="row 1, column 'hot': found True, expected a finite number"):
         found.numbers("hot")
-
-
-def test_columns_are_added_behind_the_others() -> None:
-    found = Table("path", (Column("a"),), {"a": ["1", "2"]}, 2).with_numbers({"b": np.array([1 / 3, -0.0])})
-    assert found.names == ("a", "b")
-    np.testing.assert_array_equal(found.numbers("b"), [1 / 3, -0.0])
-    assert list(found.cells["b"]) == [1 / 3, -0.0]
-
-
-def test_cells_are_a_sequence() -> None:
-    cells = ArrowCells(np.array([1.0, 2.0, 4.0]))
-    assert (len(cells), cells[1], cells[-2:], cells.index(4.0), 3.0 in cells) == (
-        3,
-        2.0,
-        [2.0, 4.0],
-        2,
-        False,
-    )
-
-
-@pytest.mark.parametrize("note", [["a", "b c", ""], ["a, b", 'say "c"', "d"]])
-def test_what_is_written_reads_back_exactly(
-    note: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(path_file, "MANY", 0)
-    values = np.array([1 / 3, -1e-17, 6.02e23])
-    path = tmp_path / "commands.csv"
-    path.write_text(csv_text(pd.DataFrame({"q1 [mm]": values, "note": note})))
-    found = read_table(path)
-    np.testing.assert_array_equal(found.numbers("q1"), values)
-    assert list(found.cells["note"]) == note
-    assert found.columns[0].unit == "mm"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +10,8 @@ import pytest
 
 from support.short_arm import FRAMES, JOINTS, POSITION, written
 from truepose.errors import InputError
-from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.load import load_recording, tried, try_columns, with_measured_loads
 from truepose.identification.recording.recording import Recording
-from truepose.identification.recording.tried import tried, try_columns, with_measured_loads
 from truepose.identification.signatures.candidates import catalogue
 from truepose.models.machine.machine import Machine
 
@@ -122,10 +120,3 @@ def test_what_a_joint_holds_drives_that_joint_alone_unless_the_file_says_so(
     assert len(set(labels)) == len(labels)
     reading = {placed.place[0] for placed in found if {"axis2", "torque.q2"} & {*placed.drivers}}
     assert reading == ({"q1", "q2", "q3", "q4", "base", "tool"} if elsewhere else {"q2"})
-
-
-def test_columns_that_only_some_files_have_are_not_offered(tmp_path: Path) -> None:
-    machine = arm(tmp_path, "")
-    both = load_recording(machine, [table(oil=np.arange(5.0)), table()])
-    assert both.untried == ()
-    assert replace(machine, declared_drivers=()).declared("oil") is None

@@ -68,12 +68,6 @@ def test_a_lag_does_not_depend_on_samples_in_between(
     np.testing.assert_allclose(exponential_lag(time, np.full_like(values, 21.0), seconds), 21.0)
 
 
-def test_a_lag_follows_a_ramp_one_time_constant_behind() -> None:
-    time = np.linspace(0.0, 1000.0, 11)
-    lagged = exponential_lag(time, 0.1 * time, 50.0)
-    np.testing.assert_allclose(lagged, 0.1 * (time - 50.0 * (1.0 - np.exp(-time / 50.0))), atol=1e-12)
-
-
 def test_what_depends_on_history_is_the_same_in_a_part_and_in_any_order(tmp_path: Path) -> None:
     rows = ["1,0,0,0,0,20", "3,0,0,0,60,24", "2,0,0,0,120,30", "2,0,0,0,500,22"]
     header = "s,r,x,rx,time,temperature.air\n"

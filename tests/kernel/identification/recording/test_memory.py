@@ -14,7 +14,7 @@ from support.examples import examples
 from truepose.arrays import Array
 from truepose.identification.recording import history
 from truepose.identification.recording.history import creep_sum, line_of_full_loop, stop_operator
-from truepose.identification.recording.joint_column import JointColumn
+from truepose.identification.recording.joint_readings import JointColumn
 from truepose.identification.recording.load import tables
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording
@@ -59,17 +59,6 @@ def test_a_larger_swing_wipes_out_what_was_before(way: Array, width: float) -> N
     tail = np.array([-25.0, -28.0, 3.0])
     found = stop(np.concatenate([way, swing, tail]), width)[-3:]
     np.testing.assert_allclose(found, stop(np.concatenate([swing, tail]), width)[-3:], atol=1e-12)
-
-
-@given(WAYS, WIDTHS, st.floats(-10, 10), st.floats(-10, 10))
-def test_minor_loops_between_the_same_ends_are_congruent(
-    way: Array, width: float, low: float, high: float
-) -> None:
-    """After any past, the second and every later round of a loop has one shape: only its height differs."""
-    loop = np.tile(np.linspace(low, high, 5).tolist() + np.linspace(high, low, 5).tolist(), 3)
-    rounds = [play(np.concatenate([past, loop]), width)[-10:] for past in (way, np.zeros(1))]
-    shapes = [r - r[0] for r in rounds]
-    np.testing.assert_allclose(shapes[0], shapes[1], atol=1e-9)
 
 
 @given(st.floats(0.0, 20.0), WIDTHS)
@@ -118,14 +107,6 @@ def test_creep_adds_up_over_moves(way: Array, factor: float) -> None:
 def test_one_step_creeps_with_the_logarithm_of_its_age() -> None:
     time = np.array([0.0, 10.0, 10.9, 109.9])
     np.testing.assert_allclose(creep(time, np.array([5.0, 8.0, 8.0, 8.0])), [0, 0, 3.0, 3.0 * np.log10(1000)])
-
-
-@given(WAYS, WIDTHS)
-def test_another_piece_begins_anew(way: Array, width: float) -> None:
-    two, piece = np.concatenate([way, way]), np.repeat([0.0, 1.0], len(way))
-    np.testing.assert_array_equal(stop(two, width, piece=piece)[len(way) :], stop(way, width))
-    time = np.arange(2.0 * len(way))
-    np.testing.assert_allclose(creep(time, two, piece)[len(way) :], creep(time[: len(way)], way), atol=1e-12)
 
 
 # -- as drivers of a recording ----------------------------------------------------------------------------
@@ -181,13 +162,6 @@ def test_the_width_is_in_the_readings_own_unit(tmp_path: Path) -> None:
     )
     line = line_of_full_loop(recording.q[:, 0], 3.0, -50.0, 50.0)
     np.testing.assert_allclose(driver(recording, "stop.s~3") - driver(recording, "loop.s~3~-50~50"), line)
-
-
-def test_recorded_approach_reaches_the_driver(tmp_path: Path) -> None:
-    table = rows()
-    table["approach.s"] = -1.0
-    upwards = np.flatnonzero(np.diff(table["s"]) >= 0) + 1
-    assert np.all(driver(recorded(tmp_path, table), "stop.s~3")[upwards] == -3.0)
 
 
 @pytest.mark.parametrize("time", [True, False])

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from support.examples import examples
 from support.recordings import BASIC, JOINTS, SENSOR, read, refusal
-from truepose.identification.recording.joint_column import JointColumn
+from truepose.identification.recording.joint_readings import JointColumn
 from truepose.identification.recording.load import tables
 from truepose.identification.recording.read import read_recording
 from truepose.models.units import UnitSystem
@@ -121,18 +121,6 @@ def test_temperatures_of_unlogged_places_are_the_airs(tmp_path: Path) -> None:
     assert recording.driver("temperature.base~100") is None  # no clock
 
 
-def test_columns_are_joints_then_what_was_logged(tmp_path: Path) -> None:
-    text = "s,r,x,rx,time,approach.s,temperature.base,payload,pressure,humidity,velocity.r\n"
-    recording = read(tmp_path, text + "10,90,1,0,5,1,20,2,1013,50,1\n20,-90,2,0,4,-1,21,3,1014,51,2\n")
-    columns = recording.columns()
-    assert tuple(columns) == (*recording.joints, *recording.logged)
-    np.testing.assert_array_equal(np.column_stack(list(columns.values()))[:, :2], recording.q)
-    assert all(columns[name] is recording.driver(name) for name in recording.logged)
-    smooth = recording.columns(smooth=True)
-    assert set(smooth) == {"s", "r", "time", "temperature.base", "payload"}
-    assert list(smooth) == [name for name in columns if name in smooth]
-
-
 @pytest.mark.parametrize("clock", [True, False])
 def test_rows_come_in_the_order_of_acquisition_however_they_are_picked(tmp_path: Path, clock: bool) -> None:
     """Without a clock, and where two rows have one time, by file and row."""
@@ -181,10 +169,6 @@ def test_replicates_agree_in_file_session_pose_and_joints(tmp_path: Path) -> Non
     assert labels[5] == labels[7]
     assert len(set(labels)) == 8
     assert len(set(read(tmp_path, "s,r,x,rx\n1,1,0,0\n1,1,0,0\n").replicates().tolist())) == 2
-
-
-def test_an_empty_part_is_empty(tmp_path: Path) -> None:
-    assert len(read(tmp_path, BASIC).subset([])) == 0
 
 
 reading = st.floats(-1e6, 1e6)

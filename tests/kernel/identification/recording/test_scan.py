@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from truepose.identification.recording.scan import affine, clipped
+from truepose.identification.recording.history import affine, clipped
 
 ROWS = st.integers(1, 70)
 SEEDS = st.integers(0, 2**32 - 1)

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truepose.errors import InputError
-from truepose.identification.recording.joint_column import JointColumn
+from truepose.identification.recording.joint_readings import JointColumn
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.table import table_in_memory
 from truepose.identification.recording.times import Clock, read_times

@@ -12,7 +12,7 @@ import pytest
 from support.reports import fitted, own_markup, recorded, synthetic
 from truepose.identification.diagnosis.result import Applied, PoseError
 from truepose.identification.fit.calibrate import Calibration
-from truepose.identification.gate import Caution
+from truepose.identification.load import Caution
 from truepose.identification.report.files import (
     put_both,
     write_calibration,

@@ -16,7 +16,7 @@ from truepose.identification.diagnosis.findings import common_ratio
 from truepose.identification.diagnosis.null_fits import null_fits
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.estimated import Estimate
-from truepose.identification.prediction.simulate import simulate
+from truepose.identification.prediction.predict import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue, catalogue

@@ -15,8 +15,7 @@ from support.calibrated_machines import SIX_AXES
 from truepose.errors import InputError
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import covariance_of, write_calibrated
-from truepose.identification.prediction.predict import predict, predicted, predictor_for
-from truepose.identification.prediction.simulate import simulate
+from truepose.identification.prediction.predict import predict, predicted, predictor_for, simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import empirical_forms

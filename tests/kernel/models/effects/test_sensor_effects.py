@@ -12,7 +12,7 @@ import pytest
 from support.sensor_bench import TEXTS, Bench
 from truepose.errors import InputError
 from truepose.identification.fit.estimate import estimate
-from truepose.identification.prediction.simulate import simulate
+from truepose.identification.prediction.predict import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.load import load_machine

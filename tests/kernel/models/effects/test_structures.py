@@ -16,7 +16,7 @@ from support.effects import with_effect
 from support.structures import TEXTS, G, structure, turn_between
 from support.tool_pose import HEAD, pose
 from truepose.identification.fit.estimate import estimate
-from truepose.identification.prediction.simulate import simulate
+from truepose.identification.prediction.predict import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect, Settings, effects

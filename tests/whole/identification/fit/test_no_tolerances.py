@@ -10,7 +10,6 @@ from typer.testing import CliRunner
 
 import truepose
 from truepose.cli import app
-from truepose.errors import InputError
 from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
@@ -38,21 +37,6 @@ def _read(folder: Path, stated: str) -> tuple[Path, Path]:
     done = CliRunner().invoke(app, command)
     assert done.exit_code == 0, done.output
     return machine, recording
-
-
-@pytest.mark.parametrize("stated", ["", "tolerances: {}\n", "tolerances: {length: 0, angle: 0}\n"])
-@pytest.mark.parametrize("job", [truepose.calibrate, truepose.diagnose, truepose.estimate])
-def test_a_script_is_told_which_section_is_missing(
-    tmp_path: Path, job: Callable[[Machine, Recording], object], stated: str
-) -> None:
-    machine_file, rows = _read(tmp_path, stated)
-    machine = load_machine(machine_file)
-    with pytest.raises(InputError) as caught:
-        job(machine, truepose.load_recording(machine, [rows]))
-    said = (
-        f"{machine_file}: tolerances: found no free parameter, expected a tolerance above 0 for at least one"
-    )
-    assert str(caught.value).startswith(said)
 
 
 @pytest.mark.parametrize(

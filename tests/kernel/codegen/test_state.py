@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import importlib.util
-import json
 import shutil
 import subprocess
 from dataclasses import dataclass
@@ -17,17 +16,12 @@ import numpy as np
 import pandas as pd
 import pytest
 from numpy.typing import NDArray
-from typer.testing import CliRunner
 
 import truepose
-from support.embedded import needs_toolchain
 from support.examples import by_day
 from support.generated_c import COMPILER, WARNINGS, needs_compiler
-from truepose.cli import app
 from truepose.codegen.c import generate, render
 from truepose.codegen.features import Features
-from truepose.codegen.leaves.embedded.measure import measure
-from truepose.codegen.leaves.embedded.section import table
 from truepose.codegen.printer import Real
 from truepose.models.machine.machine import Machine
 
@@ -252,52 +246,6 @@ def test_bad_input_is_refused_and_changes_nothing(root_directory: Path, real: Re
     assert state.update(q, 0.5) is not None
 
 
-@needs_compiler
-def test_output_may_be_what_was_sensed_and_states_are_apart(root_directory: Path) -> None:
-    built = library(root_directory, EFFECTS, "double")
-    one, other, alone = (built.wrapper.State(built.kinematics) for _ in range(3))
-    rng = np.random.default_rng(7)
-    for _ in range(40):
-        q, t = rng.uniform([-2, -2, -200, -3], [2, 2, 0, 3]), rng.uniform(15, 30, 2)
-        expected = alone.update(q, 0.7, dict(zip(built.wrapper.SENSED, t, strict=True)))
-        other.update(-q, 3.0)  # another machine in the same program
-        shared = np.zeros(built.wrapper.NZ)
-        shared[:2] = t
-        at = shared.ctypes.data
-        assert (
-            built.update(ctypes.addressof(one.memory), np.ascontiguousarray(q).ctypes.data, 0.7, at, at) == 0
-        )
-        np.testing.assert_array_equal(shared, expected)
-
-
-@needs_compiler
-def test_a_new_session_forgets_the_way_and_not_the_heat(root_directory: Path) -> None:
-    built = library(root_directory, EFFECTS, "double")
-    names = list(built.wrapper.DRIVERS)
-    state = built.wrapper.State(built.kinematics)
-    for k in range(5):
-        z = dict(
-            zip(
-                names,
-                state.update([0.3 * k, 0.1 * k, -100.0 + 9 * k, 0], 60.0, {"temperature.link1": 20.0 + k}),
-                strict=True,
-            )
-        )
-    assert z["approach.q1"] == z["approach.q3"] == 1.0
-    state.session()
-    after = dict(
-        zip(names, state.update([1.2, 0.4, -64.0, 0], 60.0, {"temperature.link1": 24.0}), strict=True)
-    )
-    assert (
-        after["approach.q1"]
-        == after["approach.q3"]
-        == after[next(n for n in names if n.startswith("stop"))]
-        == 0.0
-    )
-    assert z["temperature.link1~300"] < after["temperature.link1~300"] < 24.0
-    assert after["creep.q3~0.1"] > z["creep.q3~0.1"] > 0.0
-
-
 @pytest.mark.nightly
 @needs_compiler
 @both
@@ -348,17 +296,6 @@ int main()
     assert subprocess.run([tmp_path / "main"], check=False).returncode == 0
 
 
-@needs_toolchain
-@both
-def test_every_update_takes_the_same_time_on_a_controller(root_directory: Path, real: Real) -> None:
-    found = measure(library(root_directory, EFFECTS, real).directory)
-    assert found.state and found.state_object
-    assert found.state.codes == (found.vectors, 0, 0, 0, 0)
-    assert found.state.most <= 1.05 * found.state.median  # a maximum takes one instruction or another
-    assert (found.state_object.data, found.state_object.bss) == (0, 0)
-    assert "mem_state_update`: instructions" in "".join(table([found]))
-
-
 def test_there_is_a_state_where_something_remembers_or_it_is_asked_for(root_directory: Path) -> None:
     (root_directory / "plain.yaml").write_text(
         HEAD.replace("name: mem", "name: plain").replace("effects:\n", "")
@@ -371,26 +308,3 @@ def test_there_is_a_state_where_something_remembers_or_it_is_asked_for(root_dire
     machine = truepose.load_machine(root_directory / "mem.yaml")
     without = render(machine, "double", features=Features.of("warm"))
     assert "mem_state.c" not in without and "#define mem_HAS_STATE 0" in without["mem_kin.h"]
-
-
-def test_what_is_followed_is_said(root_directory: Path, tmp_path: Path) -> None:
-    """In the terminal, in README.md and in the JSON: what the state works out, and without it what is left out."""
-    (tmp_path / "mem.yaml").write_text(HEAD + EFFECTS)
-    told = {}
-    for features in ([], ["--features", "warm,p"]):
-        options = ["codegen", str(tmp_path / "mem.yaml"), "-o", str(tmp_path / "out"), "--json", *features]
-        done = CliRunner().invoke(app, options)
-        assert done.exit_code == 0, done.output
-        told[bool(features)] = json.loads(done.stdout)
-    assert told[False]["features"] == ["warm", "cold", "branches", "p", "batch", "state"]
-    assert told[False]["left_out"]["memory"] == []
-    followed = told[False]["left_out"]["followed"]
-    assert {"approach.q1", "creep.q2~2", "temperature.link1~300"} <= set(followed)
-    assert "temperature.base" not in followed
-    assert told[True]["features"] == ["warm", "p"]
-    assert told[True]["left_out"]["followed"] == []
-    assert len(told[True]["left_out"]["memory"]) == 5
-    machine = truepose.load_machine(tmp_path / "mem.yaml")
-    readme = render(machine, "double")["README.md"]
-    assert "`temperature.link1~300`" in readme and "Depends on what was before" in readme
-    assert "Memory is left out" in render(machine, "double", features=Features.of("warm"))["README.md"]
