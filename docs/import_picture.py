@@ -61,7 +61,7 @@ FLOORS = (
     ("commands",),
     ("demo",),
     ("models.leaves.starting",),
-    ("models.leaves.export", "codegen.leaves.all_solutions"),
+    ("models.leaves.export", "codegen.leaves.all_solutions", "codegen.leaves.embedded"),
     (
         "identification.leaves.check",
         "identification.leaves.drift",

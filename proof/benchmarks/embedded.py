@@ -15,10 +15,10 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from emulated.measure import OPTIMISATIONS, Measurement, measure
-from emulated.section import table
 
 from truepose.codegen.c import generate
+from truepose.codegen.leaves.embedded.measure import OPTIMISATIONS, Measurement, measure
+from truepose.codegen.leaves.embedded.section import table
 from truepose.codegen.printer import Real
 from truepose.errors import InputError
 from truepose.models.load import load_machine

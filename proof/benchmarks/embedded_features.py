@@ -23,11 +23,11 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 from embedded import REALS, SEED, ur10
-from emulated.measure import OPTIMISATIONS, Measurement, measure
 
 from truepose.codegen.c import generate
 from truepose.codegen.features import ALL, Features
 from truepose.codegen.layout import layout_of
+from truepose.codegen.leaves.embedded.measure import OPTIMISATIONS, Measurement, measure
 from truepose.codegen.printer import Real, literal
 from truepose.errors import InputError
 from truepose.models import lie

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from support import ROOT
+from support.embedded import needs_toolchain
 from support.generated_c import COMPILER, WARNINGS, needs_compiler
 from support.rail_arm import MIDDLE, NAME, STRAIGHT, Path6, compensated, planned, written
 from truepose.cli import app
@@ -27,7 +28,6 @@ from truepose.codegen.printer import Real
 
 Array = NDArray[np.float64]
 EXAMPLE = ROOT / "examples" / "plc"
-ARM_COMPILER = shutil.which("arm-none-eabi-gcc")
 TEXT = (EXAMPLE / "FB_Compensate.st").read_text(encoding="utf-8")
 REALS: tuple[Real, ...] = ("double", "float")
 TYPES: dict[str, Any] = {
@@ -274,11 +274,12 @@ def test_the_command_of_the_readme_compiles_it(tmp_path: Path) -> None:
     assert (tmp_path / "plc" / "FB_Compensate.o").is_file()
 
 
-@pytest.mark.skipif(ARM_COMPILER is None, reason="found no arm-none-eabi-gcc")
+@needs_toolchain
 @pytest.mark.parametrize(("real", "cpu"), [("double", "cortex-m7"), ("float", "cortex-m4")])
 def test_it_compiles_for_controllers(real: Real, cpu: str, tmp_path: Path) -> None:
-    assert ARM_COMPILER is not None
+    compiler = shutil.which("arm-none-eabi-gcc")
+    assert compiler is not None
     written(tmp_path, real)
     where = [f"-DMACHINE={NAME}", f"-I{EXAMPLE}", "-Icontroller", f"-mcpu={cpu}", "-mthumb", "-O2"]
     block = [str(EXAMPLE / "FB_Compensate.c"), "-c", "-o", "block.o"]
-    subprocess.run([ARM_COMPILER, *WARNINGS, *where, *block], cwd=tmp_path, check=True)
+    subprocess.run([compiler, *WARNINGS, *where, *block], cwd=tmp_path, check=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
 
@@ -40,7 +41,24 @@ def codegen(
 
     Example: truepose codegen fit/calibrated.yaml -o small --features warm
     """
-    from truepose.codegen.c import generate
+    write_and_tell(machine, output, real, features, anyway=anyway, as_json=as_json)
+
+
+Write = Callable[..., "tuple[list[Path], dict[str, object], list[str]]"]
+"""Writes the C of a machine: paths, what is added to --json, and lines; arguments as ``write_c``."""
+
+
+def write_and_tell(
+    machine: Path,
+    output: Path,
+    real: str,
+    features: str | None,
+    *,
+    anyway: bool,
+    as_json: bool,
+    write: Write | None = None,
+) -> None:
+    """Write the C of a machine's file into ``output``, and tell what it holds."""
     from truepose.codegen.features import ALL, Features
 
     check_directory(output)
@@ -49,11 +67,20 @@ def codegen(
     with progress("writing C"):
         loaded = _machine_for(output, machine, anyway=anyway)
         drawing = (loaded.file.nominal if loaded.file else {}) or None
-        paths = generate(loaded, output, number, nominal=drawing, features=chosen)
+        paths, more, added = (write or write_c)(loaded, output, number, drawing, chosen)
     files = sorted(str(path) for path in paths)
     summary, lines = _told(loaded, chosen)
     head = {"command": "codegen", "machine": loaded.name, "real": number, "features": list(chosen.names)}
-    finish({**head, "files": files, **summary}, [*files, *lines], [], as_json=as_json)
+    finish({**head, "files": files, **summary, **more}, [*files, *lines, *added], [], as_json=as_json)
+
+
+def write_c(
+    machine: Machine, output: Path, real: Real, drawing: Mapping[str, float] | None, features: Features
+) -> tuple[list[Path], dict[str, object], list[str]]:
+    """Write the C, which compensates for what differs from the ``drawing``."""
+    from truepose.codegen.c import generate
+
+    return generate(machine, output, real, nominal=drawing, features=features), {}, []
 
 
 def _number(real: str) -> Real:

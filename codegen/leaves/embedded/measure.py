@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from emulated.program import Compiler, Sizes, Source, build, linked_sizes, read_source
-from emulated.toolchain import (
+
+from truepose.codegen.leaves.embedded.program import Compiler, Sizes, Source, build, linked_sizes, read_source
+from truepose.codegen.leaves.embedded.toolchain import (
     Observation,
     Target,
     Toolchain,
@@ -22,7 +23,6 @@ from emulated.toolchain import (
     required,
     target_for,
 )
-
 from truepose.errors import InputError
 
 _NODE = re.compile(r'^node: \{ title: "([^"]*)" label: "[^"]*?\\n(\d+) bytes \(([^)]*)\)', re.MULTILINE)

@@ -3,69 +3,38 @@
 from __future__ import annotations
 
 import math
+import shutil
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
-import numpy as np
 import pytest
-from emulated.measure import Measurement, measure, read_frames
-from emulated.program import LONG_LOOP, Compiler, build, read_source
-from emulated.section import table
-from emulated.toolchain import TARGETS, Target, missing, observe, read_log, required, target_for
+from typer.testing import CliRunner
 
-from proof_support import PROOF
-from support.generated_machines import ARM, BODIES, HEAD, machine_of
+from support.embedded import REALS, TICKS, allowed, log, measured, needs_toolchain, written
+from support.generated_machines import ARM, HEAD, machine_of
+from truepose.cli import app
 from truepose.codegen.c import generate
 from truepose.codegen.features import ALL, Features
+from truepose.codegen.leaves.embedded.measure import measure, read_frames
+from truepose.codegen.leaves.embedded.program import LONG_LOOP, Compiler, build, read_source
+from truepose.codegen.leaves.embedded.section import sizes_section
+from truepose.codegen.leaves.embedded.toolchain import (
+    CORTEX_M4F,
+    CORTEX_M7,
+    TARGETS,
+    Target,
+    missing,
+    observe,
+    read_log,
+    required,
+    target_for,
+    toolchain,
+)
 from truepose.codegen.printer import Real
 from truepose.errors import InputError
 from truepose.models.load import load_machine
 
-EFFECTS = """effects:
-  - {effect: backlash, place: [q1], parameters: {b: {value: 4.0e-4, unit: rad}}}
-  - {effect: friction-hysteresis, place: [q2], width: 0.03, parameters: {h: {value: 3.0e-4, unit: rad}}}
-  - {effect: piezo-creep, place: [q2], t0: 2, parameters: {g: {value: 0.01, unit: "1"}}}
-  - {effect: thermal-expansion, place: [link1], lag: 300, parameters: {alpha: {value: 1.2e-5, unit: 1/K}}}
-"""
-LACKS = missing()
-needs_toolchain = pytest.mark.skipif(bool(LACKS), reason=f"found no {', no '.join(LACKS)}")
-TICKS = 3.2
-"""Of the boards' timers, an instruction: 128 ns by 40 ns."""
-REALS: tuple[Real, ...] = ("double", "float")
-
-
-@cache
-def written(where: Path, name: str, real: Real) -> Path:
-    """The directory of a machine's C: one of ``generated_machines``, or one that comes with truepose."""
-    bundled = PROOF.parent / "models" / "machines" / name / "machine.yaml"
-    directory = where / f"embedded_{name}_{real}"
-    generate(machine_of(where, name) if name in BODIES else load_machine(bundled), directory, real)
-    return directory
-
-
-@cache
-def measured(where: Path, name: str, real: Real) -> Measurement:
-    return measure(written(where, name, real))
-
-
-def allowed(directory: Path) -> tuple[float, float]:
-    """Position (mm) and angle (rad) within which a pose counts as met (interface.md, section 5)."""
-    source = read_source(directory)
-    reach = max(300.0, float(np.max(np.linalg.norm(source.poses[:, 3::4], axis=1))))
-    return (1e-6, 1e-9) if source.real == "double" else (2e-6 * reach, 2e-6)
-
-
-def log(target: Target, turns: int, ticks: int, deep: int = 8) -> str:
-    """What a run would say that saw ``turns`` of the known loop take ``ticks`` ticks, and two words ``deep`` bytes."""
-    zeros = " ".join(["00" * (8 if target.real == "double" else 4)] * 2)
-    calls = (
-        f"nothing 0 0 1 {round(3 * TICKS)} 0",
-        f"turn {turns} 0 1 {ticks} 0",
-        f"dig 2 0 1 {round(12 * TICKS)} {deep}",
-    )
-    return "".join(f"{call} {zeros}\n" for call in calls) + "end\n"
-
+pytestmark = pytest.mark.nightly
 
 both = pytest.mark.parametrize("real", REALS)
 each_target = pytest.mark.parametrize("target", TARGETS.values(), ids=list(TARGETS))
@@ -120,6 +89,14 @@ def test_the_code_needs_no_memory_but_the_stack(root_directory: Path, real: Real
 
 
 @needs_toolchain
+def test_measuring_again_gives_the_same_numbers(root_directory: Path) -> None:
+    first = measured(root_directory, "arm", "double")
+    assert measure(written(root_directory, "arm", "double")) == first
+    small = measure(written(root_directory, "arm", "double"), optimisation="-Os")
+    assert small.solved and small.object != first.object
+
+
+@needs_toolchain
 @each_target
 def test_loops_and_stacks_of_known_size_are_counted_exactly(
     root_directory: Path, tmp_path: Path, target: Target
@@ -156,34 +133,55 @@ def test_every_c_file_compiles_for_the_target_without_a_warning(
 
 
 @needs_toolchain
-def test_small_code_on_a_controller(root_directory: Path) -> None:
-    """An arm of six joints: the way from a nearby guess in 4 kB, everything in 14; neither slower than what is not small."""
-    text = HEAD.format(name="bare") + ARM.partition("masses:")[0]
-    (root_directory / "bare.yaml").write_text(text, encoding="utf-8")
-    machine, found = load_machine(root_directory / "bare.yaml"), {}
-    for features in ("warm", "warm,cold,branches,p", ""):
-        directory = root_directory / f"bare_{features}"
-        generate(machine, directory, features=Features.of(features) if features else ALL)
-        found[features] = measure(directory, optimisation="-Os")
-    warm, every, plain = found.values()
-    assert warm.cold is None and warm.solved and every.solved
-    assert warm.linked_ik.text <= 4000 and every.linked_ik.text <= 14_000
-    assert warm.linked_ik.data == every.linked_ik.data == 0
-    assert max(warm.warm.median, every.warm.median) <= plain.warm.median
-    assert max(warm.warm.stack, every.warm.stack) <= plain.warm.stack
+def test_a_warning_is_an_error_that_tells_the_compilers_words(root_directory: Path, tmp_path: Path) -> None:
+    shutil.copytree(written(root_directory, "arm", "double"), tmp_path, dirs_exist_ok=True)
+    code = tmp_path / "arm_kin.c"
+    code.write_text(code.read_text() + "\nstatic int unused(void)\n{\n    return 1;\n}\n")
+    with pytest.raises(InputError, match=r"arm-none-eabi-gcc for Cortex-M7: failed with code 1: .*unused"):
+        measure(tmp_path)
 
 
 @needs_toolchain
-@both
-def test_every_update_of_a_state_takes_the_same_time(root_directory: Path, real: Real) -> None:
-    (root_directory / "mem.yaml").write_text(HEAD.format(name="mem") + ARM.partition("masses:")[0] + EFFECTS)
-    generate(load_machine(root_directory / "mem.yaml"), root_directory / f"mem_{real}", real)
-    found = measure(root_directory / f"mem_{real}")
-    assert found.state and found.state_object
-    assert found.state.codes == (found.vectors, 0, 0, 0, 0)
-    assert found.state.most <= 1.05 * found.state.median  # a maximum takes one instruction or another
-    assert (found.state_object.data, found.state_object.bss) == (0, 0)
-    assert "mem_state_update`: instructions" in "".join(table([found]))
+def test_a_target_for_other_numbers_is_refused(root_directory: Path) -> None:
+    with pytest.raises(InputError, match="found C in double, expected float for Cortex-M4F"):
+        measure(written(root_directory, "arm", "double"), target=CORTEX_M4F)
+
+
+@needs_toolchain
+def test_the_command_states_the_measurements_only_when_asked(tmp_path: Path) -> None:
+    machine_of(tmp_path, "scara")
+    options = ["codegen", str(tmp_path / "scara.yaml"), "--real", "float", "-o"]
+    for directory, more in (("plain", []), ("told", ["--measure"])):
+        done = CliRunner().invoke(app, [*options, str(tmp_path / directory), *more])
+        assert done.exit_code == 0, done.output
+    plain, told = (tmp_path / name for name in ("plain", "told"))
+    files = {file.relative_to(plain) for file in plain.rglob("*") if file.is_file()}
+    assert files == {file.relative_to(told) for file in told.rglob("*") if file.is_file()}
+    for file in files:
+        assert ((plain / file).read_bytes() == (told / file).read_bytes()) == (file != Path("README.md")), (
+            file
+        )
+    before, section = (told / "README.md").read_text().split("\n## Measured\n")
+    assert before == (plain / "README.md").read_text()
+    tools = required()
+    for said in (tools.compiler, tools.emulator, "`-O2`", "`-Os`", "Cortex-M4F", "stack"):
+        assert said in section
+
+
+def test_without_the_toolchain_nothing_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    machine_of(tmp_path, "scara")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert toolchain() is None
+    assert missing() == [
+        "arm-none-eabi-gcc (gcc-arm-none-eabi)",
+        "arm-none-eabi-size (binutils-arm-none-eabi)",
+        "qemu-system-arm (qemu-system-arm)",
+    ]
+    options = ["codegen", str(tmp_path / "scara.yaml"), "-o", str(tmp_path / "out"), "--measure"]
+    done = CliRunner().invoke(app, options)
+    assert done.exit_code == 2
+    assert done.stderr.startswith("error: measuring: found no arm-none-eabi-gcc (gcc-arm-none-eabi)")
+    assert not (tmp_path / "out").exists()
 
 
 @each_target
@@ -236,3 +234,60 @@ def test_the_deepest_chain_of_calls(tmp_path: Path) -> None:
     write(kind="dynamic,bounded")
     with pytest.raises(InputError, match="a: found a frame of dynamic,bounded size, expected a fixed one"):
         read_frames(graph)
+
+
+def test_a_directory_that_is_not_generated_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"found 0 files NAME_kin\.h, expected one of generated C"):
+        read_source(tmp_path)
+    (tmp_path / "a_kin.h").write_text("typedef double a_real;\n")
+    with pytest.raises(InputError, match="expected type, number and units of the joints"):
+        read_source(tmp_path)
+    header = "      0  q1 [rad]\n   p: parameters\n4  [R|p] */\ntypedef double a_real;\n#define a_N 1 /* joints */\n"
+    (tmp_path / "a_kin.h").write_text(header)
+    with pytest.raises(InputError, match=r"test_vectors\.csv: cannot read the test vectors"):
+        read_source(tmp_path)
+    (tmp_path / "test_vectors.csv").write_text("q1,T0\n1.0,nan\n")
+    with pytest.raises(InputError, match=r"found a table \(1, 2\), expected 13 finite numbers a row"):
+        read_source(tmp_path)
+    (tmp_path / "b_kin.h").write_text(header)
+    with pytest.raises(InputError, match="found 2 files"):
+        read_source(tmp_path)
+
+
+def test_targets_are_told_by_their_numbers() -> None:
+    assert (target_for("double"), target_for("float")) == (CORTEX_M7, CORTEX_M4F)
+    assert sizes_section([]) == ""
+
+
+@needs_toolchain
+def test_small_code_on_a_controller(root_directory: Path) -> None:
+    """An arm of six joints: the way from a nearby guess in 4 kB, everything in 14; neither slower than what is not small."""
+    text = HEAD.format(name="bare") + ARM.partition("masses:")[0]
+    (root_directory / "bare.yaml").write_text(text, encoding="utf-8")
+    machine, found = load_machine(root_directory / "bare.yaml"), {}
+    for features in ("warm", "warm,cold,branches,p", ""):
+        directory = root_directory / f"bare_{features}"
+        generate(machine, directory, features=Features.of(features) if features else ALL)
+        found[features] = measure(directory, optimisation="-Os")
+    warm, every, plain = found.values()
+    assert warm.cold is None and warm.solved and every.solved
+    assert warm.linked_ik.text <= 4000 and every.linked_ik.text <= 14_000
+    assert warm.linked_ik.data == every.linked_ik.data == 0
+    assert max(warm.warm.median, every.warm.median) <= plain.warm.median
+    assert max(warm.warm.stack, every.warm.stack) <= plain.warm.stack
+
+
+@needs_toolchain
+@pytest.mark.parametrize("real", REALS)
+def test_every_update_of_the_state_takes_the_same_time_on_a_controller(
+    root_directory: Path, real: Real
+) -> None:
+    play = "effects: [{effect: backlash, place: [q1], parameters: {b: {value: 4.0e-4, unit: rad}}}]\n"
+    path = root_directory / f"play_{real}.yaml"
+    path.write_text(HEAD.format(name="play") + ARM.partition("masses:")[0] + play, encoding="utf-8")
+    generate(load_machine(path), root_directory / f"play_{real}", real)
+    found = measure(root_directory / f"play_{real}")
+    assert found.state and found.state_object
+    assert found.state.codes == (found.vectors, 0, 0, 0, 0)
+    assert found.state.most <= 1.05 * found.state.median  # a maximum takes one instruction or another
+    assert (found.state_object.data, found.state_object.bss) == (0, 0)

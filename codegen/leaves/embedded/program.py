@@ -11,19 +11,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
-import jinja2
 import numpy as np
-from emulated.toolchain import Target, Toolchain, run
 
 from truepose.arrays import Array
+from truepose.codegen.leaves.embedded.toolchain import Target, Toolchain, run
 from truepose.codegen.printer import Real, literal
+from truepose.codegen.texts import TEMPLATES, environment
 from truepose.errors import InputError
 
-_FOLDER = Path(__file__).parent / "templates"
-_TEMPLATES = jinja2.Environment(
-    loader=jinja2.FileSystemLoader(_FOLDER), undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
-    keep_trailing_newline=True,
-)  # fmt: skip
 _DEGREE = math.radians(1.0)
 _SHARE_OF_TURN, _SHARE = 0.02, 0.005
 _AWAY = 100.0
@@ -183,8 +178,9 @@ def write_program(source: Source, target: Target, where: Path) -> Path:
         "numbers": lambda values: ", ".join(literal(float(v), source.real) for v in values),
     }
     for file in ("driver.c", "link.ld"):
-        (where / file).write_text(_TEMPLATES.get_template(f"{file}.j2").render(context), encoding="utf-8")
-    shutil.copy(_FOLDER / "start.S", where)
+        text = environment().get_template(f"embedded/{file}.j2").render(context)
+        (where / file).write_text(text, encoding="utf-8")
+    shutil.copy(TEMPLATES / "embedded" / "start.S", where)
     for part in ("kin", "state") if source.remembers else ("kin",):
         for suffix in ("c", "h"):
             shutil.copy(source.directory / f"{source.name}_{part}.{suffix}", where)
