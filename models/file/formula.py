@@ -52,7 +52,9 @@ class Formula:
         try:
             _Value(text, {name: ca.SX.sym(name) for name in known}, _BY_NAME, angle, where).visit(tree)
         except RecursionError:
-            raise InputError(f"{where}: found {text!r}, expected fewer brackets in brackets") from None
+            raise InputError(
+                f"{where}: found {text!r}, expected a shorter one, or fewer brackets in brackets"
+            ) from None
         found = [node for node in ast.walk(tree) if isinstance(node, ast.Name) and node.id not in FUNCTIONS]
         ordered = sorted(found, key=lambda node: node.col_offset)
         return cls(text, tuple(dict.fromkeys(node.id for node in ordered)), angle)

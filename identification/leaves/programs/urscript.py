@@ -6,6 +6,7 @@ go to. ``pose_trans(feature, p[...])`` in a motion is a pose in that feature; fe
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Mapping
 from typing import ClassVar
@@ -16,11 +17,11 @@ from truepose.arrays import Array
 from truepose.identification.leaves.programs.flow import Assignment, Keywords
 from truepose.identification.leaves.programs.program import (
     NUMBER,
+    Number,
     RotationVector,
     Span,
     Target,
     closing,
-    numbers_in,
     numbers_of,
     parts,
 )
@@ -42,7 +43,11 @@ _IN_FORCE = "set_tcp"
 """What the flow of a text calls the tool in force."""
 _PLACES = {"movec": 2}
 _BEGIN = r"(?<![^\r\n:;])[ \t]*+(?:(?:global|local)[ \t]+)?(?P<name>[A-Za-z_]\w*)"
-_CONSTANT = r"(?:(?P<pose>(?<!\w)p[ \t]*)|(?<![\w\]]))\[\s*" + r"\s*,\s*".join([NUMBER] * 6) + r"\s*\]"
+_VALUE = rf"(?:[+-]?d2r\s*\(\s*{NUMBER}\s*\)|{NUMBER}(?:\s*[*/]\s*{NUMBER})*+)"
+"""Numbers of a constant: plain, products and quotients of plain ones, or ``d2r`` of one."""
+_DEGREES = re.compile(rf"(?P<sign>[+-]?)d2r\s*\(\s*(?P<number>{NUMBER})")
+_FACTOR = re.compile(rf"(?P<how>[*/]?)\s*(?P<number>{NUMBER})")
+_CONSTANT = r"(?:(?P<pose>(?<!\w)p[ \t]*)|(?<![\w\]]))\[\s*" + r"\s*,\s*".join([_VALUE] * 6) + r"\s*\]"
 _ASSIGNED = re.compile(rf"{_BEGIN}\s*=(?!=)[ \t]*(?P<value>{_CONSTANT}(?=[ \t]*(?:[\r\n;]|\Z))|[^\r\n]*)")
 _COMPONENT = re.compile(rf"(?P<what>{_BEGIN}\s*\[[^\]\r\n]*\]\s*=[^=][^\r\n]*)")
 
@@ -96,10 +101,10 @@ class UrScript(Language):
         if not is_used:
             return UNUSED if is_pose and assigned else None
         name = assigned["name"] if assigned else "literal"
-        return target_of(reader, span, name, numbers_in(mask, *span), [], is_pose=is_pose)
+        return target_of(reader, span, name, _numbers_in(mask, *span), [], is_pose=is_pose)
 
     def pose(self, text: str) -> Array | None:
-        values = [n.value for n in numbers_in(text, 0, len(text))]
+        values = [n.value for n in _numbers_in(text, 0, len(text))]
         return np.asarray(self.form.poses(np.array([values]))[0]) if text.startswith("p") else None
 
     def written(self, reader: Reader, span: Span) -> str | None:
@@ -132,5 +137,27 @@ def _near(reader: Reader, argument: list[Span]) -> tuple[float, ...] | None:
         for span in spans:
             piece = reader.mask[slice(*bare_span(reader.mask, span))]
             if UrScript.constant.fullmatch(piece) and not piece.startswith("p"):
-                return tuple(n.value for n in numbers_in(piece, 0, len(piece)))
+                return tuple(n.value for n in _numbers_in(piece, 0, len(piece)))
     return None
+
+
+def _numbers_in(text: str, start: int, end: int) -> list[Number]:
+    """Return the numbers between two positions; the text of one that is worked out is its value."""
+    return [
+        Number(m.start(), m.end(), _plain(m.group())) for m in re.compile(_VALUE).finditer(text, start, end)
+    ]
+
+
+def _plain(text: str) -> str:
+    """Return the text of a number's value; one that has none is beyond every limit."""
+    degrees, factors = _DEGREES.match(text), list(_FACTOR.finditer(text))
+    if degrees is None and len(factors) == 1:
+        return text
+    if degrees is not None:
+        value = math.radians(float(f"{degrees['sign']}1") * float(degrees["number"]))
+    else:
+        value = 1.0
+        for m in factors:
+            number = float(m["number"])
+            value = value * number if m["how"] != "/" else value / number if number else math.inf
+    return f"{value:.10f}" if math.isfinite(value) else "1e99"

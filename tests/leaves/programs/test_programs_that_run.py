@@ -6,6 +6,8 @@ by an evaluator that shares no code with the product.
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -121,8 +123,18 @@ def test_a_point_that_the_program_computes_is_listed(machine: Machine, dialect: 
     assert "worked out while the program runs" in why and found.done
 
 
-def test_numbers_that_are_worked_out_in_a_constant_are_listed_and_never_a_frame(machine: Machine) -> None:
-    """Angles in degrees of a script: neither a target nor a tool that is known, so that nothing is corrected by them."""
-    script = "set_tcp(p[0,0,0.1,d2r(30),0,0])\nmovel(p[0.3,0.1,0.5,0,1.5,0])\nmovej([d2r(20),0,0,0,0,0])\n"
-    program = DIALECTS["urscript"].read(script, machine)
-    assert not program.targets and [one.line for one in program.left] == [2, 3]
+@pytest.mark.parametrize(
+    "constant", ["d2r({})", "-d2r(-{})", "{} / 180 * 3.14159265358979", "3.14159265358979*{}/180"]
+)
+def test_constants_that_are_worked_out_in_a_literal_are_its_numbers(machine: Machine, constant: str) -> None:
+    degrees = np.degrees([0.35, 0.25, 0.3, 0.4, 0.9, 0.5])
+
+    def script(numbers: list[str]) -> str:
+        return f"set_tcp(p[0,0,0.1,{numbers[0]},0,0])\nmovej([{','.join(numbers)}])\n"
+
+    plain = script([f"{np.radians(v):.10f}" for v in degrees])
+    worked_out = script([constant.format(f"{v:.9f}") for v in degrees])
+    one, other = (correct(machine, DIALECTS["urscript"].read(text, machine)) for text in (plain, worked_out))
+    new, same = (re.findall(r"[-\d.]+", found.text.splitlines()[1]) for found in (one, other))
+    np.testing.assert_allclose(np.array(same, dtype=float), np.array(new, dtype=float), atol=1e-7)
+    assert other.text.splitlines()[0] == worked_out.splitlines()[0]
