@@ -157,7 +157,7 @@ def _out_of_balance(machine: Machine, home: tuple[Stance, Assembly], now: tuple[
     chain rule.
     """
     rods = machine.mechanism.rods
-    energy = sum((_strain(rod, home, now) for rod in rods), ca.SX(0))
+    energy = sum((strain_energy(rod, home, now) for rod in rods), ca.SX(0))
     energy += now[1].energies.get("", 0)
     x = now[0].x
     natural = coordinate_scale(machine, 2 * x.numel(), 0).size[: x.numel()]
@@ -165,7 +165,7 @@ def _out_of_balance(machine: Machine, home: tuple[Stance, Assembly], now: tuple[
     return now[1].still.slope(energy, x) * ca.DM(natural / (natural.max() * stiffness))
 
 
-def _strain(rod: Rod, home: tuple[Stance, Assembly], now: tuple[Stance, Assembly]) -> ca.SX:
+def strain_energy(rod: Rod, home: tuple[Stance, Assembly], now: tuple[Stance, Assembly]) -> ca.SX:
     """Energy (N mm) of an elastic rod since home, where it was unstrained.
 
     The flexures' middles are where ball joints would be: each reaches half its length beyond (eq. 22).

@@ -18,6 +18,7 @@ from pathlib import Path
 from support.generated_c import SANITIZERS
 from support.generated_machines import machine_of
 from support.hostile import Answers, answers, hostile_program
+from truepose.codegen.features import ALL
 from truepose.codegen.printer import Real
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
@@ -71,7 +72,7 @@ def ran(case: Case, rounds: int) -> Answers:
     with tempfile.TemporaryDirectory() as work:
         folder = Path(work)
         made = machine(case.machine, folder)
-        program = hostile_program(made, folder / "out", case.real, FLAGS, case.features)
+        program = hostile_program(made, folder / "out", case.real, FLAGS, case.features or ALL)
         return answers(program, max(100, round(case.share * rounds)), *case.every)
 
 

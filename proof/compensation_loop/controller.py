@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 from truepose.codegen.c import generate
 from truepose.errors import InputError
 from truepose.identification.compensation.compensate import ideal_constants
-from truepose.identification.compensation.path_table import load_path
+from truepose.identification.compensation.path_table import path_rows
 from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.predict import predictor_for
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
+from truepose.identification.recording.table import read_table
 from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
@@ -114,7 +115,7 @@ def _logged(machine: Machine, q: Array, drivers: Mapping[str, Array], path: Path
     columns = np.column_stack([q, *drivers.values()])
     header = ",".join([*joints, *drivers])
     np.savetxt(path, columns, fmt="%.17g", delimiter=",", header=header, comments="")
-    return load_path(machine, path)[1]
+    return path_rows(machine, read_table(path))[1]
 
 
 __all__ = ["Followed", "build", "calibrated", "follow"]

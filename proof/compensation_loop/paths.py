@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from truepose.errors import InputError
 from truepose.identification.compensation.compensate import ideal_constants
 from truepose.identification.compensation.inverse import PoseSolver, base_frame
-from truepose.identification.compensation.path_table import load_path
+from truepose.identification.compensation.path_table import path_rows
+from truepose.identification.recording.table import read_table
 from truepose.models import lie
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine
@@ -101,7 +102,7 @@ def _read_back(machine: Machine, poses: Array) -> Array:
     with TemporaryDirectory() as folder:
         file = Path(folder) / "poses.csv"
         np.savetxt(file, columns, fmt="%.17g", delimiter=",", header=header, comments="")
-        return load_path(machine, file)[1].q
+        return path_rows(machine, read_table(file))[1].q
 
 
 def _joints(solver: PoseSolver, poses: Array, start: Array) -> Array:

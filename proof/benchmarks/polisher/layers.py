@@ -17,10 +17,11 @@ import numpy as np
 import pandas as pd
 
 from truepose.identification.compensation.compensate import Method, compensate
-from truepose.identification.compensation.path_table import load_path
+from truepose.identification.compensation.path_table import path_rows
 from truepose.identification.fit import relinearised as biased
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import write_calibrated
+from truepose.identification.recording.table import read_table
 from truepose.models import lie
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
@@ -158,7 +159,7 @@ def followed(machine: Machine, wanted: Array, method: Method) -> Array:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "path.csv"
         pd.DataFrame(columns, columns=list(POSE)).to_csv(path, index=False)
-        return compensate(machine, load_path(machine, path)[1], method=method).command
+        return compensate(machine, path_rows(machine, read_table(path))[1], method=method).command
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import casadi as ca
@@ -25,8 +27,8 @@ from support.telescope_models import (
 )
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models import lie
-from truepose.models.machine.mechanism import ElasticChain
-from truepose.models.machine.near_home import Ends, strain_energy
+from truepose.models.machine.mechanism import ElasticChain, Rod
+from truepose.models.machine.near_home import Stance, strain_energy
 
 Array = NDArray[np.float64]
 simulator, campaigns = import_module("telescope_simulator"), import_module("telescope_models.campaign")
@@ -55,6 +57,7 @@ VALUES = {
     )
 } | {"leg.flexure": ca.SX(LENGTH)}
 CHAIN = ElasticChain("leg.flexure", (NAMES[0], NAMES[1], NAMES[2]), (NAMES[3], NAMES[4], NAMES[5]), 1e4)
+ROD = Rod("leg", "a", None, "b", None, "leg.length", 500.0, elastic=CHAIN)
 
 
 def frame(turn: Array, at: Array) -> ca.SX:
@@ -69,32 +72,31 @@ def test_the_energy_of_a_rod_is_that_of_its_condensed_elements() -> None:
     start, along = np.array([10.0, -20.0, 30.0]), np.array([0.3, -0.2, 0.9])
     along /= np.linalg.norm(along)
     far = start + 500.0 * along
-    home = Ends(frame(rng.normal(size=3), start), frame(rng.normal(size=3), far), *ends_of(start, far))
+    frames = frame(rng.normal(size=3), start), frame(rng.normal(size=3), far)
     k = chain_stiffness([LENGTH, 500.0 - LENGTH, LENGTH], [FLEXURE, BAR, FLEXURE])
     local = np.kron(np.eye(4), beams.beam_frame(start, far, np.array([0.0, 0.0, 1.0])))
     for _ in range(5):
         shifts, turns = rng.normal(size=(2, 3)), 0.01 * rng.normal(size=(2, 3))
         rotations = lie.exp_so3(turns)
-        frames = [
-            turned(f, r, s) for f, r, s in zip((home.frame_a, home.frame_b), rotations, shifts, strict=True)
-        ]
-        now = Ends(frames[0], frames[1], *ends_of(start + shifts[0], far + shifts[1]))
+        moved = [turned(f, r, s) for f, r, s in zip(frames, rotations, shifts, strict=True)]
         # the nodes lie half a flexure beyond the centres; small rotations are the skew part's vector
         beyond = LENGTH / 2 * np.outer((-1, 1), along)
         nodes = shifts + np.einsum("kij,kj->ki", rotations - np.eye(3), beyond)
         small = [np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]) / 2 for r in rotations]
         u = local.T @ np.concatenate([nodes[0], small[0], nodes[1], small[1]])
-        energy = number(strain_energy(CHAIN, home, now, ca.SX(500.0), ca.SX(0.0), VALUES))
+        energy = number(strain_energy(ROD, placed(frames, 500.0), placed(moved, 500.0)))
         assert energy == pytest.approx(0.5 * u @ k @ u, rel=1e-9)
         # a rod that grew is as strained as one whose far end came nearer by as much
         nodes[1] -= 0.3 * along
         u = local.T @ np.concatenate([nodes[0], small[0], nodes[1], small[1]])
-        energy = number(strain_energy(CHAIN, home, now, ca.SX(500.0), ca.SX(0.3), VALUES))
+        energy = number(strain_energy(ROD, placed(frames, 500.0), placed(moved, 500.3)))
         assert energy == pytest.approx(0.5 * u @ k @ u, rel=1e-9)
 
 
-def ends_of(a: Array, b: Array) -> tuple[ca.SX, ca.SX]:
-    return ca.SX(ca.DM(a)), ca.SX(ca.DM(b))
+def placed(frames: Sequence[ca.SX], length: float) -> tuple[Stance, Any]:
+    """A stance of the rod's values and its length, and the frames of the two bodies that clamp it."""
+    values = VALUES | {"leg.length": ca.SX(length)}
+    return Stance(values, {}, ca.SX(0, 1), ()), SimpleNamespace(bodies=dict(zip("ab", frames, strict=True)))
 
 
 def turned(home: ca.SX, rotation: Array, shift: Array) -> ca.SX:
