@@ -10,11 +10,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
 from support.checked_arm import document, recorded, written
-from truepose.cli import app
-from truepose.errors import InputError
+from support.command import input_error, run
 from truepose.identification.leaves.check.run import check_files
 
 VECTOR = ["rx", "ry", "rz"]
@@ -38,11 +36,9 @@ def test_what_the_error_says_to_do_gives_a_recording_that_fits(
     rows = recorded()
     assert not np.allclose(rows[VECTOR], 0.0)
     machine, table = written(tmp_path, document(), in_form(rows, names))
-    with pytest.raises(InputError, match="missing column 'rx'") as refused:
+    with input_error("missing column 'rx'") as refused:
         check_files(machine, [table])
     found = re.search(r"`truepose import([^`]*)`", str(refused.value))
     assert found is not None, str(refused.value)
-    words = ["import", str(table), *shlex.split(found[1]), "-o", str(tmp_path / "own.csv")]
-    done = CliRunner().invoke(app, words)
-    assert done.exit_code == 0, done.output
+    run("import", table, *shlex.split(found[1]), "-o", tmp_path / "own.csv")
     assert check_files(machine, [tmp_path / "own.csv"])[0].verdict == "ok"

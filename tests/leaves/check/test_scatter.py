@@ -87,11 +87,6 @@ def test_a_sigma_is_far_from_its_scatter_beyond_a_factor_of_ten(
             assert one.after is not None
             # six groups of five: 72 readings are free, and a middle of six
             assert one.after == pytest.approx(size * stated, rel=0.25) and one.before == pytest.approx(stated)
-            assert one.says == (
-                f"replicates scatter by {one.after:.3g} {unit}, sigma is stated as {stated:.3g} {unit}"
-            )
-            shown = one.after if kind == "xyz" else np.degrees(one.after)
-            assert one.fix == f"state sigma: {{{kind}: {shown:.2g}}}"
             assert (one.unit, one.verdict) == (unit, "suspect")
 
 

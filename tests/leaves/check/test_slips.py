@@ -190,7 +190,7 @@ def mended_check(found: Check, folder: Path) -> Check:
     return check_files(folder / "mended/arm.yaml", [folder / "mended/r.csv"])[0]
 
 
-BY_DAY = {"metres", "backwards", "inverse", "never set", "swapped"}
+BY_DAY = {"metres", "backwards", "inverse", "never set", "swapped", "horizon", "counts"}
 
 
 @pytest.mark.parametrize(

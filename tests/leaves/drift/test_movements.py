@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 from scipy import stats
 
@@ -17,10 +16,10 @@ from support.stacked_sessions import (
     ROWS,
     SCALE,
     SESSIONS,
-    SIGMA_STEPS,
     TIMES,
     UNITS,
     dense,
+    distance_rows,
     likeliest_of,
     plain,
     said,
@@ -77,34 +76,6 @@ def test_a_movement_is_believed_from_a_probability_of_095() -> None:
     for own, together, status in ((0.94, 0.94, "perhaps"), (0.96, 0.96, "moved"), (0.6, 0.97, "moved")):
         found = replace(said(top, (0.1, own, 0.1)), together=np.array([0.1, together, 0.1]))
         assert movements(found, PRIOR, UNITS, TIMES)[1].status == status
-
-
-def test_of_two_movements_each_has_its_own_change_and_spread() -> None:
-    top = likeliest_of(stacked(2, np.array([0.0, 0.6, -0.3, 1.0])), {2: 30.0, 1: 3.0})
-    mean, covariance = dense(top)
-    _, *both = movements(said(top, (0.02, 0.99, 0.99)), PRIOR, UNITS, TIMES)
-    for place, own in enumerate(both, start=1):
-        since = np.kron(np.eye(SESSIONS) - np.eye(SESSIONS)[0], np.eye(3)[place]) * SCALE[place]
-        np.testing.assert_allclose(own.change, since @ mean, atol=1e-7)
-        spread = np.diag(since @ covariance @ since.T).clip(0.0)
-        np.testing.assert_allclose(own.std, np.sqrt(spread), atol=1e-7)
-
-
-def test_a_steady_movement_has_its_rate_and_an_unsteady_one_says_so() -> None:
-    for way, steady in (((0.0, 0.6, 2.4, 3.0), True), ((0.0, 3.0, 0.0, 3.0), False)):
-        stack = stacked(3, np.array(way))
-        found = said(likeliest_of(stack, {1: 10.0}), (0.02, 0.99, 0.02))
-        _, own, _ = movements(found, PRIOR, UNITS, TIMES)
-        assert own.steady is steady and own.rate is not None and own.rate_std is not None
-        if steady:
-            assert abs(own.rate - SCALE[1] * 0.01) < 4.0 * own.rate_std
-        (_, unclocked, _) = movements(found, PRIOR, UNITS, None)
-        assert unclocked.rate is not None and unclocked.change == own.change
-    two = Stack(stack.jacobian[:2], stack.offset[:2], 2 * ROWS, SIGMA_STEPS, CLASSES)
-    found = said(likeliest_of(two, {1: 10.0}), (0.02, 0.99, 0.02))
-    _, line, _ = movements(found, PRIOR, UNITS, (0.0, 50.0))
-    assert line.steady and line.rate == pytest.approx(line.change[1] / 50.0)
-    assert line.rate_std == pytest.approx(line.std[1] / 50.0)
 
 
 @pytest.mark.parametrize(("time", "length"), [(1.0, 1.0), (1e-6, 1.0), (1.0, 1e6), (1e5, 1e-7)])
@@ -171,9 +142,7 @@ def test_a_movement_is_hidden_where_first_or_last_cannot_be_told(
 def test_a_reading_that_counts_from_itself_is_none(tmp_path: Path) -> None:
     """The noise is judged by readings that can err: the first of each session counts from itself, and reads 0."""
     n = 24
-    rows = pd.DataFrame(np.random.default_rng(8).uniform(-3.0, 3.0, (n, 3)), columns=["x", "y", "t"])
-    origin = np.where(np.arange(n) % (n // 2) == 0, np.arange(n), np.arange(n) - 1)
-    rows = rows.assign(pose=np.arange(n), **{"from": origin}, session=np.arange(n) // (n // 2))
+    rows, origin = distance_rows(n, 2, 8)
     rows.assign(dL=np.where(origin == np.arange(n), 0.0, 1e-3)).to_csv(tmp_path / "rows.csv", index=False)
     machine = load_machine(MACHINES / "distance.yaml")
     sessions, notes = sessions_of(machine, load_recording(machine, [tmp_path / "rows.csv"]))
@@ -183,12 +152,9 @@ def test_a_reading_that_counts_from_itself_is_none(tmp_path: Path) -> None:
 
 
 def test_a_session_of_validation_rows_alone_is_left_out_and_said(tmp_path: Path) -> None:
-    n = 24
-    rows = pd.DataFrame(np.random.default_rng(9).uniform(-3.0, 3.0, (n, 3)), columns=["x", "y", "t"])
-    session, first = np.arange(n) // 8, 8 * (np.arange(n) // 8)
-    rows = rows.assign(pose=np.arange(n), **{"from": first}, session=session, dL=1e-3)
-    rows["role"] = np.where(session == 1, "validation", "calibration")
-    rows.to_csv(tmp_path / "rows.csv", index=False)
+    rows, _ = distance_rows(24, 3, 9)
+    role = np.where(rows["session"] == 1, "validation", "calibration")
+    rows.assign(dL=1e-3, role=role).to_csv(tmp_path / "rows.csv", index=False)
     machine = load_machine(MACHINES / "distance.yaml")
     sessions, notes = sessions_of(machine, load_recording(machine, [tmp_path / "rows.csv"]))
     assert [one.label for one in sessions] == ["session 0", "session 2"]

@@ -7,16 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from support.exported import EXTRA, frame
-from support.generated_machines import HEAD, machine_of
+from support.exported import frame, machine_named
+from truepose.arrays import Array
 from truepose.models.leaves.export.links import text, xyz_rpy
 from truepose.models.leaves.export.write import render
-from truepose.models.load import load_machine
 
-Array = NDArray[np.float64]
 NUMBERS = ", ".join(f"{field} (\\S+)" for field in ("x", "y", "z", "roll", "pitch", "yaw"))
 
 
@@ -31,15 +28,14 @@ def told(text: str, what: str) -> Array | None:
 
 def test_flange_tool_and_world_stand_in_the_comments_if_the_file_does_not_hold_them(tmp_path: Path) -> None:
     """Where the last joint's frame cannot be the flange's, the comments lead to both: from one to the other is the tool."""
-    (tmp_path / "tilted.yaml").write_text(HEAD.format(name="tilted") + EXTRA["tilted"])
-    text = render(load_machine(tmp_path / "tilted.yaml"), "ur-kinematics").text
+    text = render(machine_named(tmp_path, "tilted"), "ur-kinematics").text
     flange, tool, base = (
         told(text, what) for what in ("wrist_3 to flange", "wrist_3 to tool", "world to base")
     )
     assert flange is not None and tool is not None and base is not None
     np.testing.assert_allclose(tool, flange @ frame([0.003, 0.004, 0.05], [0, 0, 0]), atol=1e-9)
     np.testing.assert_allclose(base, frame([0.04, -0.003, 0.7], np.radians([1, 2, 30])), atol=1e-9)
-    assert told(render(machine_of(tmp_path, "arm"), "ur-kinematics").text, "wrist_3 to flange") is None
+    assert told(render(machine_named(tmp_path, "arm"), "ur-kinematics").text, "wrist_3 to flange") is None
 
 
 @pytest.mark.parametrize("pitch", [90.0, -90.0, 89.99999999, 0.0, 180.0])

@@ -9,14 +9,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from support import MACHINES, ROOT
+from support.command import input_error
 from support.effect_machines import TEXTS, read_machines
 from support.examples import by_day
-from support.exported import EXTRA, mujoco_module, read_table, tool_of
-from support.generated_machines import BODIES, HEAD, machine_of
-from truepose.errors import InputError, ReadBackError
+from support.exported import EXTRA, machine_named, mujoco_module, read_table, readings_of, tool_of
+from support.generated_machines import BODIES
+from truepose.arrays import Array
+from truepose.errors import ReadBackError
 from truepose.identification.compensation.inverse import PoseSolver, base_frame
 from truepose.models.file.machine_file import checked_machine
 from truepose.models.file.yaml_document import parse_document
@@ -27,7 +28,6 @@ from truepose.models.leaves.starting.written import files_of
 from truepose.models.load import build_machine, load_machine
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 FILES = [*sorted(MACHINES.glob("*.yaml")), *sorted((ROOT / "models" / "machines").glob("*/machine.yaml"))]
 NAMES = [
     *BODIES,
@@ -75,7 +75,7 @@ def effect_machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Ma
     return read_machines(tmp_path_factory.getbasetemp() / "exported")
 
 
-def machine_named(name: str, folder: Path, others: Mapping[str, Machine]) -> Machine:
+def machine_called(name: str, folder: Path, others: Mapping[str, Machine]) -> Machine:
     if name in (*BODIES, *EXTRA, "carriage"):
         return drawn(folder, name)
     kind, _, own = name.partition("/")
@@ -89,25 +89,19 @@ def machine_named(name: str, folder: Path, others: Mapping[str, Machine]) -> Mac
 
 
 def drawn(folder: Path, name: str) -> Machine:
-    if name in BODIES:
-        return machine_of(folder, name)
-    path = folder / f"{name}.yaml"
-    path.write_text(HEAD.format(name=name) + (EXTRA | {"carriage": CARRIAGE})[name])
-    return load_machine(path)
+    return machine_named(folder, name, CARRIAGE if name == "carriage" else None)
 
 
 def rows_of(machine: Machine, file: Path, format: str) -> Array:
     """Return readings (n, nq) where a format holds the machine: a table at its positions."""
-    rng, actuators = np.random.default_rng(4), machine.mechanism.actuators
     if format in TABLES:
+        rng, actuators = np.random.default_rng(4), machine.mechanism.actuators
         table = read_table(file.read_text())
         positions = [rng.choice(table.rows[axis][:, 0], ROWS) for axis in table.axes]
         return np.column_stack(
             [p if a.unit == "mm" else np.radians(p) for p, a in zip(positions, actuators, strict=True)]
         )
-    ends = [a.range or ((-3.0, 3.0) if a.unit == "rad" else (-200.0, 200.0)) for a in actuators]
-    low, high = np.transpose(ends)
-    return rng.uniform(low, high, (ROWS, len(low)))
+    return readings_of(machine, ROWS)
 
 
 def is_held(name: str, machine: Machine, format: str) -> bool:
@@ -126,10 +120,10 @@ def test_a_machine_is_read_where_it_stands_or_refused(
     name: str, format: str, tmp_path: Path, effect_machines: Mapping[str, Machine]
 ) -> None:
     """Of effects, which formats hold in part, tests of each format tell."""
-    machine = machine_named(name, tmp_path, effect_machines).with_effects(())
+    machine = machine_called(name, tmp_path, effect_machines).with_effects(())
     file = tmp_path / f"out{SUFFIXES[format]}"
     if not is_held(name, machine, format):
-        with pytest.raises(InputError, match=r"found .*, expected "):
+        with input_error(r"found .*, expected "):
             export(machine, file, format)
         assert not file.exists()
         return
@@ -152,7 +146,7 @@ def test_an_exported_mjcf_starts_the_same_machine(
 ) -> None:
     """The same joints in the same ranges, the same masses, and the same pose of the tool in the base."""
     mujoco_module()
-    machine = machine_named(name, tmp_path, effect_machines).with_effects(())
+    machine = machine_called(name, tmp_path, effect_machines).with_effects(())
     if not is_held(name, machine, "mjcf"):
         return
     done = export(machine, tmp_path / "out.xml", "mjcf")

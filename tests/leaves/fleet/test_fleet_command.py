@@ -7,14 +7,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
 
+from support.command import invoke, refused
 from support.tiny_fleets import write_fleet
-from truepose.cli import app
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(app, ["fleet", *(str(argument) for argument in arguments)])
 
 
 @pytest.fixture
@@ -35,15 +30,14 @@ def test_bad_options_are_one_line(
     options: list[str], said: str, line: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(line / "a")
-    done = run(line, "-o", tmp_path / "results", *options)
-    assert done.exit_code == 2 and said in done.stderr and done.stderr.count("\n") == 1
+    refused("fleet", line, "-o", tmp_path / "results", *options, said=said)
     assert not (tmp_path / "results" / "machines").exists()
 
 
 def test_a_cluster_needs_the_extra(line: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    done = run(line, "-o", tmp_path / "results", "--dask", "tcp://127.0.0.1:9")
-    assert done.exit_code == 2 and "expected the extra dask: pip install 'truepose[dask]'" in done.stderr
+    options = ("-o", tmp_path / "results", "--dask", "tcp://127.0.0.1:9")
+    refused("fleet", line, *options, said="expected the extra dask: pip install 'truepose[dask]'")
 
 
 def test_folders_that_are_none(line: Path, tmp_path: Path) -> None:
@@ -52,17 +46,15 @@ def test_folders_that_are_none(line: Path, tmp_path: Path) -> None:
         (line, line, "expected another folder for the results"),
         (line, line / "a" / "machine.yaml", "expected a directory for the results, found the file"),
     ):
-        done = run(folder, "-o", tmp_path / output)
-        assert done.exit_code == 2 and said in done.stderr
+        refused("fleet", folder, "-o", tmp_path / output, said=said)
     (tmp_path / "fit").mkdir()
     (tmp_path / "fit" / "fit.json").write_text("{}", encoding="utf-8")
-    done = run(line, "-o", tmp_path / "fit")
-    assert done.exit_code == 2 and "found fit.json, a result of truepose calibrate" in done.stderr
+    refused("fleet", line, "-o", tmp_path / "fit", said="found fit.json, a result of truepose calibrate")
 
 
 def test_where_no_machine_can_be_done_the_files_say_why(line: Path, tmp_path: Path) -> None:
     (line / "a" / "machine.yaml").unlink()
-    done = run(line, "-o", tmp_path / "results", "--json")
+    done = invoke("fleet", line, "-o", tmp_path / "results", "--json")
     told = json.loads(done.stdout)
     assert done.exit_code == 2 and "None of 1 machines could be diagnosed." in done.stderr
     assert (told["command"], told["schema"], told["statuses"]) == ("fleet", "truepose/fleet/1", {"failed": 1})

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 from scipy.special import expit
 
+from support.command import input_error
 from support.fleets import DrawnFleet, mixed_machines
-from truepose.errors import InputError
 from truepose.identification.leaves.fleet.hierarchy import FINE
 from truepose.identification.leaves.fleet.likelihood import KERNEL, LOG_ODDS, SLAB, by_size
 from truepose.identification.leaves.fleet.pooled import Pooled
@@ -24,7 +24,7 @@ def test_statistics_know_no_order(seed: int, order: list[int]) -> None:
 
 
 def test_what_is_kept_of_no_machine_is_refused() -> None:
-    with pytest.raises(InputError, match="truepose/kept/1"):
+    with input_error("truepose/kept/1"):
         Pooled.of([{}])
 
 

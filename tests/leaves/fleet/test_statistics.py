@@ -5,23 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
-from scipy.special import expit
 from scipy.stats import t as student
 
 from support.fleets import DrawnFleet
-from truepose.identification.leaves.fleet.hierarchy import FINE, Hierarchy, quantiles, single
-from truepose.identification.leaves.fleet.likelihood import (
-    LOG_ODDS,
-    RATIOS,
-    SLAB,
-    Told,
-    of_frequency,
-    of_presence,
-    of_spread,
-)
-from truepose.identification.leaves.fleet.pooled import NUMBERS, Pooled
+from truepose.identification.leaves.fleet.pooled import Pooled
 from truepose.identification.leaves.fleet.record import figures_of, parameters_of, rounded
 from truepose.identification.leaves.fleet.statistics import log_normal, statistics
 
@@ -74,65 +62,6 @@ def test_sizes_are_log_normal_with_their_noise_taken_off() -> None:
     assert error == pytest.approx(student.ppf(0.95, 4) * np.sqrt(variance / 5))
     alike = log_normal(np.array([4.0, 4 * 0.7, 4 * 0.49, 4 * 0.09]))
     assert alike[1] == 0.0 and alike[2] == pytest.approx(student.ppf(0.95, 3) * np.sqrt(0.09 / 4))
-
-
-def test_quantiles_of_shares_on_a_grid() -> None:
-    values = np.arange(5.0)
-    assert quantiles(values, np.full(5, 0.2), [0.1, 0.5, 0.9]) == pytest.approx([0.0, 2.0, 4.0])
-    assert quantiles(values, np.array([0.0, 0.5, 0.5, 0.0, 0.0]), [0.25, 0.5, 0.75]) == pytest.approx(
-        [1.0, 1.5, 2.0]
-    )
-
-
-def test_an_effect_without_machines_is_as_frequent_as_before() -> None:
-    for usual in (-5.0, -2.0):
-        posterior = single(usual, np.zeros(len(LOG_ODDS)))
-        assert posterior.mean == pytest.approx(
-            expit(usual), rel=1e-6
-        ) and posterior.log_factor == pytest.approx(0.0, abs=1e-9)
-        low, high = posterior.interval
-        assert posterior.shares[expit(FINE) < low].sum() == pytest.approx(0.05, abs=0.01)
-        assert posterior.shares[expit(FINE) > high].sum() == pytest.approx(0.05, abs=0.01)
-    tree = Hierarchy(np.array([-4.0, -3.0]), np.zeros((2, len(SLAB), len(LOG_ODDS))))
-    np.testing.assert_allclose(tree.sizes, SLAB, rtol=1e-9)
-    assert tree.elsewhere.usual == -3.5
-
-
-def test_machines_that_have_it_at_one_place_raise_the_others() -> None:
-    often = 20.0 * np.log(expit(LOG_ODDS))  # in each of twenty machines
-    likely = np.zeros((2, len(SLAB), len(LOG_ODDS)))
-    likely[0] = often
-    told = Hierarchy(np.array([-4.0, -4.0]), likely)
-    alone = single(-4.0, np.zeros(len(LOG_ODDS)))
-    assert told.place(0).mean > 0.7 > told.place(1).mean > 2.0 * alone.mean
-    assert told.elsewhere.mean == pytest.approx(told.place(1).mean)
-    assert told.place(0).log_factor > told.place(1).log_factor > 0.0
-
-
-def test_likelihoods_of_one_machine() -> None:
-    """1 - q + q B; where a rival explains it with a probability, that share of the machine says that there is nothing."""
-    q = expit(LOG_ODDS)
-    sure = Told.of(pd.DataFrame([[0.9, 0.1, 2.0, 0.25, 1.0]], columns=NUMBERS))
-    assert sure.rival[0] == 0.0 and sure.log_factor[0] == pytest.approx(2.0)
-    expected = np.log(1.0 - q + q * (0.25 + 0.75 * np.exp(2.0)))
-    np.testing.assert_allclose(of_presence(sure)[0], expected)
-    nobody = np.full((1, len(SLAB)), np.nan)
-    whole = np.log(SLAB @ np.exp(of_frequency(sure, nobody)[0]))  # over the slab, sizes say no more
-    np.testing.assert_allclose(whole, expected, rtol=1e-6)
-    shared = Told.of(pd.DataFrame([[0.4, 0.1, 2.0, 0.25, 0.5]], columns=NUMBERS))
-    assert shared.rival[0] == pytest.approx(0.4)
-    assert shared.log_factor[0] == pytest.approx(2.0 + np.log(0.6) - np.log(0.2))
-    there = np.log(1.0 - q + q * (0.25 + 0.75 * np.exp(shared.log_factor[0])))
-    np.testing.assert_allclose(of_presence(shared)[0], 0.6 * there + 0.4 * np.log(1.0 - q + 0.25 * q))
-
-
-def test_a_spread_is_likeliest_where_deviations_are() -> None:
-    x = np.full(50, 2.0)
-    log = of_spread(x, np.full(50, 0.1)).sum(axis=0)
-    # on a grid of 10 % steps
-    assert RATIOS[np.argmax(log)] == pytest.approx(np.sqrt(4.0 - 0.01), rel=0.06)
-    broad = of_spread(x, np.full(50, 1.9)).sum(axis=0)
-    assert RATIOS[np.argmax(broad)] < 1.0  # noise explains most of it
 
 
 def side(chi2: float, rms: dict[str, float], held: dict[str, float]) -> dict[str, Any]:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from support.command import input_error
 from support.fringe_series import joined_rows
-from truepose.errors import InputError
 from truepose.identification.leaves.fringes import lengths
 from truepose.identification.leaves.fringes.count import Count, End
 from truepose.identification.leaves.fringes.excursions import Fault
@@ -44,6 +44,15 @@ def moved(change: float, sigma: float = 1e-6, *, signed: bool = True, faults: tu
     return Move(change, sigma, signed, COUNT, faults)
 
 
+def taken(
+    change: float, sign: int | None = None, sigma: float = 1e-6, *, signed: bool = True
+) -> lengths.Readings:
+    """The readings after one move of the second row."""
+    found = work()
+    found.take(1, one(sign), moved(change, sigma, signed=signed))
+    return found
+
+
 def test_a_move_that_is_left_out_is_so_with_every_reason_and_its_place() -> None:
     found = work()
     assert not found.take(2, one(row=701), moved(0.02, faults=(Fault.GAP, Fault.TURN)))
@@ -58,8 +67,7 @@ def test_a_move_that_is_left_out_is_so_with_every_reason_and_its_place() -> None
 
 def test_a_move_known_three_times_worse_than_the_sensor_is_left_out() -> None:
     for times, out in ((2.9, False), (3.1, True)):
-        found = work()
-        found.take(1, one(), moved(0.02, times * SIGMA))
+        found = taken(0.02, sigma=times * SIGMA)
         assert found.left_out[1] == out
         assert [
             f"dL is known to {10 * times:.1f} nm only, and sigma is 10 nm" in note for note in found.notes
@@ -69,17 +77,14 @@ def test_a_move_known_three_times_worse_than_the_sensor_is_left_out() -> None:
 def test_the_tables_sign_comes_first_and_must_not_contradict_the_scans() -> None:
     for sign in (1, -1):
         for signed in (True, False):
-            found = work()
-            found.take(1, one(sign), moved(0.02 * sign if signed else 0.02, signed=signed))
+            found = taken(0.02 * sign if signed else 0.02, sign, signed=signed)
             assert found.change[1] == 0.02 * sign and not found.left_out[1] and not found.notes
-        found = work()
-        found.take(1, one(sign), moved(-0.02 * sign))
+        found = taken(-0.02 * sign, sign)
         assert (
             found.left_out[1]
             and "its sign in the table is not that of the wavelength scans" in found.notes[0]
         )
-        found = work()
-        found.take(1, one(sign), moved(-2.5e-6 * sign))  # within three sigma of none
+        found = taken(-2.5e-6 * sign, sign)  # within three sigma of none
         assert found.change[1] == 2.5e-6 * sign and not found.left_out[1]
 
 
@@ -142,9 +147,7 @@ def test_series_of_a_pose_go_to_its_moves_in_order_of_time() -> None:
         found = lengths.paired_series(rows, 0, table)
         assert list(found) == [1, 2, 3]
         assert found[3] is b and found[1] is d
-    with pytest.raises(
-        InputError, match=r"light\.csv: column 'pose': found 1 series for pose 1, expected 2: rows\.csv: row"
-    ):
+    with input_error(r"light\.csv: column 'pose': found 1 series for pose 1, expected 2: rows\.csv: row"):
         lengths.paired_series(rows, 0, SampleTable("light.csv", {0: (c,), 1: (b,)}, ()))
 
 

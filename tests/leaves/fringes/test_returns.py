@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from support.fringe_series import joined_rows
+from truepose.arrays import Array
 from truepose.identification.leaves.fringes.lengths import miscounted
 from truepose.identification.recording.recording import Recording
 
-Array = NDArray[np.float64]
 HALF_WAVE = 7.8e-4
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping
 from dataclasses import replace
@@ -10,31 +9,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from typer.testing import CliRunner
 
 from support.built_machines import FRAMES, POSE, manufactured, nominal
+from support.command import input_error
 from support.moving_machines import record, written
-from support.solvers import ARM, MACHINES, MADE, bounded, read_machines, simulated
-from truepose.cli import app
-from truepose.errors import InputError
+from support.solvers import ARM, MACHINES, MADE, bounded, simulated
+from truepose.arrays import Array
 from truepose.identification.fit.bounds import Bounds, bounds_of
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.problem import Prior, Problem, prior_of
+from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.leaves.ipopt.solving import Program
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
-
-Array = NDArray[np.float64]
-
-
-@pytest.fixture(scope="module")
-def machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Machine]:
-    return read_machines(tmp_path_factory.mktemp("machines"))
 
 
 def narrowed(machine: Machine, **limits: tuple[float, float]) -> Bounds:
@@ -129,6 +120,9 @@ def test_bounds_of_the_file_are_in_its_units_and_hold(tmp_path: Path, kind: str)
     assert held.fit.p[names.index("q1.alpha")] == pytest.approx(np.radians(0.01), abs=1e-15)
     at = [note for note in held.notes if "stands at its bound" in note]
     assert sorted(note.split(" = ")[0] for note in at) == ["q1.alpha", "q2.d"]
+    write_calibrated(tmp_path / "calibrated.yaml", held.fit, recording)
+    again = load_machine(tmp_path / "calibrated.yaml").file
+    assert again is not None and set(again.bounds) == {"q1.alpha", "q2.d"}  # which go on with the machine
 
 
 def test_coefficients_keep_their_physical_bounds(tmp_path: Path) -> None:
@@ -180,14 +174,14 @@ def test_directions_and_rods_have_bounds(machines: Mapping[str, Machine]) -> Non
     ],
 )
 def test_bounds_that_mean_nothing_are_refused(tmp_path: Path, section: str, message: str) -> None:
-    with pytest.raises(InputError, match=message):
+    with input_error(message):
         machine = written(tmp_path, f"bounds: {section}\n" + MADE + FRAMES + ARM + POSE)
         calibrate(machine, simulated(machine, nominal(machine), np.random.default_rng(8), n=12))
 
 
 def test_bounds_against_physics_are_refused(tmp_path: Path) -> None:
     text = "bounds: {leg2.length: [-20, -10]}\n" + MACHINES["6-pus"]
-    with pytest.raises(InputError, match=r"bounds\.leg2\.length: found \[-20.0, -10.0\].*physics"):
+    with input_error(r"bounds\.leg2\.length: found \[-20.0, -10.0\].*physics"):
         bounds_of(written(tmp_path, text))
 
 
@@ -202,25 +196,3 @@ def test_what_stands_at_a_bound_is_the_same_in_every_unit(unit: float) -> None:
     kept, beyond = (bounds.notes(prior, unit * at, kept=kept) for kept in (True, False))
     assert [note[0] for note in kept] == ["a", "d"]
     assert [note[0] for note in beyond] == ["c", "e"]
-
-
-def test_the_command_keeps_bounds(tmp_path: Path) -> None:
-    machine = written(tmp_path, "bounds: {q3.d: [299.9, 300.1]}\n" + MADE + FRAMES + ARM + POSE)
-    truth = nominal(machine)
-    truth[[p.name for p in machine.parameters].index("q3.d")] += 0.4
-    recording = simulated(machine, truth, np.random.default_rng(13))
-    table = dict(zip(machine.mechanism.readings, recording.q.T, strict=True))
-    headers = [f"{name} [{'mm' if name == 'q1' else 'rad'}]" for name in table]
-    headers += [f"{name} [{'rad' if name[0] == 'r' else 'mm'}]" for name in recording.observations]
-    columns = np.column_stack([*table.values(), *recording.observations.values()])
-    np.savetxt(tmp_path / "r.csv", columns, delimiter=",", header=",".join(headers), comments="", fmt="%.17g")
-    arguments = [str(tmp_path / "m.yaml"), str(tmp_path / "r.csv"), "-o", str(tmp_path / "out")]
-    result = CliRunner().invoke(app, ["calibrate", *arguments, "--solver", "ipopt"])
-    assert result.exit_code == 0, result.output
-    assert "note: q3.d = 300.1 mm stands at its bound" in result.stderr
-    found = json.loads((tmp_path / "out/fit.json").read_text())
-    assert found["method"] == {"estimator": "map", "solver": "ipopt"}
-    assert found["parameters"]["q3.d"]["value"] == pytest.approx(300.1, abs=1e-12)
-    # the bounds go on with the machine
-    again = load_machine(tmp_path / "out/calibrated.yaml")
-    assert again.file is not None and again.file.bounds == {"q3.d": (299.9, 300.1)}

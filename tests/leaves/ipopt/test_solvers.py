@@ -11,18 +11,20 @@ import pytest
 
 from support.built_machines import FRAMES, manufactured, nominal
 from support.moving_machines import record, written
-from support.solvers import GRAPHS, MACHINES, MADE, SAME, apart, bounded, hexapod, read_machines, simulated
+from support.solvers import GRAPHS, MACHINES, MADE, SAME, apart, bounded, hexapod, simulated
 from truepose.errors import ConvergenceError
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.problem import Problem, prior_of
 from truepose.identification.leaves.ipopt.solving import OPTIONS, Program
 from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine
 
 
-@pytest.fixture(scope="module")
-def machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Machine]:
-    return read_machines(tmp_path_factory.mktemp("machines"))
+def built(machines: Mapping[str, Machine], name: str, seed: int, **more: int) -> tuple[Machine, Recording]:
+    """Return a machine, and a recording of it as it was made."""
+    machine, rng = machines[name], np.random.default_rng(seed)
+    return machine, simulated(machine, manufactured(machine, rng), rng, **more)
 
 
 # ------------------------------------------------------------------------------------ one minimum
@@ -30,8 +32,7 @@ def machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Machine]:
 
 @pytest.mark.parametrize("name", [*MACHINES, *GRAPHS])
 def test_all_solvers_find_one_minimum(machines: Mapping[str, Machine], name: str) -> None:
-    machine, rng = machines[name], np.random.default_rng(1)
-    recording = simulated(machine, manufactured(machine, rng), rng)
+    machine, recording = built(machines, name, 1)
     gn, lm = (estimate(machine, recording, damping=damping, tolerance=1e-13) for damping in (0.0, 1e-4))
     ipopt = bounded(machine, recording)
     assert gn.chi2_per_dof == pytest.approx(1.0, abs=0.4)
@@ -44,8 +45,7 @@ def test_all_solvers_find_one_minimum(machines: Mapping[str, Machine], name: str
 
 
 def test_robust_fits_agree_too(machines: Mapping[str, Machine]) -> None:
-    machine, rng = machines["6-ups"], np.random.default_rng(2)
-    clean = simulated(machine, manufactured(machine, rng), rng)
+    machine, clean = built(machines, "6-ups", 2)
     wild = {name: values.copy() for name, values in clean.observations.items()}
     wild["x"][::10] += 1.0
     recording = replace(clean, observations=wild)
@@ -59,9 +59,8 @@ def test_robust_fits_agree_too(machines: Mapping[str, Machine]) -> None:
 @pytest.mark.parametrize("name", MACHINES)
 def test_the_programs_derivatives(machines: Mapping[str, Machine], name: str) -> None:
     """Readings and equations by every unknown, along random directions, against differences."""
-    machine, rng = machines[name], np.random.default_rng(3)
-    recording = simulated(machine, manufactured(machine, rng), rng, n=5)
-    prior = prior_of(machine)
+    machine, recording = built(machines, name, 3, n=5)
+    prior, rng = prior_of(machine), np.random.default_rng(15)
     problem = Problem(Predictor(machine, recording), prior, nominal(machine), ~recording.validation)
     program = Program(problem, np.zeros(len(prior.free)))
     v = np.append(rng.standard_normal(program.n), 0.1 * rng.standard_normal(program.size - program.n))
@@ -93,8 +92,7 @@ def test_an_end_that_is_no_minimum_names_what_still_moves(
 
 
 def test_rows_that_cannot_be_assembled_are_left_out(machines: Mapping[str, Machine]) -> None:
-    machine, rng = machines["6-ups"], np.random.default_rng(10)
-    recording = simulated(machine, manufactured(machine, rng), rng)
+    machine, recording = built(machines, "6-ups", 10)
     q = recording.q.copy()
     q[5, 2] = 5000.0
     fit = bounded(machine, replace(recording, q=q))
@@ -103,9 +101,15 @@ def test_rows_that_cannot_be_assembled_are_left_out(machines: Mapping[str, Machi
     assert apart(fit, rest) < SAME
 
 
+def test_lost_readings_are_left_out(machines: Mapping[str, Machine]) -> None:
+    machine, recording = built(machines, "6-pus", 14)
+    gaps = np.where(np.arange(len(recording)) % 5 == 0, np.nan, recording.observations["x"])
+    lost = replace(recording, observations={**recording.observations, "x": gaps})
+    assert apart(bounded(machine, lost), estimate(machine, lost)) < SAME
+
+
 def test_validation_rows_are_not_fitted(machines: Mapping[str, Machine]) -> None:
-    machine, rng = machines["6-pus"], np.random.default_rng(11)
-    recording = simulated(machine, manufactured(machine, rng), rng)
+    machine, recording = built(machines, "6-pus", 11)
     out = np.arange(len(recording)) % 4 == 0
     spoiled = {name: np.where(out, values + 1.0, values) for name, values in recording.observations.items()}
     fit = bounded(machine, replace(recording, observations=spoiled, validation=out))

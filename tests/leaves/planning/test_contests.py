@@ -6,16 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from support.experiments import arm
+from truepose.arrays import Array, Index
 from truepose.identification.leaves.planning.discriminate.factors import (
     EXPECTED,
     Explanation,
     explanation,
 )
 from truepose.identification.leaves.planning.discriminate.race import (
-    FOUND,
     RIVAL_FORMS,
     WIDE,
     Field,
@@ -28,7 +27,6 @@ from truepose.identification.leaves.planning.discriminate.race import (
 )
 from truepose.models.effects.base import PlacedEffect
 
-Array = NDArray[np.float64]
 ROWS, READINGS, CONSTANTS = 14, 2, 3
 FORMS = 5
 YIELDS, UNEVEN, PLAY, GAIN = 0, 1, 1 + 2 * FORMS, 2 + 2 * FORMS
@@ -64,7 +62,7 @@ def field(rows: Signals, *others: PlacedEffect, earlier: Signals | None = None) 
     return Field(rows, base, PARTS, others)
 
 
-def dense(rows: Signals, signal: Array, wide: NDArray[np.intp] | list[int]) -> float:
+def dense(rows: Signals, signal: Array, wide: Index | list[int]) -> float:
     """What of a signal (n,) constants within their tolerances and effects ``wide`` of any size leave, in chi2."""
     geometry, effects = (a.reshape(-1, a.shape[2]) for a in (rows.geometry, rows.effects))
     covariance = np.eye(len(geometry)) + (geometry / rows.precision) @ geometry.T
@@ -90,31 +88,6 @@ def test_a_rival_imitates_as_much_as_it_can_beside_all_that_may_be_there(beside:
     least = dense(rows, told - signal(rows, rival, answer[:, 0]), also)
     for change in 1e-2 * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]):
         assert dense(rows, told - signal(rows, rival, answer[:, 0] + change), also) > least
-
-
-def test_nobody_can_say_what_imitates_a_signal_that_no_diagnosis_would_find() -> None:
-    rows = drawn()
-    at = field(rows)
-    gram = at.rows.gram
-    whole = dense(rows, signal(rows, [YIELDS], np.ones(1)), [])
-    for chi2, known in ((0.99 * FOUND, False), (1.01 * FOUND, True)):
-        size = np.array([[np.sqrt(chi2 / whole)]])
-        left, _ = at.imitated(gram, np.array([YIELDS]), size, np.array([5, 6]))
-        assert (left < 1.0) is known
-
-
-def test_rows_that_exist_count_as_rows_that_are_taken() -> None:
-    first, later = drawn(1), drawn(2)
-    every = replace(
-        first,
-        geometry=np.concatenate([first.geometry, later.geometry]),
-        effects=np.concatenate([first.effects, later.effects]),
-    )
-    at = field(later, earlier=first)
-    true, rival, size = np.array([PLAY]), np.array([GAIN]), np.array([[0.2]])
-    left, _ = at.imitated(at.rows.gram + at.base, true, size, rival)
-    told = signal(every, [PLAY], size[:, 0])
-    assert left == pytest.approx(dense(every, told, [GAIN]) / dense(every, told, []), rel=1e-6)
 
 
 def explained() -> tuple[Explanation, Explanation, Explanation]:
@@ -207,22 +180,3 @@ def test_the_share_of_a_signal_is_that_of_all_rows_together() -> None:
             for a in found[i].amplitude.T
         )
         assert share == pytest.approx(value / (0.5 * every), rel=1e-9) and 0.0 < share <= 1.0
-
-
-def test_constants_that_no_row_sees_leave_everything_else_as_it_is() -> None:
-    """And the units that a constant is told in: both say the same of the others."""
-    rows = drawn(6)
-    unseen = replace(rows, geometry=rows.geometry * [1.0, 1e-9, 1.0])
-    assert field(unseen).geometry == 2 and field(rows).geometry == 3
-    size = np.array([10.0, 0.1, 3.0])
-    other = replace(rows, geometry=rows.geometry * size, precision=rows.precision * size**2)
-    design = [1, 4, 6]
-    values = [race(field(one), some(field(one))).values(design) for one in (rows, other)]
-    np.testing.assert_allclose(values[0], values[1], rtol=1e-6)
-    earlier = drawn(7)
-    scaled = replace(earlier, geometry=earlier.geometry * size)
-    pairs = ((rows, earlier), (other, scaled))
-    fields = [field(one, earlier=before) for one, before in pairs]
-    values = [race(at, some(at)).values(design) for at in fields]
-    np.testing.assert_allclose(values[0], values[1], rtol=1e-6)
-    assert field(unseen, earlier=earlier).geometry == 3  # the rows that exist see it

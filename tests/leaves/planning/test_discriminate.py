@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from support import MACHINES
 from support.examples import examples
 from support.experiments import BENT, COMPLIANT, UNEVEN, YIELDING, arm, planned, planned_on, poses
+from truepose.arrays import Array
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.leaves.planning.discriminate.experiment import discriminate
 from truepose.identification.leaves.planning.discriminate.factors import (
@@ -42,7 +42,6 @@ from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
 
-Array = NDArray[np.float64]
 example_seeds = given(st.integers(0, 10**6))
 
 

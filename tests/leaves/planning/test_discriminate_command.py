@@ -7,16 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
 
 from support import MACHINES
-from support.experiments import BENT, COMPLIANT, UNEVEN, YIELDING, arm, planned, poses
-from truepose.cli import app
-from truepose.errors import InputError
+from support.command import input_error, refused, run
+from support.experiments import UNEVEN, YIELDING, arm, planned, poses
 from truepose.identification.leaves.planning.command import findings_of
 from truepose.identification.leaves.planning.discriminate.experiment import discriminate
 from truepose.identification.leaves.planning.discriminate.factors import class_of, read_offer
-from truepose.identification.leaves.planning.discriminate.words import experiment_json, sentences
 from truepose.identification.report.notes import worded
 from truepose.models.load import load_machine
 
@@ -75,7 +72,7 @@ def test_what_has_no_name_is_told_and_not_planned_for(tmp_path: Path) -> None:
 def test_a_diagnosis_without_a_class_is_refused(
     tmp_path: Path, finding: dict[str, object], message: str
 ) -> None:
-    with pytest.raises(InputError, match=message):
+    with input_error(message):
         class_of(findings_of(diagnosis_file(tmp_path, **finding)), arm())
 
 
@@ -88,54 +85,40 @@ def test_a_diagnosis_without_a_class_is_refused(
     ],
 )
 def test_offers_that_mean_nothing_are_refused(texts: tuple[str, ...], named: str) -> None:
-    with pytest.raises(InputError, match=named):
+    with input_error(named):
         read_offer(arm(), named=texts)
 
 
 def test_payloads_and_names_are_checked() -> None:
-    with pytest.raises(InputError, match="not negative"):
+    with input_error("not negative"):
         read_offer(arm(), "-1,5")
-    with pytest.raises(InputError, match="two or more"):
+    with input_error("two or more"):
         planned("arm", YIELDING, "joint-compliance@q2")
 
 
-def run(folder: Path, *options: str, machine: str = "serial") -> Result:
-    rows = folder / "candidates.csv"
-    loaded = load_machine(MACHINES / f"{machine}.yaml")
+def asked(folder: Path, *options: str) -> tuple[object, ...]:
+    """The words of a plan among given poses."""
+    rows, machine = folder / "candidates.csv", MACHINES / "serial.yaml"
+    loaded = load_machine(machine)
     degrees = np.where([a.unit == "rad" for a in loaded.mechanism.actuators], np.degrees(1.0), 1.0)
     head = ",".join(loaded.mechanism.readings)
     np.savetxt(rows, poses(loaded, 24) * degrees, delimiter=",", header=head, comments="")
-    common = ["plan", str(MACHINES / f"{machine}.yaml"), "-n", "8", "-o", str(folder / "poses.csv")]
-    return CliRunner().invoke(app, [*common, "--candidates", str(rows), *options])
+    return ("plan", machine, "-n", 8, "-o", folder / "poses.csv", "--candidates", rows, *options)
 
 
 def test_the_command_writes_rows_that_simulate_reads(tmp_path: Path) -> None:
-    found = run(tmp_path, "--discriminate", YIELDING, "backlash@q2:b=5e-4", "--payload", "0,5", "--json")
-    assert found.exit_code == 0, found.output
-    told = json.loads(found.stdout)
+    options = ("--discriminate", YIELDING, "backlash@q2:b=5e-4", "--payload", "0,5", "--json")
+    told = json.loads(run(*asked(tmp_path, *options)).stdout)
     assert told["split"] is True and told["expected"] > told["random"]["mean"]
     assert {"pose", "q1", "q2", "q3", "payload", "approach.q2"} == set(told["columns"])
-    after = CliRunner().invoke(
-        app,
-        [
-            "simulate",
-            str(MACHINES / "serial.yaml"),
-            str(tmp_path / "poses.csv"),
-            "-o",
-            str(tmp_path / "out.csv"),
-        ],
-    )
-    assert after.exit_code == 0, after.output
+    run("simulate", MACHINES / "serial.yaml", tmp_path / "poses.csv", "-o", tmp_path / "out.csv")
     first = (tmp_path / "poses.csv").read_text(encoding="utf-8").splitlines()
     assert first[0].startswith("# rows of arm to tell joint-compliance@q2 and backlash@q2 apart")
 
 
 def test_the_command_says_of_twins_that_no_plan_splits_them(tmp_path: Path) -> None:
-    found = run(
-        tmp_path, "--discriminate", "transmission-error@q2:order=2", "encoder-eccentricity@q2:order=2"
-    )
-    assert found.exit_code == 0, found.output
-    assert "no plan splits them" in found.stdout
+    twins = ("transmission-error@q2:order=2", "encoder-eccentricity@q2:order=2")
+    assert "no plan splits them" in run(*asked(tmp_path, "--discriminate", *twins)).stdout
 
 
 @pytest.mark.parametrize(
@@ -150,13 +133,4 @@ def test_the_command_says_of_twins_that_no_plan_splits_them(tmp_path: Path) -> N
 def test_options_that_do_not_fit_are_refused_in_one_line(
     tmp_path: Path, options: tuple[str, ...], named: str
 ) -> None:
-    found = run(tmp_path, *options)
-    assert found.exit_code == 2 and named in found.stderr and len(found.stderr.splitlines()) == 1
-
-
-def test_json_and_words_agree() -> None:
-    found = planned("telescope", COMPLIANT, BENT, payload="0,5")
-    told = experiment_json(found)
-    assert told["sentences"] == sentences(found)
-    assert told["expected"] == min(pair["expected"] for pair in told["pairs"] if pair["separable"])
-    assert told["split"] is (found.expected >= told["threshold"] and not told["inseparable"])
+    refused(*asked(tmp_path, *options), said=named)

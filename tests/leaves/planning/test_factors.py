@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from support import MACHINES
+from support.command import input_error
 from support.experiments import arm, poses
-from truepose.errors import InputError
 from truepose.identification.leaves.planning.discriminate.factors import (
     MOST,
     Factor,
@@ -92,11 +92,11 @@ def test_offers_are_sorted_levels_each_once() -> None:
     assert read_offer(arm()) == {} and read_offer(arm(), "0") == {"payload": (0.0,)}
     assert read_offer(arm(), named=["temperature.shelf=20"]) == {"temperature.shelf": (20.0,)}
     for text in ("velocity.q9=1", "pressure", "payload=1", "=1,2"):
-        with pytest.raises(InputError, match="expected DRIVER=value,value"):
+        with input_error("expected DRIVER=value,value"):
             read_offer(arm(), named=[text])
     for wrong, meant in (("temperatur.link2", "temperature.link2"), ("presure", "pressure"), ("velocty.q3", "velocity.q3"),
                          ("temprature.tool", "temperature.tool"), ("temperatur.air", "temperature.air")):  # fmt: skip
-        with pytest.raises(InputError, match=f"did you mean .*{meant}"):
+        with input_error(f"did you mean .*{meant}"):
             read_offer(arm(), named=[f"{wrong}=1,2"])
 
 

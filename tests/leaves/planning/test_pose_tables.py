@@ -7,16 +7,14 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.leaves.planning.discriminate.experiment import Experiment
 from truepose.identification.leaves.planning.discriminate.race import Rows
-from truepose.identification.leaves.planning.plan import Plan
-from truepose.identification.leaves.planning.showing import BETWEEN, experiment_table, plan_table
+from truepose.identification.leaves.planning.showing import BETWEEN, experiment_table
 from truepose.models.file.driver import SESSION, TIME
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 Q = np.array([[0.5, 10.0], [1.0, 20.0], [0.5, 10.0], [0.5, 20.0]])
 
 
@@ -36,41 +34,11 @@ def machine(*declared: Any) -> Machine:
     return cast(Machine, made)
 
 
-def plan(origin: Array | None = None) -> Plan:
-    return cast(Plan, SimpleNamespace(q=Q, origin=origin, machine=machine()))
-
-
 def experiment(
     drivers: dict[str, Array], reference: Array | None = None, *declared: Any, q: Array = Q
 ) -> Experiment:
     made = SimpleNamespace(rows=Rows(q, drivers), machine=machine(*declared), reference=reference)
     return cast(Experiment, made)
-
-
-def test_joints_are_in_the_units_of_the_file_without_what_the_conversion_leaves() -> None:
-    table = plan_table(plan())
-    assert list(table) == ["pose", "q1", "q2"]
-    np.testing.assert_allclose(table["q1"], np.degrees(Q[:, 0]), rtol=1e-11)
-    assert table["q2"].tolist() == [1.0, 2.0, 1.0, 2.0]
-    short = plan_table(
-        cast(Plan, SimpleNamespace(q=np.radians([[33.0, 0.0]]), origin=None, machine=machine()))
-    )
-    assert short["q1"].tolist() == [33.0]
-
-
-def test_rows_of_the_same_joints_share_a_number_in_order_of_appearance() -> None:
-    assert plan_table(plan())["pose"].tolist() == [1, 2, 1, 3]
-    backwards = cast(Plan, SimpleNamespace(q=Q[::-1], origin=None, machine=machine()))
-    assert plan_table(backwards)["pose"].tolist() == [1, 2, 3, 2]
-
-
-def test_an_experiment_of_changes_begins_with_its_reference() -> None:
-    """Which stands under the drivers of the first row, and all rows count from it."""
-    table = experiment_table(experiment({"payload": np.array([2.0, 5.0, 5.0, 5.0])}, np.array([0.25, 5.0])))
-    assert list(table) == ["pose", "from", "q1", "q2", "payload"]
-    assert table["pose"].tolist() == [1, 2, 3, 4, 5] and table["from"].tolist() == [1] * 5
-    assert table["q2"].tolist() == [0.5, 1.0, 2.0, 1.0, 2.0]
-    assert table["payload"].tolist() == [2.0, 2.0, 5.0, 5.0, 5.0]
 
 
 @pytest.mark.parametrize(

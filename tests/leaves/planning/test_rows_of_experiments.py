@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from support import MACHINES
 from support.experiments import arm, poses, telescope
+from truepose.arrays import Array
 from truepose.identification.leaves.planning.discriminate.factors import explanation
 from truepose.identification.leaves.planning.discriminate.race import Rows, recording_of, signals
 from truepose.identification.leaves.planning.information import PoseInformation
@@ -18,8 +18,6 @@ from truepose.models.effects.base import PlacedEffect
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 from truepose.models.sensors.targets import Targets
-
-Array = NDArray[np.float64]
 
 
 def part(text: str, machine: Machine) -> PlacedEffect:

@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
-from numpy.typing import NDArray
 
 from support import MACHINES
+from support.command import input_error
 from support.program_robots import (
     RANGES,
     TOOL,
@@ -22,21 +21,15 @@ from support.program_robots import (
     numbers_of,
     status_turn,
 )
-from truepose.errors import InputError
+from truepose.arrays import Array
 from truepose.identification.leaves.programs.correct import Correction, correct
 from truepose.identification.leaves.programs.dialects import DIALECTS
 from truepose.identification.leaves.programs.program import Cell
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 DRAWN, REAL = arms()
 GUN = frame((30.0, 0.0, 150.0, 0.0, 80.0, 15.0))
-
-
-@pytest.fixture(scope="module")
-def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    return load_machine(machine_file(tmp_path_factory.mktemp("arm"), REAL))
 
 
 def corrected(machine: Machine, text: str, dialect: str = "kuka", **cell: Any) -> Correction:
@@ -65,7 +58,7 @@ def test_programs_of_other_robots_are_refused(machine: Machine) -> None:
         (axes(joints(1)[0]), "arm: found 3 joints, expected 6 joints in angles and lengths, as the program"),
         ("DEF a()\n", "found no target in the program, expected poses or joints"),
     ):
-        with pytest.raises(InputError, match=says):
+        with input_error(says):
             corrected(small, text)
     three = DIALECTS["csv"].read("q1,q2,q3\n1,2,3\n", small)
     assert len(correct(small, three).done) == 1
@@ -75,7 +68,7 @@ def test_programs_of_other_robots_are_refused(machine: Machine) -> None:
         mechanism=replace(machine.mechanism, actuators=(*turning, *machine.mechanism.actuators[2:])),
     )
     program = DIALECTS["kuka"].read(axes(joints(1)[0]), machine)
-    with pytest.raises(InputError, match="found joints q1, q2 in turns, expected 6 joints in angles"):
+    with input_error("found joints q1, q2 in turns, expected 6 joints in angles"):
         correct(odd, program)
 
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose.arrays import Array
 from truepose.identification.leaves.programs.program import Euler, Form, Quaternion, RotationVector, written
 
-Array = NDArray[np.float64]
 VECTOR = RotationVector(("m",) * 3, ("rad",) * 3, (7,) * 6, "m and rad")
 UNITS = RotationVector(("um", "mm", "m"), ("deg", "rad", "mrad"), (1,) * 6, "of several units")
 RNG = np.random.default_rng(4)

@@ -7,19 +7,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from truepose.errors import InputError
+from support.command import input_error
+from truepose.arrays import Array, Mask
 from truepose.identification.leaves.readers.probe import Clock, Pairing, clock_of
 from truepose.identification.leaves.readers.probe_clock import trend
 from truepose.identification.recording.table import Table, table_in_memory
 
-Array = NDArray[np.float64]
 TIME = np.arange(0.0, 10.05, 0.1)
 SAMPLES = np.arange(0.55, 9.0, 0.5)
 
 
-def log(more: Mapping[str, object] | None = None, kept: NDArray[np.bool_] | None = None) -> Table:
+def log(more: Mapping[str, object] | None = None, kept: Mask | None = None) -> Table:
     """One joint turns evenly and one slides ever faster, in the units of their columns."""
     columns: dict[str, Any] = {
         "time": TIME,
@@ -63,7 +62,7 @@ def test_samples_beyond_the_log_are_left_out_and_not_all_may_be() -> None:
     samples = np.array([-0.1, 0.0, 5.0, 10.0, 10.1])
     pairing = Pairing.of(probe(samples), log())
     assert pairing.rows(Clock(0.0)).numbers("time").tolist() == [0.0, 5.0, pytest.approx(10.0)]
-    with pytest.raises(InputError, match=r"from 99.9 to 110.1 s, the log is from 0 to 10 s; expected both"):
+    with input_error(r"from 99.9 to 110.1 s, the log is from 0 to 10 s; expected both"):
         pairing.rows(Clock(100.0))
 
 
@@ -113,7 +112,7 @@ def test_the_first_whole_point_tells_the_clocks() -> None:
     seen = {"a.x": time, "b.x": time, "b.y": 2 * time, "b.z": [5.0, 6.0, 7.0, None]}
     found, place = Pairing.of(table_in_memory({"time": time, **seen}, "probe"), log()).place
     assert found.tolist() == [1.0, 2.0] and place.tolist() == [[1.0, 2.0, 6.0], [2.0, 4.0, 5.0]]
-    with pytest.raises(InputError, match="probe: found no point x y z to compare the clocks by"):
+    with input_error("probe: found no point x y z to compare the clocks by"):
         _ = Pairing.of(table_in_memory({"time": time, "a.x": time}, "probe"), log()).place
 
 
@@ -128,7 +127,7 @@ LOGS: dict[str, tuple[dict[str, object], str]] = {
 @pytest.mark.parametrize("case", LOGS)
 def test_what_is_no_log_is_refused(case: str) -> None:
     columns, expected = LOGS[case]
-    with pytest.raises(InputError, match=expected):
+    with input_error(expected):
         Pairing.of(probe(), table_in_memory(columns, "robot"))
 
 
@@ -180,5 +179,5 @@ def test_joints_that_turn_or_slide_tell_the_clocks_to_about_a_sample(turns: bool
     read = table_in_memory({"time": time, **dict(zip("xyz", place.T, strict=True))}, "probe")
     assert clock_of(Pairing.of(read, robot)).offset == pytest.approx(offset, abs=0.04)
     few = table_in_memory({name: read.numbers(name)[:19] for name in read.names}, "probe")
-    with pytest.raises(InputError, match="probe and robot: found less than 20 samples"):
+    with input_error("probe and robot: found less than 20 samples"):
         clock_of(Pairing.of(few, robot))

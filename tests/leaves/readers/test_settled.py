@@ -6,12 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose.arrays import Array
 from truepose.identification.leaves.readers.settled import BAND, SECONDS, Stream, average, stretches
 
-Array = NDArray[np.float64]
 STEP = 0.01
 
 

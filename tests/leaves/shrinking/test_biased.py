@@ -8,14 +8,13 @@ from types import MappingProxyType
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from truepose.errors import InputError
+from support.command import input_error
+from truepose.arrays import Array
 from truepose.identification.fit.relinearised import LinearEstimate, Spectrum, decompose, ols
 from truepose.identification.leaves.shrinking.estimating import Rule, liu, liu_parameter, pcr, ridge
 
-Array = NDArray[np.float64]
 ESTIMATORS: Mapping[str, Callable[[Spectrum], LinearEstimate]] = MappingProxyType(
     {"ols": ols, "liu": liu, "ridge": ridge, "pcr": pcr}
 )
@@ -37,6 +36,12 @@ def collinear(rng: np.random.Generator, n: int = 40, m: int = 6) -> Array:
     return out
 
 
+def drawn(rng: np.random.Generator, noise: float = NOISE) -> tuple[Array, Array]:
+    """Return a design and what is read of it."""
+    h = collinear(rng)
+    return h, h @ rng.standard_normal(6) + noise * rng.standard_normal(40)
+
+
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(11)
@@ -46,8 +51,7 @@ def rng() -> np.random.Generator:
 
 
 def test_each_estimator_is_its_formula(rng: np.random.Generator) -> None:
-    h = collinear(rng)
-    y = h @ rng.standard_normal(6) + NOISE * rng.standard_normal(40)
+    h, y = drawn(rng)
     problem, square, eye = decompose(h, y), h.T @ h, np.eye(6)
     plain = np.linalg.lstsq(h, y, rcond=None)[0]
     close = partial(np.testing.assert_allclose, rtol=1e-8, atol=1e-10)  # normal equations square 1e3
@@ -60,8 +64,7 @@ def test_each_estimator_is_its_formula(rng: np.random.Generator) -> None:
 
 
 def test_their_limits_are_least_squares_and_each_other(rng: np.random.Generator) -> None:
-    h = collinear(rng)
-    problem = decompose(h, h @ rng.standard_normal(6) + NOISE * rng.standard_normal(40))
+    problem = decompose(*drawn(rng))
     for limit in (liu(problem, 1.0), ridge(problem, 0.0), pcr(problem, 6)):
         np.testing.assert_allclose(limit.b, ols(problem).b, rtol=1e-12)
     np.testing.assert_allclose(liu(problem, 0.0).b, ridge(problem, 1.0).b, rtol=1e-12)
@@ -92,8 +95,7 @@ def test_many_right_hand_sides_are_each_of_them(rng: np.random.Generator, name: 
 
 @pytest.mark.parametrize("name", ESTIMATORS)
 def test_a_triangular_factor_is_as_good_as_its_rows(rng: np.random.Generator, name: str) -> None:
-    h = collinear(rng)
-    y = h @ rng.standard_normal(6) + NOISE * rng.standard_normal(40)
+    h, y = drawn(rng)
     r = np.asarray(np.linalg.qr(np.column_stack([h, y]), mode="r"))
     rows, factor = decompose(h, y), decompose(r[:, :6], r[:, 6], n_observations=40)
     np.testing.assert_allclose(ESTIMATORS[name](factor).b, ESTIMATORS[name](rows).b, rtol=1e-8)
@@ -119,7 +121,7 @@ def test_a_problem_counted_from_elsewhere_is_the_same_problem(rng: np.random.Gen
 
 
 def test_no_reading_left_over_is_refused(rng: np.random.Generator) -> None:
-    with pytest.raises(InputError, match="found 6 readings for 6 combinations"):
+    with input_error("found 6 readings for 6 combinations"):
         decompose(rng.standard_normal((6, 6)), rng.standard_normal(6))
 
 
@@ -136,8 +138,7 @@ def error(problem: Spectrum, d: float, square: Array) -> float:
 
 @pytest.mark.parametrize("rule", ["plug-in", "unbiased"])
 def test_the_parameter_is_where_the_estimated_error_is_least(rng: np.random.Generator, rule: Rule) -> None:
-    h = collinear(rng)
-    problem = decompose(h, h @ rng.standard_normal(6) + NOISE * rng.standard_normal(40))
+    problem = decompose(*drawn(rng))
     square = problem.alpha**2 - (problem.noise / problem.values**2 if rule == "unbiased" else 0.0)
     best = minimize_scalar(
         lambda d: error(problem, d, square), bounds=(0.0, 1.0), method="bounded", options={"xatol": 1e-10}
@@ -147,16 +148,14 @@ def test_the_parameter_is_where_the_estimated_error_is_least(rng: np.random.Gene
 
 
 def test_the_number_of_components_has_the_least_estimated_error(rng: np.random.Generator) -> None:
-    h = collinear(rng)
-    problem = decompose(h, h @ rng.standard_normal(6) + 3 * NOISE * rng.standard_normal(40))
+    problem = decompose(*drawn(rng, 3 * NOISE))
     spread, square = problem.noise / problem.values**2, problem.alpha**2
     errors = [np.sum(spread[:k]) + np.sum((square - spread)[k:]) for k in range(7)]
     assert int(pcr(problem).tuning) == int(np.argmin(errors))
 
 
 def test_ridge_follows_hoerl_kennard_and_baldwin(rng: np.random.Generator) -> None:
-    h = collinear(rng)
-    problem = decompose(h, h @ rng.standard_normal(6) + NOISE * rng.standard_normal(40))
+    problem = decompose(*drawn(rng))
     plain = ols(problem).b
     assert float(ridge(problem).tuning) == pytest.approx(6 * float(problem.noise) / float(plain @ plain))
 

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
-from typer.testing import CliRunner
 
-from truepose.cli import app
-from truepose.errors import ConvergenceError, InputError
+from support.command import input_error, run
+from support.machine_texts import machine_from
+from truepose.arrays import Array, Mask
+from truepose.errors import ConvergenceError
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.relinearised import LinearEstimate, Spectrum, decompose
@@ -24,7 +24,6 @@ from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 TUNED: Mapping[str, Callable[[Spectrum], LinearEstimate]] = {"liu": liu, "ridge": ridge, "pcr": pcr}
 FREE = ("q1.beta", "q1.alpha", "q1.d", "q2.d", "q2.theta", "q2.beta", "q3.d", "q3.alpha", "q3.r", "tool.z")
 CHAIN = f"""
@@ -50,9 +49,7 @@ def rng() -> np.random.Generator:
 
 @pytest.fixture(scope="module")
 def chain(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    path = tmp_path_factory.mktemp("chain") / "chain.yaml"
-    path.write_text(CHAIN)
-    return load_machine(path)
+    return machine_from(tmp_path_factory.mktemp("chain"), CHAIN, "chain")
 
 
 def recorded(
@@ -75,7 +72,7 @@ def built(machine: Machine, rng: np.random.Generator) -> Array:
     return np.array([p.nominal + p.tolerance * rng.standard_normal() for p in machine.parameters])
 
 
-def determined(fit: Estimate) -> NDArray[np.bool_]:
+def determined(fit: Estimate) -> Mask:
     """(np,) which parameters no unknown direction moves."""
     out = np.zeros(len(fit.p), dtype=bool)
     out[fit.prior.free] = ~np.any(fit.known.unknown != 0.0, axis=0)
@@ -167,9 +164,7 @@ def test_the_machine_file_carries_the_estimators_own_covariance(chain: Machine, 
 def test_an_unknown_base_is_not_pulled_anywhere(tmp_path: Path) -> None:
     """Parameters without a tolerance follow by least squares: wherever the base stands, the arm is the same."""
     text = CHAIN.replace("frames: {", "frames: {base: {xyz: [0, 0, 0], tolerance: {xyz: .inf, rpy: 0}}, ")
-    path = tmp_path / "open.yaml"
-    path.write_text(text)
-    machine = load_machine(path)
+    machine = machine_from(tmp_path, text, "open")
     truth = np.array([p.nominal for p in machine.parameters])
     names = [p.name for p in machine.parameters]
     truth[names.index("q2.d")] += 0.5
@@ -192,9 +187,7 @@ def test_an_iteration_that_does_not_rest_names_what_moves(
 
 
 def test_bounds_and_biased_estimators_do_not_go_together(chain: Machine, recording: Recording) -> None:
-    with pytest.raises(
-        InputError, match=r"--solver: found 'ipopt' with --estimator ridge.*expected gn or lm"
-    ):
+    with input_error(r"--solver: found 'ipopt' with --estimator ridge.*expected gn or lm"):
         calibrate(chain, recording, estimator="ridge", solver="ipopt")
 
 
@@ -203,9 +196,8 @@ def test_the_command_says_what_tuned_the_estimate(
     chain: Machine, recording: Recording, tmp_path: Path, name: str, key: str
 ) -> None:
     assert chain.file is not None
-    arguments = [str(chain.file.path), recording.files[0], "-o", str(tmp_path / "out"), "--estimator", name]
-    result = CliRunner().invoke(app, ["calibrate", *arguments])
-    assert result.exit_code == 0, result.output
+    arguments = [chain.file.path, recording.files[0], "-o", tmp_path / "out", "--estimator", name]
+    result = run("calibrate", *arguments)
     assert "its bias towards the drawing is not in it" in result.stderr
     method = json.loads((tmp_path / "out/fit.json").read_text())["method"]
     assert method["estimator"] == name and float(method[key]) >= 0.0

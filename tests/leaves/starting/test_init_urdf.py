@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
-from truepose.cli import app
+from support.command import refused, run
 from truepose.models.load import load_machine
 
 URDF = """<robot name="arm">
@@ -23,17 +21,12 @@ URDF = """<robot name="arm">
 HEAVY = URDF.replace('<link name="boom"/>', '<link name="boom"><inertial><mass value="3"/></inertial></link>')
 
 
-def run(*words: object) -> Any:
-    return CliRunner().invoke(app, ["init", *map(str, words)])
-
-
 def test_a_urdf_is_named_from_where_the_machine_file_stands(tmp_path: Path) -> None:
     (tmp_path / "urdf").mkdir()
     (tmp_path / "cell").mkdir()
     (tmp_path / "urdf" / "arm.urdf").write_text(HEAVY)
     path = tmp_path / "cell" / "m.yaml"
-    done = run("--urdf", tmp_path / "urdf" / "arm.urdf", "-o", path)
-    assert done.exit_code == 0, done.output
+    run("init", "--urdf", tmp_path / "urdf" / "arm.urdf", "-o", path)
     assert "file: ../urdf/arm.urdf" in path.read_text()
     machine = load_machine(path)
     assert machine.mechanism.flange == "tool0"
@@ -43,8 +36,8 @@ def test_a_urdf_is_named_from_where_the_machine_file_stands(tmp_path: Path) -> N
 
 def test_a_urdf_written_out_is_the_same_machine(tmp_path: Path) -> None:
     (tmp_path / "arm.urdf").write_text(HEAVY)
-    run("--urdf", tmp_path / "arm.urdf", "-o", tmp_path / "a.yaml")
-    run("--urdf", tmp_path / "arm.urdf", "--expand", "-o", tmp_path / "b.yaml")
+    run("init", "--urdf", tmp_path / "arm.urdf", "-o", tmp_path / "a.yaml")
+    run("init", "--urdf", tmp_path / "arm.urdf", "--expand", "-o", tmp_path / "b.yaml")
     named, out = load_machine(tmp_path / "a.yaml"), load_machine(tmp_path / "b.yaml")
     assert "mechanism:\n  type: graph\n" in (tmp_path / "b.yaml").read_text()
     assert named.masses == out.masses
@@ -70,9 +63,7 @@ def test_a_urdf_that_does_not_say_which_chain_is_refused(
     tmp_path: Path, urdf: str, options: tuple[str, ...], message: str
 ) -> None:
     (tmp_path / "arm.urdf").write_text(urdf)
-    done = run("--urdf", tmp_path / "arm.urdf", *options, "-o", tmp_path / "m.yaml")
-    assert done.exit_code == 2
-    assert message in done.output
+    refused("init", "--urdf", tmp_path / "arm.urdf", *options, "-o", tmp_path / "m.yaml", said=message)
     assert not (tmp_path / "m.yaml").exists()
 
 
@@ -103,17 +94,14 @@ def test_where_a_chain_ends_is_asked_and_never_guessed(
 ) -> None:
     """Links without joints beyond are ends where a driven joint leads to them and nothing that they follow stands aside."""
     (tmp_path / "arm.urdf").write_text(extended(*more))
-    done = run("--urdf", tmp_path / "arm.urdf", "-o", tmp_path / "m.yaml")
-    assert done.exit_code == (2 if ends else 0), done.output
+    asked: tuple[object, ...] = ("init", "--urdf", tmp_path / "arm.urdf", "-o", tmp_path / "m.yaml")
     if ends:
-        assert (
+        said = (
             f"found several ends of the chain from 'floor': {ends}, expected one: say which with --tip-link"
-            in done.output
         )
-        assert (
-            run("--urdf", tmp_path / "arm.urdf", "--tip-link", "tool0", "-o", tmp_path / "m.yaml").exit_code
-            == 0
-        )
+        refused(*asked, said=said)
+        asked = (*asked, "--tip-link", "tool0")
+    run(*asked)
     assert load_machine(tmp_path / "m.yaml").mechanism.readings[:2] == ("q1", "q2")
 
 
@@ -123,12 +111,10 @@ def test_a_joint_of_no_chain_is_refused_by_its_name_and_kind(tmp_path: Path, kin
     text = URDF.replace('link="floor"', f'link="{base}"').replace('name="floor"', f'name="{base}"')
     root = f'<link name="world"/><joint name="root" type="{kind}"><parent link="world"/><child link="{base}"/></joint>'
     (tmp_path / "arm.urdf").write_text(text.replace("</robot>", f"{root}</robot>"))
-    done = run("--urdf", tmp_path / "arm.urdf", "-o", tmp_path / "m.yaml")
-    assert done.exit_code == 2
-    assert f"joint 'root': type: found '{kind}', expected revolute" in done.output
-    assert f"at the link '{base}' (base_link, --base-link)" in done.output
-    done = run("--urdf", tmp_path / "arm.urdf", "--base-link", base, "-o", tmp_path / "m.yaml")
-    assert done.exit_code == 0, done.output
+    asked = ("init", "--urdf", tmp_path / "arm.urdf", "-o", tmp_path / "m.yaml")
+    said = refused(*asked, said=f"joint 'root': type: found '{kind}', expected revolute")
+    assert f"at the link '{base}' (base_link, --base-link)" in said
+    run(*asked, "--base-link", base)
 
 
 def test_what_a_urdf_has_beyond_the_machine_is_listed(tmp_path: Path) -> None:
@@ -140,8 +126,7 @@ def test_what_a_urdf_has_beyond_the_machine_is_listed(tmp_path: Path) -> None:
     )
     root = '<link name="world"/><joint name="root" type="fixed"><parent link="world"/><child link="base"/></joint>'
     (tmp_path / "arm.urdf").write_text(text.replace("</robot>", f"{root}</robot>"))
-    done = run("--urdf", tmp_path / "arm.urdf", "-o", tmp_path / "m.yaml")
-    assert done.exit_code == 0, done.output
+    done = run("init", "--urdf", tmp_path / "arm.urdf", "-o", tmp_path / "m.yaml")
     for words in (
         "links that are not on the way to the tip: camera, world",
         "elements that nothing reads: transmission",
@@ -154,8 +139,7 @@ def test_what_a_urdf_has_beyond_the_machine_is_listed(tmp_path: Path) -> None:
 @pytest.mark.parametrize("limit", ['<limit lower="-3" upper="3"/>', '<limit effort="1"/>', ""])
 def test_joints_without_limits_are_read_and_listed(tmp_path: Path, limit: str) -> None:
     (tmp_path / "arm.urdf").write_text(URDF.replace('<limit lower="-3" upper="3"/>', limit))
-    done = run("--urdf", tmp_path / "arm.urdf", "-o", tmp_path / "m.yaml")
-    assert done.exit_code == 0, done.output
+    run("init", "--urdf", tmp_path / "arm.urdf", "-o", tmp_path / "m.yaml")
     ranges = [actuator.range for actuator in load_machine(tmp_path / "m.yaml").mechanism.actuators]
     assert (ranges[0] is None) == ("lower" not in limit)
     listed = (
@@ -166,5 +150,5 @@ def test_joints_without_limits_are_read_and_listed(tmp_path: Path, limit: str) -
 
 def test_a_urdf_without_masses_states_gravity(tmp_path: Path) -> None:
     (tmp_path / "arm.urdf").write_text(URDF)
-    run("--urdf", tmp_path / "arm.urdf", "-o", tmp_path / "m.yaml")
+    run("init", "--urdf", tmp_path / "arm.urdf", "-o", tmp_path / "m.yaml")
     assert load_machine(tmp_path / "m.yaml").gravity == (0.0, 0.0, -9.80665)
