@@ -11,15 +11,7 @@ import pytest
 import yaml
 
 import truepose
-from support.checked_arm import (
-    ARM,
-    Document,
-    checked,
-    document,
-    metres,
-    recorded,
-    written,
-)
+from support.checked_arm import ARM, Document, checked, document, metres, recorded, written
 from support.command import invoke, refused
 from support.examples import by_day
 from truepose.identification.leaves.check.run import check_files

@@ -22,7 +22,6 @@ from truepose.identification.leaves.check.kinds.frames import (
     frames_swapped,
 )
 from truepose.identification.leaves.check.kinds.joints import (
-    coupled,
     exchanged,
     mirrored_zeros,
     offset,
@@ -48,8 +47,7 @@ def turns(scene: Scene) -> Rotation:
 
 @pytest.mark.parametrize(
     "maker",
-    [units, signs, exchanged, mirrored, turned, targets, poses, shifted, frames_swapped, quarter_turns, mirrored_zeros,
-     coupled],
+    [units, signs, exchanged, mirrored, turned, targets, poses, shifted, frames_swapped, quarter_turns, mirrored_zeros],
 )  # fmt: skip
 def test_what_a_slip_does_to_the_scene_its_mend_does_to_the_files(
     maker: Callable[[Rig, Scene], Iterable[Slip]], case: Case

@@ -9,13 +9,7 @@ import pandas as pd
 import pytest
 
 import truepose
-from support.checked_arm import (
-    Document,
-    checked,
-    document,
-    recorded,
-    written,
-)
+from support.checked_arm import Document, checked, document, recorded, written
 from support.command import invoke
 from support.machine_texts import machine_from
 from truepose.identification.leaves.check.kinds.units import file_lengths
@@ -111,16 +105,8 @@ def platform(inch: float) -> Document:
     for k in range(6):
         below, above = (np.radians(60 * (k // 2) * 2 + side * (-1) ** k) for side in (12.0, 48.0))
         a, b = 390 * np.array([np.cos(below), np.sin(below)]), 250 * np.array([np.cos(above), np.sin(above)])
-        legs.append(
-            {
-                "name": f"leg{k + 1}",
-                "joint": f"rho{k + 1}",
-                "a": [*(a / inch).tolist(), 0.0],
-                "u": [0.0, 0.0, 1.0],
-                "b": [*(b / inch).tolist(), 0.0],
-                "length": 500.0 / inch,
-            }
-        )
+        leg = {"name": f"leg{k + 1}", "joint": f"rho{k + 1}", "u": [0.0, 0.0, 1.0], "length": 500.0 / inch}
+        legs.append(leg | {"a": [*(a / inch).tolist(), 0.0], "b": [*(b / inch).tolist(), 0.0]})
     home = float(np.sqrt(500.0**2 - np.sum((a - b) ** 2)))
     return {
         "schema": "truepose/machine/1",

@@ -12,16 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import truepose
-from support.checked_arm import (
-    JOINTS,
-    Document,
-    Spoilt,
-    checked,
-    columns,
-    document,
-    metres,
-    recorded,
-)
+from support.checked_arm import JOINTS, Document, Spoilt, checked, columns, document, metres, recorded
 from truepose.identification.leaves.check.pair import Pair
 from truepose.identification.leaves.check.result import Check
 from truepose.identification.leaves.check.run import check_files

@@ -9,11 +9,7 @@ from scipy.special import softmax
 from scipy.stats import multivariate_normal
 
 from support.stacked_sessions import covariance_of, likeliest_of, plain, stacked
-from truepose.identification.leaves.drift.sessions import (
-    Kinds,
-    likeliest,
-    movement_posterior,
-)
+from truepose.identification.leaves.drift.sessions import Kinds, likeliest, movement_posterior
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.posterior import sample
 from truepose.identification.posterior.spike_slab import Members

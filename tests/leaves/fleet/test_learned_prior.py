@@ -15,11 +15,7 @@ from truepose.errors import InputError
 from truepose.identification import prior
 from truepose.identification.diagnosis.selection_problem import SelectionProblem, selection_problem
 from truepose.identification.fit.estimate import estimate
-from truepose.identification.learned_prior import (
-    FleetPrior,
-    LearnedPrior,
-    read_prior,
-)
+from truepose.identification.learned_prior import FleetPrior, LearnedPrior, read_prior
 from truepose.identification.leaves.fleet.learn import learned, prior_text, write_prior
 from truepose.identification.leaves.fleet.pooled import Pooled
 from truepose.identification.recording.recording import Recording

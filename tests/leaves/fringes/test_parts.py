@@ -8,11 +8,7 @@ import pytest
 from truepose.arrays import Array
 from truepose.identification.leaves.fringes import excursions as exc
 from truepose.identification.leaves.fringes import levels
-from truepose.identification.leaves.fringes.excursions import (
-    Excursions,
-    extremes,
-    find_excursions,
-)
+from truepose.identification.leaves.fringes.excursions import Excursions, extremes, find_excursions
 from truepose.identification.leaves.fringes.levels import (
     Levels,
     Noise,

@@ -9,11 +9,7 @@ import pytest
 
 from support.experiments import arm
 from truepose.arrays import Array, Index
-from truepose.identification.leaves.planning.discriminate.factors import (
-    EXPECTED,
-    Explanation,
-    explanation,
-)
+from truepose.identification.leaves.planning.discriminate.factors import EXPECTED, Explanation, explanation
 from truepose.identification.leaves.planning.discriminate.race import (
     RIVAL_FORMS,
     WIDE,

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from support import MACHINES
 from support.command import input_error, refused, run
@@ -20,22 +21,19 @@ from truepose.models.load import load_machine
 NAMELESS = {"effect": "unknown", "place": ["q2"], "probability": 0.5}
 
 
+DIAGNOSED = """
+- effect: joint-compliance
+  place: [q2]
+  equivalents: [{effect: transmission-error, place: [q2], probability: 0.3}]
+  parameters: {c: {value: 1.0e-5, std: 1.0e-6, unit: rad/(N*m)}}
+  settings: [{}]
+- {effect: backlash, place: [q3], equivalents: [], parameters: {b: {value: 1.0e-4, std: 1.0e-6, unit: rad}}, settings: [{}]}
+"""
+
+
 def diagnosis_file(folder: Path, **finding: object) -> Path:
-    content = {
-        "effect": "joint-compliance",
-        "place": ["q2"],
-        "equivalents": [{"effect": "transmission-error", "place": ["q2"], "probability": 0.3}],
-        "parameters": {"c": {"value": 1e-5, "std": 1e-6, "unit": "rad/(N*m)"}},
-        "settings": [{}],
-    }
-    other = {
-        "effect": "backlash",
-        "place": ["q3"],
-        "equivalents": [],
-        "parameters": {"b": {"value": 1e-4, "std": 1e-6, "unit": "rad"}},
-        "settings": [{}],
-    }
-    (folder / "diagnosis.json").write_text(json.dumps({"findings": [{**content, **finding}, other]}))
+    first, other = yaml.safe_load(DIAGNOSED)
+    (folder / "diagnosis.json").write_text(json.dumps({"findings": [first | finding, other]}))
     return folder / "diagnosis.json"
 
 

@@ -12,7 +12,6 @@ from support import MACHINES
 from support.command import input_error
 from support.program_robots import (
     RANGES,
-    TOOL,
     Arm,
     arms,
     frame,
@@ -86,19 +85,6 @@ def test_what_would_leave_the_range_or_swing_is_left_and_told(machine: Machine) 
     assert left.why.startswith("next to a singular pose: the correction would move q")
     told = float(left.why.rpartition(" by ")[2].removesuffix(" deg"))
     assert abs(told) > np.degrees(0.1)
-
-
-def test_what_was_not_named_is_counted_where_the_user_says_nothing_either(machine: Machine) -> None:
-    q = joints(2)
-    poses = [ptp(DRAWN, row) for row in q]
-    text = axes(q[0]) + poses[0] + "$BASE=$WORLD\n" + poses[1]
-    here = "0,0,0,0,0,0"
-    assert corrected(machine, text).unnamed == (1, 2)
-    x, y, z, rx, ry, rz = TOOL
-    own = f"{x},{y},{z},{rz},{ry},{rx}"
-    assert corrected(machine, text, base=here).unnamed == (0, 2)
-    assert corrected(machine, text, tool=own).unnamed == (1, 0)
-    assert corrected(machine, text, base=here, tool=own).unnamed == (0, 0)
 
 
 def test_a_correction_without_a_nominal_drawing_is_of_effects_alone(tmp_path: Path) -> None:

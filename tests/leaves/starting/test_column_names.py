@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -29,15 +30,8 @@ def gantry(folder: Path, joints: tuple[str, ...], sensor: dict[str, object], **o
     """A gantry whose joints are called as told."""
     bodies = ["floor", "bridge", "carriage", "ram"]
     rows = [
-        {
-            "name": name,
-            "kind": "prismatic",
-            "parent": bodies[k],
-            "child": bodies[k + 1],
-            "axis": axis,
-            "actuated": True,
-        }
-        for k, (name, axis) in enumerate(zip(joints, AXES, strict=True))
+        {"name": name, "kind": "prismatic", "parent": below, "child": above, "axis": axis, "actuated": True}
+        for name, (below, above), axis in zip(joints, pairwise(bodies), AXES, strict=True)
     ]
     document = {
         "schema": "truepose/machine/1",

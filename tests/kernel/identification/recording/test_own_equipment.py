@@ -198,9 +198,8 @@ def test_an_unknown_payload_of_one_recording_is_weighed(tmp_path: Path) -> None:
         read = []
         for row in q:
             flange = placed(row).turns[5].real
-            push = (flange @ turn).T @ (
-                kg * np.array(DOWN)
-            )  # in the axes of a sensor, as the simulator has it
+            # in the axes of a sensor, as the simulator has it
+            push = (flange @ turn).T @ (kg * np.array(DOWN))
             moment = np.cross(turn.T @ lever / 1000, push)
             read.append(placed(held(row, SOFT, np.array([*push, *moment]), np.array(DOWN))).tool.real)
         rows.append(table(q, np.array(read) + 0.02 * rng.standard_normal((60, 3))))
@@ -265,27 +264,18 @@ def test_a_base_that_drifts_from_day_to_day_has_a_rate(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("entry", "found"),
     [
-        (
-            "{tool: {xyz: [0, 0, 1]}}",
-            "recordings.long: expected either `files` or `sessions`, found 'neither'",
-        ),
-        ("{sessions: 2, date: 2026-03-01}", "expected `files` beside `date`"),
-        ("{files: a, date: soon}", "recordings.long.date: expected a date such as 2026-03-14"),
-        (
-            "{files: a, tool: {in: tool, rpy: [0, 0, 9]}}",
-            "recordings.long.tool: expected xyz alone with `in: tool`",
-        ),
-        ("{files: a, tool: {in: link3}}", "recordings.long.tool.in: expected 'flange' or 'tool'"),
-        (
-            "{files: a, payload: {kg: 1, in: link9}}",
-            "recordings.long.payload.in: found 'link9', expected a body",
-        ),
-        ("{files: a, payload: {kg: -1}}", "recordings.long.payload.kg"),
-        ("{file: a}", "recordings.long.file: unknown field; did you mean 'files'?"),
+        ("{tool: {xyz: [0, 0, 1]}}", ": expected either `files` or `sessions`, found 'neither'"),
+        ("{sessions: 2, date: 2026-03-01}", ": expected `files` beside `date`"),
+        ("{files: a, date: soon}", ".date: expected a date such as 2026-03-14"),
+        ("{files: a, tool: {in: tool, rpy: [0, 0, 9]}}", ".tool: expected xyz alone with `in: tool`"),
+        ("{files: a, tool: {in: link3}}", ".tool.in: expected 'flange' or 'tool'"),
+        ("{files: a, payload: {kg: 1, in: link9}}", ".payload.in: found 'link9', expected a body"),
+        ("{files: a, payload: {kg: -1}}", ".payload.kg"),
+        ("{file: a}", ".file: unknown field; did you mean 'files'?"),
     ],
 )
 def test_a_wrong_entry_is_refused(tmp_path: Path, entry: str, found: str) -> None:
-    with input_error(says=found):
+    with input_error(says=f"recordings.long{found}"):
         machine_of(tmp_path, f"recordings: {{long: {entry}}}\n")
 
 
