@@ -68,13 +68,9 @@ def scatters(rig: Rig, price: float = 1.0) -> dict[str, Found]:
 @pytest.mark.parametrize(
     ("xyz", "rot", "kinds"),
     [
-        (1.0, 1.0, []),
-        (7.0, 0.14, []),
-        (14.0, 1.0, ["xyz"]),
-        (1.0, 0.07, ["rot"]),
-        (0.07, 14.0, ["xyz", "rot"]),
+        (1.0, 1.0, []), (7.0, 0.14, []), (14.0, 1.0, ["xyz"]), (1.0, 0.07, ["rot"]), (0.07, 14.0, ["xyz", "rot"]),
     ],
-)
+)  # fmt: skip
 def test_a_sigma_is_far_from_its_scatter_beyond_a_factor_of_ten(
     xyz: float, rot: float, kinds: list[str], rig: Rig
 ) -> None:

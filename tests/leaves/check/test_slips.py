@@ -253,14 +253,9 @@ def test_gross_readings_hide_no_slip(right: pd.DataFrame, tmp_path: Path) -> Non
 @pytest.mark.nightly
 @pytest.mark.parametrize(
     ("first", "second"),
-    [
-        ("metres", "backwards"),
-        ("inverse", "backwards"),
-        ("euler", "exchanged"),
-        ("quarter", "exchanged"),
-        ("mirrored", "backwards"),
-    ],
-)
+    [("metres", "backwards"), ("inverse", "backwards"), ("euler", "exchanged"), ("quarter", "exchanged"),
+     ("mirrored", "backwards")],
+)  # fmt: skip
 def test_two_slips_at_once_are_told_for_what_they_are(
     first: str, second: str, right: pd.DataFrame, tmp_path: Path
 ) -> None:

@@ -68,7 +68,7 @@ def distances(tmp_path_factory: pytest.TempPathFactory) -> Met:
     """Changes of a distance, the first of each session since itself; nothing moved."""
     folder, n, rng = tmp_path_factory.mktemp("distances"), 120, np.random.default_rng(12)
     machine = load_machine(MACHINES / "distance.yaml")
-    rows, origin = distance_rows(n, 2, 12)
+    rows, origin = distance_rows(n, 2, rng)
     rows.to_csv(folder / "rows.csv", index=False)
     prior = prior_of(machine)
     nominal = predict(machine, load_recording(machine, [folder / "rows.csv"]))["dL"].to_numpy()

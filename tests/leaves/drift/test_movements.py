@@ -142,7 +142,7 @@ def test_a_movement_is_hidden_where_first_or_last_cannot_be_told(
 def test_a_reading_that_counts_from_itself_is_none(tmp_path: Path) -> None:
     """The noise is judged by readings that can err: the first of each session counts from itself, and reads 0."""
     n = 24
-    rows, origin = distance_rows(n, 2, 8)
+    rows, origin = distance_rows(n, 2, np.random.default_rng(8))
     rows.assign(dL=np.where(origin == np.arange(n), 0.0, 1e-3)).to_csv(tmp_path / "rows.csv", index=False)
     machine = load_machine(MACHINES / "distance.yaml")
     sessions, notes = sessions_of(machine, load_recording(machine, [tmp_path / "rows.csv"]))
@@ -152,7 +152,7 @@ def test_a_reading_that_counts_from_itself_is_none(tmp_path: Path) -> None:
 
 
 def test_a_session_of_validation_rows_alone_is_left_out_and_said(tmp_path: Path) -> None:
-    rows, _ = distance_rows(24, 3, 9)
+    rows, _ = distance_rows(24, 3, np.random.default_rng(9))
     role = np.where(rows["session"] == 1, "validation", "calibration")
     rows.assign(dL=1e-3, role=role).to_csv(tmp_path / "rows.csv", index=False)
     machine = load_machine(MACHINES / "distance.yaml")

@@ -64,9 +64,8 @@ def test_bad_input_is_refused_and_leaves_the_output(root_directory: Path, real: 
         codes = {seen.what: seen.code for seen in measured(root_directory, name, real).refused}
         far = codes.pop("far")
         assert far in (1, 2)
-        assert codes == dict.fromkeys(
-            ("nan-fk", "nan-jac", "nan-compensate", "nan-guess", "nan-pose", "skewed"), 4
-        )
+        calls = ("nan-fk", "nan-jac", "nan-compensate", "nan-guess", "nan-pose", "skewed")
+        assert codes == dict.fromkeys(calls, 4)
         assert all(seen.kept for seen in measured(root_directory, name, real).refused)
 
 
@@ -154,9 +153,8 @@ def test_the_command_states_the_measurements_only_when_asked(tmp_path: Path) -> 
     files = {file.relative_to(plain) for file in plain.rglob("*") if file.is_file()}
     assert files == {file.relative_to(told) for file in told.rglob("*") if file.is_file()}
     for file in files:
-        assert ((plain / file).read_bytes() == (told / file).read_bytes()) == (file != Path("README.md")), (
-            file
-        )
+        same = (plain / file).read_bytes() == (told / file).read_bytes()
+        assert same == (file != Path("README.md")), file
     before, section = (told / "README.md").read_text().split("\n## Measured\n")
     assert before == (plain / "README.md").read_text()
     tools = required()
@@ -180,9 +178,8 @@ def test_without_the_toolchain_nothing_is_written(tmp_path: Path, monkeypatch: p
 
 @each_target
 def test_a_run_that_counts_wrongly_is_refused(target: Target) -> None:
-    right = round(
-        (2 * 500 + 2 + 2) * TICKS
-    )  # two more: the branch to it, and the second reading of the timer
+    # two more: the branch to it, and the second reading of the timer
+    right = round((2 * 500 + 2 + 2) * TICKS)
     assert read_log(log(target, 500, right), target)[1].instructions == 1002
     for ticks in (right - 3, right + 3):
         with input_error(r"found \(100[13], 0\) instructions .*expected \(1002, 0\)"):

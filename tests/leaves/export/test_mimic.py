@@ -55,13 +55,8 @@ def turned(axis: int, angle: float) -> Array:
 def expected(a: float, ratio: float = -2.0) -> Array:
     """(4, 4) of the finger: mm; a in rad."""
     slide = pose((200, 0, 10 + 50 * a), (0, 0, 0))
-    return (
-        pose((0, 0, 100), (0.2, 0, 0))
-        @ turned(1, a)
-        @ slide
-        @ pose((0, 50, 0), (0, 0, 0))
-        @ turned(0, ratio * a)
-    )
+    arm = pose((0, 0, 100), (0.2, 0, 0)) @ turned(1, a)
+    return arm @ slide @ pose((0, 50, 0), (0, 0, 0)) @ turned(0, ratio * a)
 
 
 @pytest.mark.parametrize(
@@ -177,12 +172,8 @@ def test_a_sum_of_several_joints(tmp_path: Path) -> None:
     at = ca.Function("at", [model.q, model.p], [model.pose])
     q1, q2 = 0.3, -0.7
     slide = 50 + 3 + 0.4 * np.degrees(q1) - 0.2 * np.degrees(q2)
-    wanted = (
-        turned(2, q1)
-        @ pose((100, 0, 0), np.radians([20, 0, 0]))
-        @ turned(2, q2)
-        @ pose((slide, 0, 10), (0, 0, 0))
-    )
+    second = turned(2, q1) @ pose((100, 0, 0), np.radians([20, 0, 0])) @ turned(2, q2)
+    wanted = second @ pose((slide, 0, 10), (0, 0, 0))
     np.testing.assert_allclose(np.array(at([q1, q2], model.p_home)), wanted, atol=1e-9)
     slope = ca.Function("slope", [model.q, model.p], [ca.jacobian(model.pose[:3, 3], model.p)])
     along = np.array(slope([q1, q2], model.p_home))[:, model.names.index("m.ratio.q1")]

@@ -114,14 +114,12 @@ def test_files_say_what_came_of_each(reference: Mapping[str, bytes]) -> None:
     told = json.loads(reference["fleet.json"])
     assert told["schema"] == "truepose/fleet/1"
     assert told["statuses"] == {"done": 3, "failed": 1}
-    assert told["undone"] == [
-        {"name": "unread", "status": "failed", "why": told["undone"][0]["why"]}
-    ] and told["undone"][0]["why"].startswith("unread/recording.csv: missing column 'q2'")
+    (undone,) = told["undone"]
+    assert (undone["name"], undone["status"]) == ("unread", "failed")
+    assert undone["why"].startswith("unread/recording.csv: missing column 'q2'")
     for name in ("calibrated.yaml", "fit.json", "diagnosis.json", "improved.yaml", "record.json"):
         assert f"machines/gain/{name}" in reference
-    assert {name for name in reference if name.startswith("machines/unread/")} == {
-        "machines/unread/record.json"
-    }
+    assert [name for name in reference if "/unread/" in name] == ["machines/unread/record.json"]
     diagnosis = json.loads(reference["machines/gain/diagnosis.json"])
     assert diagnosis["files"] == ["gain/recording.csv"]
     assert [f["effect"] for f in diagnosis["findings"]] == ["actuator-scale"]
@@ -210,10 +208,8 @@ def test_only_what_changed_is_worked_with_again(machines: Path, tmp_path: Path) 
     assert sorted(run(line, results, Cores(2))) == ["more", "plain"]
     changes = json.loads((results / "fleet.json").read_text(encoding="utf-8"))["changes"]
     assert (changes["new"], changes["gone"]) == (["more"], ["gain"])
-    assert {(one["machine"], one["what"]) for one in changes["said"]} == {
-        ("plain", "verdict"),
-        ("plain", "findings"),
-    }
+    said = {(one["machine"], one["what"]) for one in changes["said"]}
+    assert said == {("plain", "verdict"), ("plain", "findings")}
     fresh = tmp_path / "fresh"
     run(line, fresh, Cores(2))
     for name in ("fleet.csv", "records.jsonl", "prior.yaml"):

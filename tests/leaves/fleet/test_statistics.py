@@ -26,12 +26,8 @@ def test_a_constant_has_the_mean_and_the_spread_of_its_machines() -> None:
     x = [1.0, 2.0, 4.0, 5.0]
     told = statistics(Pooled.of(fleet(x)))
     first, second = told.constants
-    assert (told.machines, first.name, second.name, first.machines) == (
-        4,
-        "c1",
-        "c2",
-        4,
-    )  # the farthest off first
+    # the farthest off first
+    assert (told.machines, first.name, second.name, first.machines) == (4, "c1", "c2", 4)
     assert first.mean.value == pytest.approx(3.0, rel=1e-5)
     half = student.ppf(0.95, 3) * np.std(x, ddof=1) / 2.0
     assert (first.mean.low, first.mean.high) == pytest.approx((3.0 - half, 3.0 + half), rel=1e-4)
@@ -88,12 +84,8 @@ def test_figures_of_a_diagnosis_are_those_of_held_out_rows_where_there_are_some(
     }  # fmt: skip
     found = figures_of(diagnosis, "ok")
     first, last = (0.5, 0.25) if held else (0.4, 0.1)
-    assert (found["reading"], found["rms_before"], found["rms_after"], found["unit"]) == (
-        "position",
-        first,
-        last,
-        "mm",
-    )
+    read = [found[name] for name in ("reading", "rms_before", "rms_after", "unit")]
+    assert read == ["position", first, last, "mm"]
     assert found["held_out"] is held and found["findings"] == "backlash at q2"
     assert (found["chi2_before"], found["chi2_after"], found["ratio"]) == (9.12346, 1.0, None)
     more = figures_of({**diagnosis, "proof": {"ratio": 2.0}, "remainder": {"driver": "payload"}}, "ok")

@@ -110,15 +110,9 @@ BAD: dict[str, tuple[Callable[[Path], None], str]] = {
         _edited("points.csv", lambda f: f.assign(**{"P1.x": None, "P2.x": None})),
         "points.csv: row 1: points P3, P4: found 2 points",
     ),
-    "a wrong unit": (
-        _edited("points.csv", lambda f: f.rename(columns={"P1.x": "P1.x [s]"})),
-        "points.csv: column 'P1.x'",
-    ),
+    "a wrong unit": (_edited("points.csv", lambda f: f.rename(columns={"P1.x": "P1.x [s]"})), "points.csv: column 'P1.x'"),
     "no body point": (_cell("body.csv", "point", "P9"), "missing column 'P9.x'"),
-    "a body point twice": (
-        _cell("body.csv", "point", "P1"),
-        "body.csv: row 3 (line 4), column 'point': found 'P1' again",
-    ),
+    "a body point twice": (_cell("body.csv", "point", "P1"), "body.csv: row 3 (line 4), column 'point': found 'P1' again"),
     "no axis": (_edited("body.csv", lambda f: f.rename(columns={"x": "X"})), "body.csv: missing column 'x'"),
     "no coordinate": (_cell("body.csv", "y", ""), "body.csv: row 3 (line 4), column 'y'"),
     "no file": (lambda folder: (folder / "body.csv").unlink(), "body.csv: cannot read the file"),

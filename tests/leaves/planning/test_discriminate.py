@@ -94,12 +94,8 @@ def test_order_of_rows_and_rescaled_geometry_change_nothing(seed: int) -> None:
     c, rng = contest(seed), np.random.default_rng(seed)
     design = rng.permutation(12)[:6].tolist()
     size = np.append(rng.uniform(0.1, 10.0, 5), np.ones(2))
-    other = replace(
-        c,
-        nuisance=c.nuisance * size[:5],
-        precision=c.precision * size[:5] ** 2,
-        base=c.base * np.outer(size, size),
-    )
+    geometry = {"nuisance": c.nuisance * size[:5], "precision": c.precision * size[:5] ** 2}
+    other = replace(c, **geometry, base=c.base * np.outer(size, size))
     assert c.missed(design[::-1]) == pytest.approx(c.missed(design), rel=1e-9)
     assert other.missed(design) == pytest.approx(c.missed(design), rel=1e-6)
 
@@ -117,10 +113,7 @@ def test_chosen_rows_are_distinct_and_beat_random_ones(seed: int) -> None:
 
 
 def test_the_worst_pair_is_the_same_whichever_is_named_first() -> None:
-    one, other = (
-        planned("arm", YIELDING, UNEVEN, payload="0,5"),
-        planned("arm", UNEVEN, YIELDING, payload="0,5"),
-    )
+    one, other = (planned("arm", *texts, payload="0,5") for texts in ((YIELDING, UNEVEN), (UNEVEN, YIELDING)))
     by_names = {(p.true.name, p.rival.name): p.expected for p in other.pairs}
     for pair in one.pairs:
         assert pair.expected == pytest.approx(by_names[pair.true.name, pair.rival.name], rel=0.05)
@@ -150,10 +143,8 @@ def test_rows_that_exist_count_and_more_rows_help() -> None:
     wanted = Class(tuple(explanation(text, machine) for text in (YIELDING, UNEVEN)))
     rows = Rows(poses(machine, 12, 5), {"payload": np.repeat([0.0, 5.0], 6)})
     recorded = recording_of(machine, rows, PoseInformation(machine).home)
-    alone = discriminate(machine, 6, wanted, offer=read_offer(machine, "0,5"), candidates=poses(machine, 30))
-    both = discriminate(
-        machine, 6, wanted, offer=read_offer(machine, "0,5"), recorded=recorded, candidates=poses(machine, 30)
-    )
+    given = {"offer": read_offer(machine, "0,5"), "candidates": poses(machine, 30)}
+    alone, both = (discriminate(machine, 6, wanted, recorded=seen, **given) for seen in (None, recorded))
     assert alone.already is None
     assert both.already is not None and 0.0 < both.already < both.expected
     assert both.expected > alone.expected
@@ -222,10 +213,7 @@ def test_amplitudes_default_to_what_is_expected_or_imitates() -> None:
     assert explanation("backlash@q2", machine).amplitude is None
     stated = explanation("backlash@q2:b=1e-4", machine).amplitude
     assert stated is not None and stated == pytest.approx([1e-4 / 3e-3])
-    small, large = (
-        planned("arm", "backlash@q2", "backlash@q3"),
-        planned("arm", "backlash@q2:b=3e-5", "backlash@q3"),
-    )
+    small, large = (planned("arm", text, "backlash@q3") for text in ("backlash@q2", "backlash@q2:b=3e-5"))
     # the expected size is a hundredth of 3e-3 rad: stating it changes nothing for the one it is stated of
     assert pytest.approx(3e-5) == EXPECTED * 3e-3
     first = [next(p for p in e.pairs if p.true.place == ("q2",)).expected for e in (small, large)]

@@ -91,16 +91,8 @@ FIRST = FILES["leica, list with scatter"]
 REFUSED = {
     "fewer joints": (FIRST, "name,q1\nP1,0\nP2,1\n", "joints.csv: found 2 rows of joints, expected 3"),
     "another name": (FIRST, JOINTS.replace("P3", "P9"), "joints.csv: column 'name': found 'P9', no point of"),
-    "a name twice": (
-        FIRST,
-        JOINTS.replace("P3", "P2"),
-        "joints.csv: row 3 (line 4), column 'name': found 'P2' again",
-    ),
-    "a point twice": (
-        FIRST.replace("P3", "P2"),
-        JOINTS,
-        "points.txt: row 3 (line 4), column 'name': found 'Station1/P2'",
-    ),
+    "a name twice": (FIRST, JOINTS.replace("P3", "P2"), "joints.csv: row 3 (line 4), column 'name': found 'P2' again"),
+    "a point twice": (FIRST.replace("P3", "P2"), JOINTS, "points.txt: row 3 (line 4), column 'name': found 'Station1/P2'"),
     "x in both": (FIRST, JOINTS.replace("q2", "x"), "joints.csv: column 'x': found there and in"),
     "a broken line": (FIRST.replace("40.125", "n/a"), JOINTS, "points.txt: line 3: found"),
     "no point": ("! Leica\n", JOINTS, "points.txt: found no point"),

@@ -21,6 +21,12 @@ URDF = """<robot name="arm">
 HEAVY = URDF.replace('<link name="boom"/>', '<link name="boom"><inertial><mass value="3"/></inertial></link>')
 
 
+def begun(folder: Path, urdf: str, *options: str) -> str:
+    """Begin a machine file from a URDF; return what is said."""
+    (folder / "arm.urdf").write_text(urdf)
+    return run("init", "--urdf", folder / "arm.urdf", "-o", folder / "m.yaml", *options).output
+
+
 def test_a_urdf_is_named_from_where_the_machine_file_stands(tmp_path: Path) -> None:
     (tmp_path / "urdf").mkdir()
     (tmp_path / "cell").mkdir()
@@ -119,27 +125,21 @@ def test_a_joint_of_no_chain_is_refused_by_its_name_and_kind(tmp_path: Path, kin
 
 def test_what_a_urdf_has_beyond_the_machine_is_listed(tmp_path: Path) -> None:
     """A base that the root carries fixed is the base."""
-    text = (
-        extended("floor camera fixed")
-        .replace('"floor"', '"base"')
-        .replace("</robot>", "<transmission/></robot>")
-    )
+    text = extended("floor camera fixed").replace('"floor"', '"base"')
     root = '<link name="world"/><joint name="root" type="fixed"><parent link="world"/><child link="base"/></joint>'
-    (tmp_path / "arm.urdf").write_text(text.replace("</robot>", f"{root}</robot>"))
-    done = run("init", "--urdf", tmp_path / "arm.urdf", "-o", tmp_path / "m.yaml")
+    said = begun(tmp_path, text.replace("</robot>", f"<transmission/>{root}</robot>"))
     for words in (
         "links that are not on the way to the tip: camera, world",
         "elements that nothing reads: transmission",
     ):
-        assert f"note: left out: {words}\n" in done.output
+        assert f"note: left out: {words}\n" in said
         assert f"# Left out: {words}\n" in (tmp_path / "m.yaml").read_text()
     assert load_machine(tmp_path / "m.yaml").mechanism.readings == ("q1", "q2")
 
 
 @pytest.mark.parametrize("limit", ['<limit lower="-3" upper="3"/>', '<limit effort="1"/>', ""])
 def test_joints_without_limits_are_read_and_listed(tmp_path: Path, limit: str) -> None:
-    (tmp_path / "arm.urdf").write_text(URDF.replace('<limit lower="-3" upper="3"/>', limit))
-    run("init", "--urdf", tmp_path / "arm.urdf", "-o", tmp_path / "m.yaml")
+    begun(tmp_path, URDF.replace('<limit lower="-3" upper="3"/>', limit))
     ranges = [actuator.range for actuator in load_machine(tmp_path / "m.yaml").mechanism.actuators]
     assert (ranges[0] is None) == ("lower" not in limit)
     listed = (
@@ -149,6 +149,5 @@ def test_joints_without_limits_are_read_and_listed(tmp_path: Path, limit: str) -
 
 
 def test_a_urdf_without_masses_states_gravity(tmp_path: Path) -> None:
-    (tmp_path / "arm.urdf").write_text(URDF)
-    run("init", "--urdf", tmp_path / "arm.urdf", "-o", tmp_path / "m.yaml")
+    begun(tmp_path, URDF)
     assert load_machine(tmp_path / "m.yaml").gravity == (0.0, 0.0, -9.80665)

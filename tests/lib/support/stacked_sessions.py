@@ -102,9 +102,9 @@ def dense(top: Likeliest) -> tuple[Array, Array]:
     return np.asarray(mean, dtype=np.float64), np.asarray(covariance, dtype=np.float64)
 
 
-def distance_rows(n: int, sessions: int, seed: int) -> tuple[pd.DataFrame, NDArray[np.intp]]:
+def distance_rows(n: int, sessions: int, rng: np.random.Generator) -> tuple[pd.DataFrame, NDArray[np.intp]]:
     """Return poses whose changes of distance count from the row before, in sessions; the first of each counts from itself."""
-    rows = pd.DataFrame(np.random.default_rng(seed).uniform(-3.0, 3.0, (n, 3)), columns=["x", "y", "t"])
+    rows = pd.DataFrame(rng.uniform(-3.0, 3.0, (n, 3)), columns=["x", "y", "t"])
     session = np.arange(n) // (n // sessions)
     origin = np.where(np.arange(n) % (n // sessions) == 0, np.arange(n), np.arange(n) - 1)
     return rows.assign(pose=np.arange(n), **{"from": origin}, session=session, dL=0.0), origin
