@@ -207,9 +207,8 @@ def test_limits_of_the_correction_are_kept(built: Built, path: Path6) -> None:
         assert block.nErrorID == number
     block = built.block()
     block.aMaxCorrection[:] = [5.0, *[0.05] * 5]
-    elsewhere = path.nominal[0] + np.array(
-        [80.0, 0, 0, 0, 0, 0]
-    )  # the plan does not begin where the robot is
+    # the plan does not begin where the robot is
+    elsewhere = path.nominal[0] + np.array([80.0, 0, 0, 0, 0, 0])
     built.cycle(block, path.nominal[0], path.drivers[0], elsewhere)
     assert (block.bValid, block.nErrorID) == (0, MAX_CORRECTION)
 

@@ -244,9 +244,8 @@ def test_a_formula_means_what_sympy_reads_in_it(text: str, u: float, v: float) -
     own = {"u": sympy.Float(u), "v": sympy.Float(v), "abs": sympy.Abs, "sqrt": sympy.sqrt}
     expected = complex(sympy.sympify(text, locals=own).evalf())
     if abs(expected.imag) < 1e-12 and np.isfinite(found):
-        assert (
-            found == pytest.approx(expected.real, rel=1e-9, abs=1e-9) or "atan2" in text
-        )  # on its cut the sign is free
+        # on its cut the sign is free
+        assert found == pytest.approx(expected.real, rel=1e-9, abs=1e-9) or "atan2" in text
 
 
 @pytest.mark.parametrize(

@@ -42,15 +42,12 @@ def found_by(
     **more: Any,
 ) -> list[Found]:
     """What is said of gravity where an arm with these effects is pulled elsewhere than stated, perhaps."""
-    q = recorded()[list(JOINTS)][:rows]
-    real = truepose.load_machine(
-        written(folder, document(masses=MASSES, gravity=pulls, effects=list(effects)), q)[0]
-    )
-    read = truepose.simulate(real, q, seed=4)
-    both = pd.concat([q.reset_index(drop=True), read.reset_index(drop=True)], axis=1)
-    machine = truepose.load_machine(
-        written(folder, document(**{"masses": MASSES, "gravity": stated, **more}), both)[0]
-    )
+    q = recorded()[list(JOINTS)][:rows].reset_index(drop=True)
+    built = document(masses=MASSES, gravity=pulls, effects=list(effects))
+    real = truepose.load_machine(written(folder, built, q)[0])
+    both = pd.concat([q, truepose.simulate(real, q, seed=4).reset_index(drop=True)], axis=1)
+    drawn = document(**{"masses": MASSES, "gravity": stated, **more})
+    machine = truepose.load_machine(written(folder, drawn, both)[0])
     found = check_loaded(machine, truepose.load_recording(machine, both)).found
     return [one for one in found if one.kind == "gravity-reversed"]
 

@@ -25,7 +25,7 @@ XYZ = ("x", "y", "z")
 ROWS = 40
 SIZES = {
     25.4: "25.4 times too {} (in inch?)",
-    1000.0: "1000 times too {} (in m?)",
+    1e3: "1000 times too {} (in m?)",
     10.0: "10 times too {} (in cm?)",
 }
 
@@ -105,9 +105,8 @@ def set_up(machine: Machine, frame: str, axis: int, mm: float, cut: int, seed: i
     if frame == "tool":
         tool = Rotation.from_matrix(standing(ARM["frames"]["tool"])[:3, :3])
         way = (turns * tool.inv()).apply(way)
-    return replace(
-        rows, observations={**rows.observations, **dict(zip(XYZ, (position + way).T, strict=True))}
-    )
+    moved = dict(zip(XYZ, (position + way).T, strict=True))
+    return replace(rows, observations=rows.observations | moved)
 
 
 @pytest.mark.nightly
@@ -141,9 +140,8 @@ def test_set_ups_are_mended_by_sessions(tmp_path: Path) -> None:
     rows = recorded()
     rows.loc[25:, "x"] += 400.0
     first = checked(tmp_path, document(), rows).found[0]
-    assert first.mend is not None and first.fix.startswith(
-        "give each set-up its own number in a column 'session'"
-    )
+    assert first.mend is not None
+    assert first.fix.startswith("give each set-up its own number in a column 'session'")
     pair = Pair.read(tmp_path / "arm.yaml", [tmp_path / "r.csv"])
     (sheet,) = first.mend(pair).sheets
     assert list(sheet.cells["session"]) == ["1"] * 25 + ["2"] * 20

@@ -74,9 +74,8 @@ def test_a_frame_that_is_known_costs_its_tolerances_and_a_free_one_nothing(
     real["frames"][frame]["xyz"][0] += 3.0 * {"base": 5.0, "tool": 2.0}[frame]
     rig = rig_of(tmp_path, drawn(), real, rows=10)
     stand = rig.stand()
-    known, free, other = (
-        settle(rig, stand, f) for f in ((), (frame,), ("tool" if frame == "base" else "base",))
-    )
+    rest = "tool" if frame == "base" else "base"
+    known, free, other = (settle(rig, stand, f) for f in ((), (frame,), (rest,)))
     assert max(one.misfit for one in (known, free, other)) < 0.01
     assert known.price == pytest.approx(3.0 / np.sqrt(0.8 * 60), rel=0.02)  # over the readings of eight rows
     assert free.price < 0.01 and other.price == pytest.approx(known.price, rel=1e-3)
@@ -109,9 +108,8 @@ def test_evidence_falls_with_the_misfit_and_with_how_seldom_a_slip_is(
     assert score(less, often) >= score(more, often) and score(less, often) >= score(less, rare)
     assert score(more, often) - score(more, rare) == pytest.approx(np.log(often / rare))
     larger = replace(arm.scene, size=100.0)
-    assert evidence(arm, larger, 10.0 * more, often) == pytest.approx(
-        score(more, often)
-    )  # of half the readings
+    # of half the readings
+    assert evidence(arm, larger, 10.0 * more, often) == pytest.approx(score(more, often))
     assert score(INF, often) == -np.inf
 
 
@@ -123,9 +121,8 @@ def test_the_zero_of_an_end_and_a_frame_that_is_free_are_one_hypothesis(free_bas
     every = [weigh(rig, Hypothesis((), rig.scene))]
     for slip in (offset(rig, 0, turn), offset(rig, 0, turn / 2)):
         every.append(weigh(rig, Hypothesis((), rig.scene).with_slip(slip)))
-    other = weigh(
-        rig, Hypothesis((), rig.scene).with_slip(next(s for s in signs(rig, rig.scene) if s.where == ("q3",)))
-    )
+    slip = next(s for s in signs(rig, rig.scene) if s.where == ("q3",))
+    other = weigh(rig, Hypothesis((), rig.scene).with_slip(slip))
     classes = shares(rig, [*every, other])
     assert classes[0][1] > CERTAIN
     assert other not in classes[0][0] and every[0] in classes[0][0]

@@ -30,9 +30,8 @@ def test_evidence_is_that_of_the_dense_gaussian() -> None:
                 float(multivariate_normal.logpdf(stack.offset.ravel(), cov=cov))
                 + top.spike_slab.unknowns.log_prior(point)
             )
-    np.testing.assert_allclose(
-        np.diff(ours), np.diff(theirs), atol=1e-7
-    )  # evidence is known up to a constant
+    # evidence is known up to a constant
+    np.testing.assert_allclose(np.diff(ours), np.diff(theirs), atol=1e-7)
 
 
 def test_probabilities_are_those_of_all_sets_at_all_sizes_and_points() -> None:

@@ -16,16 +16,15 @@ from support.effect_machines import TEXTS, read_machines
 from support.examples import by_day
 from support.exported import EXTRA, machine_named, mujoco_module, read_table, readings_of, tool_of
 from support.generated_machines import BODIES
+from support.machine_texts import machine_from
 from truepose.arrays import Array
 from truepose.errors import ReadBackError
 from truepose.identification.compensation.inverse import PoseSolver, base_frame
-from truepose.models.file.machine_file import checked_machine
-from truepose.models.file.yaml_document import parse_document
 from truepose.models.leaves.export.write import Format, LinkFormat, export, formats, render
 from truepose.models.leaves.starting.mjcf import mjcf_start
 from truepose.models.leaves.starting.start import bundled_names, bundled_start
 from truepose.models.leaves.starting.written import files_of
-from truepose.models.load import build_machine, load_machine
+from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
 FILES = [*sorted(MACHINES.glob("*.yaml")), *sorted((ROOT / "models" / "machines").glob("*/machine.yaml"))]
@@ -57,12 +56,7 @@ TABLED = {
     "models/machines/nanopositioner/machine.yaml",
 }
 """Machines whose axes move along or turn about those of the base, one of each letter, in ranges."""
-SUFFIXES = {
-    "urdf": ".urdf",
-    "mjcf": ".xml",
-    "ur-kinematics": ".yaml",
-    **dict.fromkeys(TABLES, ".csv"),
-}
+SUFFIXES = {"urdf": ".urdf", "mjcf": ".xml", "ur-kinematics": ".yaml", **dict.fromkeys(TABLES, ".csv")}
 ROWS = 10
 SAME_AGAIN = 1e-9
 """mm on arms of metres, of which a file that init writes has fourteen digits."""
@@ -82,9 +76,7 @@ def machine_called(name: str, folder: Path, others: Mapping[str, Machine]) -> Ma
     if kind == "effects":
         return others[own]
     if kind == "arms":
-        path = folder / f"{own}.yaml"
-        text = files_of(bundled_start(own))[0]
-        return build_machine(checked_machine(path, parse_document(text, path)))
+        return machine_from(folder, files_of(bundled_start(own))[0], own)
     return load_machine(ROOT / name)
 
 
@@ -154,14 +146,10 @@ def test_an_exported_mjcf_starts_the_same_machine(
     (tool,) = re.findall(r'<site name="(.*)" />', done.text)
     start = mjcf_start(tmp_path / "out.xml", tool)
     text = files_of(start)[0]
-    again = build_machine(
-        checked_machine(tmp_path / "again.yaml", parse_document(text, tmp_path / "again.yaml"))
-    )
+    again = machine_from(tmp_path, text, "again")
+    # a branch beside the way to the tool
     own, other = (
-        {
-            a.reading: a for a in m.mechanism.actuators if a.reading != "look"
-        }  # a branch beside the way to the tool
-        for m in (machine, again)
+        {a.reading: a for a in m.mechanism.actuators if a.reading != "look"} for m in (machine, again)
     )
     assert own.keys() == other.keys()
     for reading, actuator in own.items():
@@ -219,10 +207,8 @@ UNREADABLE = [
 def test_a_digit_too_many_makes_another_machine_which_is_not_published(
     format: str, name: str, places: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    machine, said = (
-        drawn(tmp_path, name),
-        "reads as another machine: (the frame|the range|the positions|with axis) ",
-    )
+    machine = drawn(tmp_path, name)
+    said = "reads as another machine: (the frame|the range|the positions|with axis) "
     text = render(machine, format).text
     for place in places:
         check_refused(machine, format, re.sub(place, r"\g<1>7", text, count=1), said, tmp_path, monkeypatch)

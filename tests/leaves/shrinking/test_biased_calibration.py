@@ -86,10 +86,8 @@ def recording(chain: Machine, rng: np.random.Generator, tmp_path: Path) -> Recor
 
 def test_ridge_in_tolerances_is_the_fit_under_tolerances(chain: Machine, recording: Recording) -> None:
     """With k = 1 its cost is theirs; its variance is smaller, as tolerances are no noise to it."""
-    held, shrunk = (
-        calibrate(chain, recording).fit,
-        calibrate(chain, recording, estimator="ridge", tuning=1.0).fit,
-    )
+    held = calibrate(chain, recording).fit
+    shrunk = calibrate(chain, recording, estimator="ridge", tuning=1.0).fit
     free, tolerance = held.prior.free, held.prior.sigma[held.prior.free]
     # both ends are at rest to 1e-7 of a 1-sigma
     assert np.max(np.abs(shrunk.p - held.p)[free] / tolerance) < 1e-7
@@ -155,9 +153,8 @@ def test_the_machine_file_carries_the_estimators_own_covariance(chain: Machine, 
     fit = calibrate(chain, recording, estimator="liu", tuning=0.5).fit
     written = covariance_of(fit)
     known = determined(fit)[fit.prior.free]
-    np.testing.assert_allclose(
-        np.linalg.norm(written.factor, axis=1)[known], fit.std[fit.prior.free][known], rtol=1e-9
-    )
+    std = fit.std[fit.prior.free][known]
+    np.testing.assert_allclose(np.linalg.norm(written.factor, axis=1)[known], std, rtol=1e-9)
     assert len(written.unknown) == len(fit.null_space)
 
 

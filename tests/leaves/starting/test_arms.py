@@ -108,9 +108,8 @@ def described(links: list[Link], readings: list[float]) -> Array:
 @pytest.mark.parametrize("name", bundled_names())
 def test_a_machine_is_built_with_gravity_where_its_base_has_it(name: str) -> None:
     machine = built(name)
-    down = (
-        (-np.sqrt(0.5), 0.0, -np.sqrt(0.5)) if name == "equatorial" else (0.0, 0.0, -1.0)
-    )  # at a latitude of 45 deg
+    # at a latitude of 45 deg
+    down = (-np.sqrt(0.5), 0.0, -np.sqrt(0.5)) if name == "equatorial" else (0.0, 0.0, -1.0)
     assert machine.gravity == pytest.approx([9.80665 * v for v in down], abs=1e-12)
     assert machine.name == name.replace("-", "_")  # as C can have it
 

@@ -29,12 +29,7 @@ def filled(path: Path, rows: int = 4) -> Path:
     middle = {a.reading: sum(a.range) / 2 if a.range else 0.0 for a in machine.mechanism.actuators}
     turn = {a.reading: 180 / np.pi if a.unit == "rad" else 1.0 for a in machine.mechanism.actuators}
     data = {n: turn[n] * (v + rng.uniform(-0.2, 0.2, rows)) for n, v in middle.items()}
-    labels = {
-        "placement": ["A"] * rows,
-        "socket": ["1", "2"] * (rows // 2),
-        "pose": range(1, rows + 1),
-        "from": 1,
-    }
+    labels = {"placement": "A", "socket": ["1", "2"] * (rows // 2), "pose": range(1, rows + 1), "from": 1}
     frame = pd.DataFrame({**data, **{n: v for n, v in labels.items() if n in header}})
     frame.to_csv(recording, index=False)
     return recording
@@ -67,9 +62,8 @@ def test_every_sensor_can_be_chosen(tmp_path: Path, sensor: str) -> None:
     assert wanted <= set(header)
     load_recording(machine, [filled(path)], need_observations=False)
     tool = machine.geometry["tool.rx"].tolerance
-    assert np.isinf(tool) == (
-        sensor in ("pose", "targets", "tilt")
-    )  # unknown where readings show it, else as it stands
+    # unknown where readings show it, else as it stands
+    assert np.isinf(tool) == (sensor in ("pose", "targets", "tilt"))
 
 
 def test_encoders_stand_beside_a_tracker(tmp_path: Path) -> None:
@@ -124,12 +118,9 @@ def test_a_gough_platform_stands_at_home(tmp_path: Path) -> None:
     machine = load_machine(tmp_path / "m.yaml")
     leg = np.sqrt((160.697 - 492.404) ** 2 + (191.511 - 86.824) ** 2 + 700.0**2)
     pd.DataFrame({f"q{k}": [leg] for k in range(1, 7)}).to_csv(tmp_path / "q.csv", index=False)
-    read = simulate(
-        machine, load_recording(machine, [tmp_path / "q.csv"], need_observations=False), seed=None
-    )
-    np.testing.assert_allclose(
-        read.loc[0, ["x", "y", "z"]].to_numpy(float), [0, 0, 700], atol=1e-3
-    )  # b to 1e-3 mm
+    rows = load_recording(machine, [tmp_path / "q.csv"], need_observations=False)
+    read = simulate(machine, rows, seed=None).loc[0, ["x", "y", "z"]]
+    np.testing.assert_allclose(read.to_numpy(float), [0, 0, 700], atol=1e-3)  # b to 1e-3 mm
 
 
 @pytest.mark.parametrize(
