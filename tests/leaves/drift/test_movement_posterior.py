@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from scipy.linalg import block_diag
 from scipy.special import softmax
 from scipy.stats import multivariate_normal
 
 from support.stacked_sessions import covariance_of, likeliest_of, plain, stacked
-from truepose.identification.leaves.drift.sessions import Kinds, likeliest, movement_posterior
+from truepose.identification.leaves.drift.sessions import Kinds, likeliest
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.posterior import sample
 from truepose.identification.posterior.spike_slab import Members
@@ -60,20 +59,3 @@ def test_probabilities_are_those_of_all_sets_at_all_sizes_and_points() -> None:
         np.testing.assert_allclose(np.mean(found, axis=0), own, atol=0.06)  # chains end as soon as two agree
         undecided += any(0.1 < p < 0.9 for p in own)
     assert undecided
-
-
-def test_frames_go_first_where_they_explain_as_much() -> None:
-    """A part and a frame that show alike: the frame is named, and the part beside it as alike."""
-    rng = np.random.default_rng(7)
-    jacobian = rng.standard_normal((2, 20, 2))
-    jacobian[:, :, 1] = jacobian[:, :, 0] * (1.0 + 1e-3 * rng.standard_normal((2, 20)))
-    apart = np.array([-1.0, 1.0])[:, None] * 4.0 * jacobian[:, :, 0] + rng.standard_normal((2, 20))
-    stack = plain(jacobian, apart, 10.0)
-    for frame in (0, 1):
-        kinds = Kinds(("p0", "p1"), np.arange(2) == frame)
-        found = movement_posterior(likeliest(stack, kinds), kinds)
-        assert found.likeliest.moved == (frame,)
-        assert found.probability[frame] == pytest.approx(0.9, abs=0.05)  # as the prior has it
-        assert found.together[frame] > 0.95
-        assert found.alike[frame].keys() == {1 - frame} and abs(found.alike[frame][1 - frame]) < 3.0
-        assert found.noise == pytest.approx(1.0, abs=0.25) and found.log_bayes_factor > 3.0

@@ -17,10 +17,8 @@ from truepose.codegen.c import generate
 from truepose.codegen.features import ALL, Features
 from truepose.codegen.leaves.embedded.measure import measure, read_frames
 from truepose.codegen.leaves.embedded.program import LONG_LOOP, Compiler, build, read_source
-from truepose.codegen.leaves.embedded.section import sizes_section
 from truepose.codegen.leaves.embedded.toolchain import (
     CORTEX_M4F,
-    CORTEX_M7,
     TARGETS,
     Target,
     missing,
@@ -243,11 +241,6 @@ def test_a_directory_that_is_not_generated_is_refused(tmp_path: Path) -> None:
     (tmp_path / "b_kin.h").write_text(header)
     with input_error("found 2 files"):
         read_source(tmp_path)
-
-
-def test_targets_are_told_by_their_numbers() -> None:
-    assert (target_for("double"), target_for("float")) == (CORTEX_M7, CORTEX_M4F)
-    assert sizes_section([]) == ""
 
 
 @needs_toolchain

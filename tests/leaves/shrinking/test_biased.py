@@ -147,19 +147,6 @@ def test_the_parameter_is_where_the_estimated_error_is_least(rng: np.random.Gene
     assert float(liu_parameter(problem, rule)) == pytest.approx(float(best.x), abs=1e-5)
 
 
-def test_the_number_of_components_has_the_least_estimated_error(rng: np.random.Generator) -> None:
-    problem = decompose(*drawn(rng, 3 * NOISE))
-    spread, square = problem.noise / problem.values**2, problem.alpha**2
-    errors = [np.sum(spread[:k]) + np.sum((square - spread)[k:]) for k in range(7)]
-    assert int(pcr(problem).tuning) == int(np.argmin(errors))
-
-
-def test_ridge_follows_hoerl_kennard_and_baldwin(rng: np.random.Generator) -> None:
-    problem = decompose(*drawn(rng))
-    plain = ols(problem).b
-    assert float(ridge(problem).tuning) == pytest.approx(6 * float(problem.noise) / float(plain @ plain))
-
-
 @pytest.mark.parametrize("name", FIXED)
 def test_the_covariance_is_what_sampling_shows(rng: np.random.Generator, name: str) -> None:
     """The estimator's variance with its tuning fixed; bias is not in it, and is there."""
