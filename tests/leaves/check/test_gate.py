@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import json
+import re
+import shlex
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 
 import truepose
 from support.checked_arm import ARM, Document, checked, document, metres, recorded, written
-from support.command import invoke, refused
+from support.command import input_error, invoke, refused, run
 from support.examples import by_day
-from truepose.identification.leaves.check.run import check_files
+from truepose.identification.leaves.check.pair import Pair
+from truepose.identification.leaves.check.run import check_files, unnamed_table
 
 MACHINES = Path(truepose.__path__[0]) / "models/machines"
 
@@ -106,3 +110,76 @@ def test_check_from_python(right: pd.DataFrame, tmp_path: Path) -> None:
     assert len(repr(found).splitlines()) <= 24
     with pytest.raises(truepose.InputError, match="sensor"):
         truepose.check(truepose.load_machine(written(tmp_path, document(sensor=None), right)[0]), right)
+
+
+def nameless(convention: str) -> Document:
+    """The arm's table without a name, as the readings were made with it, or with rows one joint on."""
+    machine = document()
+    del machine["mechanism"]["convention"]
+    joints = machine["mechanism"]["joints"]
+    if convention == "modified":
+        before = [{"a": 0.0, "alpha": 0.0}, *({k: row[k] for k in ("a", "alpha")} for row in joints)]
+        machine["mechanism"]["joints"] = [row | old for row, old in zip(joints, before, strict=False)]
+    return machine
+
+
+@pytest.mark.parametrize(
+    ("convention", "words"),
+    [("standard", "a data sheet's standard table"), ("modified", "a modified table (Craig)")],
+)
+def test_a_table_without_a_name_is_that_of_which_the_readings_are(
+    convention: str, words: str, tmp_path: Path
+) -> None:
+    path, rows = written(tmp_path, nameless(convention), recorded()[:20])
+    pair = Pair.read(path, [rows])
+    check = unnamed_table(pair, [rows])
+    assert check is not None
+    (found,) = check.found
+    assert (found.kind, found.where) == ("dh-convention", ("mechanism.joints", "mechanism.convention"))
+    assert found.says == f"the joints have a field 'a' and no convention is stated; as {words} they fit best"
+    assert found.fix == f"state 'convention: {convention}' beside 'joints'"
+    assert (found.verdict, found.before, found.unit, check.rows) == ("wrong", None, "mm", 20)
+    # tolerances of the arm: 0.2 mm and 0.05 deg over a metre
+    assert found.after is not None and found.after == check.left and 0.1 < found.after < 5.0
+    assert found.mend is not None
+    assert found.mend(pair).get(("mechanism", "convention")) == convention
+
+
+@pytest.mark.parametrize(
+    "mechanism",
+    [{"convention": "standard"}, {"type": "6-ups"}, {"joints": "six"}, {"joints": [{"name": "q1"}]}],
+)
+def test_other_faults_of_a_file_are_no_matter_of_names(mechanism: Document, tmp_path: Path) -> None:
+    machine = nameless("standard")
+    machine["mechanism"] |= mechanism
+    path, rows = written(tmp_path, machine, recorded()[:20])
+    assert unnamed_table(Pair.read(path, [rows]), [rows]) is None
+
+
+VECTOR = ["rx", "ry", "rz"]
+
+
+def in_form(rows: pd.DataFrame, names: tuple[str, ...]) -> pd.DataFrame:
+    """Return the rows with their rotation as a quaternion, scalar last, or as roll, pitch and yaw under other names."""
+    turned = Rotation.from_rotvec(rows[VECTOR].to_numpy(), degrees=True)
+    values = turned.as_quat() if len(names) == 4 else turned.as_euler("ZYX", degrees=True)[:, ::-1]
+    return pd.concat([rows.drop(columns=VECTOR), pd.DataFrame(values, columns=list(names))], axis=1)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [("qx", "qy", "qz", "qw"), ("roll", "pitch", "yaw"), ("C", "B", "A"), ("W", "P", "R")],
+    ids="".join,
+)
+def test_what_the_error_says_to_do_gives_a_recording_that_fits(
+    names: tuple[str, ...], tmp_path: Path
+) -> None:
+    rows = recorded()
+    assert not np.allclose(rows[VECTOR], 0.0)
+    machine, table = written(tmp_path, document(), in_form(rows, names))
+    with input_error("missing column 'rx'") as refused:
+        check_files(machine, [table])
+    found = re.search(r"`truepose import([^`]*)`", str(refused.value))
+    assert found is not None, str(refused.value)
+    run("import", table, *shlex.split(found[1]), "-o", tmp_path / "own.csv")
+    assert check_files(machine, [tmp_path / "own.csv"])[0].verdict == "ok"

@@ -59,6 +59,23 @@ def test_the_noise_of_a_sample_is_its_standard_deviation_whatever_it_lies_on(sca
     assert np.std(found) < 0.05 * scale
 
 
+def test_a_converter_adds_its_step_and_what_no_average_removes() -> None:
+    """Rounding adds step^2 / 12; calm light stays on a step, off by the first harmonic of its staircase."""
+    step, rng = 0.5, np.random.default_rng(2)
+    calm = noise_of(step * (np.arange(5000) > 2500).astype(float))
+    assert calm.sigma == pytest.approx(step / np.sqrt(12.0))
+    x = np.linspace(0.0, step, 1001)[:-1]
+    staircase = step * np.round(x / step) - x
+    harmonic = 2.0 * np.mean(staircase * np.sin(2.0 * np.pi * x / step))
+    assert calm.stuck == pytest.approx(abs(float(harmonic)) / np.sqrt(2.0), rel=1e-3)
+    for size, most in ((1.0, 1e-7), (2.0, 1e-24)):  # the harmonic fades with the square of the noise
+        noisy = noise_of(step * np.round(size * rng.standard_normal(60_000)))
+        assert 0.0 < noisy.stuck < most * step
+        assert noisy.sigma == pytest.approx(step * np.hypot(size, 1.0 / np.sqrt(12.0)), rel=0.25)
+    assert noise_of(rng.standard_normal(2000)).stuck == 0.0
+    assert noise_of(np.ones(3)) == Noise(0.0, 0.0)
+
+
 @pytest.mark.parametrize("drift", [0.0, 0.3])
 def test_levels_are_found_where_they_are_and_followed(drift: float) -> None:
     """Also from a wrong start, and with samples that are no light."""
