@@ -1,4 +1,4 @@
-"""A fleet's run: the same bytes however it was worked out; nobody stopped by a machine that fails or kills its process."""
+"""A fleet's run: the same bytes however it was worked out, nobody stopped by a machine that fails; its command's refusals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Laws of which counted moves become readings, with which sign, and what is said of those that are left out."""
+"""Which counted moves become readings, with which sign, and what is said of those, and of returns, that are left out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plans that tell explanations apart: what a row is worth, what a plan promises, what it varies."""
+"""Plans that tell explanations apart: what a row is worth and would tell, what a plan promises, what it varies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Planned measurement poses: no step back, poses that a machine can take, known optima, refusals."""
+"""Planned measurement poses: no step back, poses that a machine can take, known optima, their tables, refusals."""
 
 from __future__ import annotations
 
