@@ -106,7 +106,7 @@ def spoilt(rows: Recording, kind: str) -> Recording:
         return replace(rows, q=rows.q * np.where(np.arange(rows.q.shape[1]) == 1, -1.0, 1.0))
     if kind == "metres":
         read = rows.observations
-        return replace(rows, observations=read | {axis: read[axis] / 1e3 for axis in XYZ})
+        return replace(rows, observations={**read, **{axis: read[axis] / 1e3 for axis in XYZ}})
     return rows
 
 

@@ -106,7 +106,7 @@ def set_up(machine: Machine, frame: str, axis: int, mm: float, cut: int, seed: i
         tool = Rotation.from_matrix(standing(ARM["frames"]["tool"])[:3, :3])
         way = (turns * tool.inv()).apply(way)
     moved = dict(zip(XYZ, (position + way).T, strict=True))
-    return replace(rows, observations=rows.observations | moved)
+    return replace(rows, observations={**rows.observations, **moved})
 
 
 @pytest.mark.nightly

@@ -31,12 +31,19 @@ from support.stacked_sessions import (
 )
 from truepose.identification.fit.problem import prior_of
 from truepose.identification.leaves.drift.analysis import unseen_by_all
-from truepose.identification.leaves.drift.sessions import Kinds, Stack, likeliest, linearised, sessions_of
+from truepose.identification.leaves.drift.sessions import (
+    Kinds,
+    Stack,
+    likeliest,
+    linearised,
+    movement_posterior,
+    sessions_of,
+)
 from truepose.identification.leaves.drift.sizes import joint_parameters, movements, straight_line
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.posterior import sample
 from truepose.identification.posterior.spike_slab import Members
-from truepose.identification.posterior.state import log_posterior
+from truepose.identification.posterior.state import LOUDER, log_posterior
 from truepose.identification.prior import RICHNESS
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
@@ -213,3 +220,33 @@ def test_probabilities_are_those_of_all_sets_at_all_sizes_and_points() -> None:
         np.testing.assert_allclose(np.mean(found, axis=0), own, atol=0.06)  # chains end as soon as two agree
         undecided += any(0.1 < p < 0.9 for p in own)
     assert undecided
+
+
+def test_alike_is_what_would_be_believed_in_its_place_with_odds_that_are_not_hopeless() -> None:
+    """Log odds of 3 for a movement of its own, and no more than 12 against it."""
+    rng, rows = np.random.default_rng(15), 40
+    jacobian = rng.standard_normal((2, rows, 5))
+    moving = jacobian[:, :, 2]
+    for k, share in ((1, 0.1), (3, 0.4), (4, 1.2)):  # nearly the same, less so, hardly
+        jacobian[:, :, k] = moving + share * jacobian[:, :, k]
+    apart = np.array([-0.5, 0.5])[:, None] * 2.6 * moving + rng.standard_normal((2, rows))
+    stack = plain(jacobian, apart, 5.0)
+    kinds = Kinds(tuple(f"p{k}" for k in range(5)), np.arange(5) == 2)
+    found = movement_posterior(likeliest(stack, kinds), kinds)
+    assert found.likeliest.moved == (2,)
+    problem, centre = found.likeliest.spike_slab, found.likeliest.state.point
+    points = [p for step in LOUDER if problem.unknowns.holds(p := centre.louder(step))]
+    with_size = list(enumerate(problem.sizes.log_prior.tolist()))
+
+    def gain(k: int) -> float:
+        there = [problem.log_evidence(p, [(k, s)]) + log for p in points for s, log in with_size]
+        return float(
+            np.logaddexp.reduce(there) - np.logaddexp.reduce([problem.log_evidence(p, []) for p in points])
+        )
+
+    alone = [gain(k) for k in range(5)]
+    against = {k: alone[2] - alone[k] for k in (0, 1, 3, 4) if alone[k] > 3.0 and alone[2] - alone[k] < 12.0}
+    assert found.alike[2] == pytest.approx(against)
+    assert list(found.alike[2]) == sorted(against, key=lambda k: against[k])
+    assert set(against) == {1, 3} and alone[4] > 3.0 > alone[0]
+    assert found.gain[2] == pytest.approx(alone[2])

@@ -98,8 +98,8 @@ def test_order_of_rows_and_rescaled_geometry_change_nothing(seed: int) -> None:
     c, rng = contest(seed), np.random.default_rng(seed)
     design = rng.permutation(12)[:6].tolist()
     size = np.append(rng.uniform(0.1, 10.0, 5), np.ones(2))
-    geometry = {"nuisance": c.nuisance * size[:5], "precision": c.precision * size[:5] ** 2}
-    other = replace(c, **geometry, base=c.base * np.outer(size, size))
+    other = replace(c, nuisance=c.nuisance * size[:5], precision=c.precision * size[:5] ** 2)
+    other = replace(other, base=c.base * np.outer(size, size))
     assert c.missed(design[::-1]) == pytest.approx(c.missed(design), rel=1e-9)
     assert other.missed(design) == pytest.approx(c.missed(design), rel=1e-6)
 
@@ -147,8 +147,11 @@ def test_rows_that_exist_count_and_more_rows_help() -> None:
     wanted = Class(tuple(explanation(text, machine) for text in (YIELDING, UNEVEN)))
     rows = Rows(poses(machine, 12, 5), {"payload": np.repeat([0.0, 5.0], 6)})
     recorded = recording_of(machine, rows, PoseInformation(machine).home)
-    given = {"offer": read_offer(machine, "0,5"), "candidates": poses(machine, 30)}
-    alone, both = (discriminate(machine, 6, wanted, recorded=seen, **given) for seen in (None, recorded))
+    offer, given = read_offer(machine, "0,5"), poses(machine, 30)
+    alone, both = (
+        discriminate(machine, 6, wanted, offer=offer, recorded=seen, candidates=given)
+        for seen in (None, recorded)
+    )
     assert alone.already is None
     assert both.already is not None and 0.0 < both.already < both.expected
     assert both.expected > alone.expected
