@@ -15,10 +15,12 @@ from scipy.stats import multivariate_normal
 from support import MACHINES
 from support.stacked_sessions import (
     CLASSES,
+    KINDS,
     PRIOR,
     ROWS,
     SCALE,
     SESSIONS,
+    SIGMA_STEPS,
     TIMES,
     UNITS,
     covariance_of,
@@ -37,6 +39,7 @@ from truepose.identification.leaves.drift.sessions import (
     likeliest,
     linearised,
     movement_posterior,
+    movement_problem,
     sessions_of,
 )
 from truepose.identification.leaves.drift.sizes import joint_parameters, movements, straight_line
@@ -250,3 +253,17 @@ def test_alike_is_what_would_be_believed_in_its_place_with_odds_that_are_not_hop
     assert list(found.alike[2]) == sorted(against, key=lambda k: against[k])
     assert set(against) == {1, 3} and alone[4] > 3.0 > alone[0]
     assert found.gain[2] == pytest.approx(alone[2])
+
+
+@pytest.mark.parametrize("rms", [0.5, 1.0, 8.0])
+def test_the_grid_holds_the_stated_noise_and_what_is_left_when_nothing_moves(rms: float) -> None:
+    stack = stacked(6)
+    whole = np.vstack([stack.jacobian.reshape(-1, 3), np.diag(1.0 / SIGMA_STEPS)])
+    right = np.append(stack.offset.ravel(), np.zeros(3))
+    still = right - whole @ np.linalg.lstsq(whole, right)[0]
+    scaled = replace(stack, offset=stack.offset * rms * np.sqrt(stack.n_observations) / np.linalg.norm(still))
+    unknowns = movement_problem(scaled, KINDS).unknowns
+    noise = np.log(unknowns.noise[0].values)
+    assert np.min(np.abs(noise)) < 0.05 and noise[0] < -0.4 and noise[-1] > np.log(max(2.0, 1.3 * rms))
+    np.testing.assert_allclose(np.diff(noise), 0.1)
+    assert unknowns.widening[0] == (1.0,) * 3 and unknowns.size.values == (0.0,)  # no smooth remainder
