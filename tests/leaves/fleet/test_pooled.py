@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -14,9 +15,17 @@ from scipy.stats import t as student
 
 from support.command import input_error
 from support.fleets import DrawnFleet, mixed_machines
-from truepose.identification.leaves.fleet.hierarchy import FINE
-from truepose.identification.leaves.fleet.likelihood import KERNEL, LOG_ODDS, SLAB, by_size
-from truepose.identification.leaves.fleet.pooled import Pooled
+from truepose.identification.leaves.fleet.hierarchy import FINE, Hierarchy, single
+from truepose.identification.leaves.fleet.likelihood import (
+    KERNEL,
+    LOG_ODDS,
+    SLAB,
+    Told,
+    by_size,
+    of_frequency,
+    of_presence,
+)
+from truepose.identification.leaves.fleet.pooled import NUMBERS, Pooled
 from truepose.identification.leaves.fleet.record import figures_of, parameters_of, rounded
 from truepose.identification.leaves.fleet.statistics import log_normal, statistics, trees
 
@@ -169,3 +178,31 @@ def test_figures_of_a_diagnosis_are_those_of_held_out_rows_where_there_are_some(
     # to a thousandth of the 1-sigma, and no coarser
     assert parameters_of(diagnosis) == {"a": (1.23457, 0.0123457), "d": (1.23456789, 0.0)}
     assert rounded(None) is None and rounded(123456789.0) == 123457000.0
+
+
+def test_machines_that_have_it_at_one_place_raise_the_others() -> None:
+    often = 20.0 * np.log(expit(LOG_ODDS))  # in each of twenty machines
+    likely = np.zeros((2, len(SLAB), len(LOG_ODDS)))
+    likely[0] = often
+    told = Hierarchy(np.array([-4.0, -4.0]), likely)
+    alone = single(-4.0, np.zeros(len(LOG_ODDS)))
+    assert told.place(0).mean > 0.7 > told.place(1).mean > 2.0 * alone.mean
+    assert told.elsewhere.mean == pytest.approx(told.place(1).mean)
+    assert told.place(0).log_factor > told.place(1).log_factor > 0.0
+
+
+def test_likelihoods_of_one_machine() -> None:
+    """1 - q + q B; where a rival explains it with a probability, that share of the machine says that there is nothing."""
+    q = expit(LOG_ODDS)
+    sure = Told.of(pd.DataFrame([[0.9, 0.1, 2.0, 0.25, 1.0]], columns=NUMBERS))
+    assert sure.rival[0] == 0.0 and sure.log_factor[0] == pytest.approx(2.0)
+    expected = np.log(1.0 - q + q * (0.25 + 0.75 * np.exp(2.0)))
+    np.testing.assert_allclose(of_presence(sure)[0], expected)
+    nobody = np.full((1, len(SLAB)), np.nan)
+    whole = np.log(SLAB @ np.exp(of_frequency(sure, nobody)[0]))  # over the slab, sizes say no more
+    np.testing.assert_allclose(whole, expected, rtol=1e-6)
+    shared = Told.of(pd.DataFrame([[0.4, 0.1, 2.0, 0.25, 0.5]], columns=NUMBERS))
+    assert shared.rival[0] == pytest.approx(0.4)
+    assert shared.log_factor[0] == pytest.approx(2.0 + np.log(0.6) - np.log(0.2))
+    there = np.log(1.0 - q + q * (0.25 + 0.75 * np.exp(shared.log_factor[0])))
+    np.testing.assert_allclose(of_presence(shared)[0], 0.6 * there + 0.4 * np.log(1.0 - q + 0.25 * q))
