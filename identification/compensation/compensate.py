@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -30,10 +30,7 @@ from truepose.models.machine.controllability import free_joints, task_of
 from truepose.models.machine.kinematics import SymbolicModel
 from truepose.models.machine.machine import Machine
 from truepose.models.task import WHOLE, Task
-from truepose.shown.result import Shown, frame
-
-if TYPE_CHECKING:
-    import pandas as pd
+from truepose.shown.result import Shown
 
 Method = Literal["exact", "first-order"]
 METHODS: tuple[Method, ...] = ("exact", "first-order")
@@ -51,6 +48,8 @@ class Compensation(Shown):
     where the calibrated machine stands with nominal commands, and with the corrected ones; of them what ``task`` asks for.
     not_asked (n, 6): the rest of the twist with the corrected commands. eased (n,): rows next to a singular pose, where a turn
     would make a joint swing; there the position is met, and turns nearly.
+    ``to_frame()``: commands, one row for each of the path: the joints, ``<joint>.nominal``, then ``before.position``,
+    ``before.rotation``, ``after.position``, ``after.rotation`` (errors, mm and rad).
     """
 
     readings: tuple[str, ...]
@@ -62,12 +61,6 @@ class Compensation(Shown):
     task: Task = WHOLE
     not_asked: Array = field(default_factory=lambda: np.zeros((0, 6)))
     eased: Mask = field(default_factory=lambda: np.zeros(0, dtype=bool))
-
-    def to_frame(self) -> pd.DataFrame:
-        """Commands, one row for each of the path: the joints, ``<joint>.nominal``, then ``before.position``,
-        ``before.rotation``, ``after.position``, ``after.rotation`` (errors, mm and rad).
-        """
-        return frame(self)
 
 
 def ideal_constants(machine: Machine, model: SymbolicModel) -> Array:

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -29,7 +28,7 @@ from truepose.models.machine.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine.machine import Machine, MachineLike, as_machine
 from truepose.models.machine.mechanism import turns_freely
 from truepose.models.task import Task
-from truepose.shown.result import Shown, frame
+from truepose.shown.result import Shown
 
 
 def base_frame(machine: Machine) -> Array:
@@ -38,9 +37,6 @@ def base_frame(machine: Machine) -> Array:
     xyz, rpy = ([value[f"base.{of}{axis}"] for axis in "xyz"] for of in ("", "r"))
     return lie.pose_of(lie.rpy_matrix(rpy), xyz)
 
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 System = Callable[[Array, Index], tuple[Array, Array]]
 """Unknowns (k, nu) of the rows named (k,) to residuals (k, m) and their derivative (k, m, nu), all scaled."""
@@ -70,6 +66,8 @@ class Inverse(Shown):
     ``position`` (n,) mm and ``rotation`` (n,) rad are what is left to the pose, in the components of the task. Where
     joints would have to leave their range q is what it would take, and ``beyond`` (n, nq) says which; where the pose is
     out of reach q is the nearest found.
+    ``to_frame()``: one row for each pose: the joints (mm, rad or the column's own unit), ``status``, and what is left to
+    the pose in ``position`` (mm) and ``rotation`` (rad).
     """
 
     readings: tuple[str, ...]
@@ -84,12 +82,6 @@ class Inverse(Shown):
     def solved(self) -> Mask:
         """(n,) poses met with every joint in its range."""
         return np.asarray(self.status == Reach.SOLVED)
-
-    def to_frame(self) -> pd.DataFrame:
-        """One row for each pose: the joints (mm, rad or the column's own unit), ``status``, and what is left to the pose in
-        ``position`` (mm) and ``rotation`` (rad).
-        """
-        return frame(self)
 
     def saturated(self, row: int) -> tuple[str, ...]:
         """Joints that the pose of a row asks to leave their range."""

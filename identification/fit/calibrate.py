@@ -15,7 +15,7 @@ import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -36,11 +36,8 @@ from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.leaves import modules_named
 from truepose.models.machine.machine import Machine
-from truepose.shown.result import Written, frame
+from truepose.shown.result import Written
 from truepose.wording import meant
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 DAMPING = {"gn": 0.0, "lm": 1e-4}
 """Initial damping."""
@@ -57,6 +54,7 @@ class Calibration(Written, Fitted):
 
     It stands for its ``machine``, the calibrated one, in every function that takes a machine. ``report(path)`` writes the
     report, ``save(directory)`` ``calibrated.yaml``, ``fit.json`` and ``report.html``.
+    ``to_frame()``: the constants of the fit, with the columns of ``Estimate.to_frame``.
     """
 
     fit: Estimate
@@ -80,10 +78,6 @@ class Calibration(Written, Fitted):
     def began(self) -> str:
         """What the fit is compared with: what stood in the machine file."""
         return "the machine file" if self.only else "the drawing"
-
-    def to_frame(self) -> pd.DataFrame:
-        """The constants of the fit, with the columns of ``Estimate.to_frame``."""
-        return frame(self)
 
 
 def calibrate(

@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import Any, Final, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -42,10 +42,7 @@ from truepose.models.file.driver import (
     TREMBLING,
     Driver,
 )
-from truepose.shown.result import Shown, frame
-
-if TYPE_CHECKING:
-    import pandas as pd
+from truepose.shown.result import Shown
 
 IntArray = npt.NDArray[np.int64]
 BoolArray = Mask
@@ -68,6 +65,9 @@ class Recording(Shown):
     other, so that their order tells nothing of how a joint came. reading_errors: estimated noise of the joints' readings,
     known only where rows are compared with each other (`truepose.identification.fit.reading_errors`). uncoupling: takes
     readings to the joints' own motions where some hold the motion of others (`truepose.models.machine.mechanism`).
+    ``to_frame()``: the rows with the columns of a recording file, in the machine file's units: read again they are the same
+    rows. ``pose``, ``from``, ``session``, ``time`` (s) and ``role`` where recorded, joints, labels, the sensors' columns,
+    then drivers. The index is ``row`` of the file, with ``file`` before it where there are several.
     """
 
     joints: tuple[str, ...]
@@ -282,14 +282,6 @@ class Recording(Shown):
         if wanted.dtype == np.bool_ and len(wanted) != len(self):
             raise IndexError(f"found a mask of {len(wanted)} rows, expected {len(self)}")
         return np.where(places < 0, places + len(self), places).astype(np.int64)
-
-    def to_frame(self) -> pd.DataFrame:
-        """The rows with the columns of a recording file, in the machine file's units: read again they are the same rows.
-
-        ``pose``, ``from``, ``session``, ``time`` (s) and ``role`` where recorded, joints, labels, the sensors' columns, then
-        drivers. The index is ``row`` of the file, with ``file`` before it where there are several.
-        """
-        return frame(self)
 
     def where(self, row: int) -> str:
         """File and row of one of these rows, to name it in a message."""
