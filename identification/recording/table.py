@@ -24,8 +24,8 @@ import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.parquet as pq  # type: ignore[import-untyped]
 
 from truepose.arrays import Array, Mask
-from truepose.bounded import check_input
 from truepose.errors import InputError
+from truepose.files import check_input
 from truepose.identification.recording.text import SI, ArrowCells, TextTable, digest_of, read_text
 from truepose.leaves import modules_named
 from truepose.models.units import is_unit, parse_unit

@@ -13,15 +13,13 @@ from truepose.identification.fit.summary import FitSummary, judged, summarise
 from truepose.identification.fit.tool_pose import calibrated_pose
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report import verdict
-from truepose.identification.report.closing import limits_section, origin_section
+from truepose.identification.report.applied_words import fit_gains
+from truepose.identification.report.closing import calibration_steps, limits_section, origin_section
 from truepose.identification.report.constants import constants_section, farthest_table, mount_words
-from truepose.identification.report.gains import fit_gains
-from truepose.identification.report.naming import far_row_words
-from truepose.identification.report.numbers import measure, significant
+from truepose.identification.report.phrases import far_row_words, measure, significant
 from truepose.identification.report.residuals import picked, residual_section
 from truepose.identification.report.results import calibration_json
 from truepose.identification.report.scene import scene_of
-from truepose.identification.report.steps import calibration_steps
 from truepose.identification.report.uncertainty import uncertainty_section
 from truepose.models.file.sections import ExpectedPose
 from truepose.shown.document import Document, Items, Section

@@ -27,9 +27,9 @@ from truepose.identification.fit.summary import FitSummary, Judgement, judged, j
 from truepose.identification.identifiability.observability import Knowledge, identifiable, unseen
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.finding_words import explanation, form_words, separating_experiment
+from truepose.identification.report.identifiability_words import meaning
 from truepose.identification.report.json_text import Json, attributes, finite
 from truepose.identification.report.notes import diagnosis_notes
-from truepose.identification.report.unseen_words import meaning
 from truepose.identification.signatures.untestable import Missing, Untestable
 from truepose.models.effects.base import effects
 from truepose.models.effects.empirical import Empirical

@@ -19,8 +19,8 @@ from truepose.arrays import Array, Index
 from truepose.errors import TrueposeError
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.recording.recording import Recording
-from truepose.identification.report.drivers import reading_unit
-from truepose.identification.report.numbers import measure
+from truepose.identification.report.curves import reading_unit
+from truepose.identification.report.phrases import measure
 from truepose.models import lie
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import AXES, element_of

@@ -18,7 +18,7 @@ from truepose.identification.fit.tool_pose import (
     tool_spread,
 )
 from truepose.identification.recording.recording import Recording
-from truepose.identification.report.numbers import measure
+from truepose.identification.report.phrases import measure
 from truepose.identification.report.scene import thinned
 from truepose.shown.document import Block, Section, Table, Text
 

@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
-from truepose.bounded import read_input
 from truepose.errors import InputError
+from truepose.files import read_input
 from truepose.identification.leaves.readers.bags import is_bag, read_bag
 from truepose.identification.leaves.readers.headings import (
     XYZ,

@@ -12,12 +12,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from truepose.commands.common import (
+    DIAGNOSIS,
+    FIT,
     DirectoryOption,
     GateOption,
     JsonOption,
     MachineArg,
     RecordingsArg,
     ShuffledOption,
+    check_directory,
+    check_machine,
     finish,
     gated,
     note,
@@ -25,7 +29,6 @@ from truepose.commands.common import (
     refuse,
     written,
 )
-from truepose.commands.results import DIAGNOSIS, FIT, check_directory, check_machine
 
 if TYPE_CHECKING:
     from truepose.identification.diagnosis.result import Diagnosis
