@@ -15,15 +15,12 @@ Real = Literal["double", "float"]
 LONGEST_INLINE = 56
 INFIX = {"ADD": "+", "SUB": "-", "MUL": "*", "DIV": "/"}
 TESTS = {"LT": "<", "LE": "<=", "EQ": "==", "NE": "!="}
-_CALLS = {
-    **{op: op.lower() for op in ("EXP", "LOG", "POW", "SQRT", "TAN", "ASIN", "ACOS", "ATAN", "ATAN2")},
-    **{
-        op: op.lower()
-        for op in ("SINH", "COSH", "TANH", "ASINH", "ACOSH", "ATANH", "FLOOR", "CEIL", "FMOD", "FABS")
-    },
-    **{op: op.lower() for op in ("COPYSIGN", "ERF", "FMIN", "FMAX", "LOG1P", "EXPM1", "HYPOT", "REMAINDER")},
-    "CONSTPOW": "pow",
-}
+_CALLED = (
+    "EXP LOG POW SQRT TAN ASIN ACOS ATAN ATAN2 SINH COSH TANH ASINH ACOSH ATANH FLOOR CEIL FMOD FABS COPYSIGN ERF FMIN FMAX"
+    " LOG1P EXPM1 HYPOT REMAINDER"
+)
+_CALLS = {op: op.lower() for op in _CALLED.split()} | {"CONSTPOW": "pow"}
+"""Functions of the C library by CasADi's operations."""
 
 
 def literal(value: float, real: Real) -> str:

@@ -50,6 +50,11 @@ Rows = IntArray | BoolArray | Sequence[int] | slice
 A = TypeVar("A", bound=npt.NDArray[Any])
 
 __all__ = ["Recording", "frozen"]
+_BY_ROW: Final = (
+    "q", "source_file", "source_row", "session", "session_recorded", "validation", "pose", "time", "from_row",
+    "reading_errors",
+)  # fmt: skip
+"""Arrays of a recording with an entry for each row."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -255,21 +260,13 @@ class Recording(Shown):
         if not isinstance(wanted, slice) and not wanted.size:
             wanted = slice(0)  # an empty list has no integer type
         index = frozen(self._index(wanted))
+        arrays = {name: getattr(self, name) for name in _BY_ROW}
         return replace(
             self,
-            q=frozen(self.q[index]),
+            **{name: None if values is None else frozen(values[index]) for name, values in arrays.items()},
             observations={name: frozen(values[index]) for name, values in self.observations.items()},
             labels={name: tuple(texts[k] for k in index) for name, texts in self.labels.items()},
             drivers={name: frozen(values[index]) for name, values in self.drivers.items()},
-            source_file=frozen(self.source_file[index]),
-            source_row=frozen(self.source_row[index]),
-            session=frozen(self.session[index]),
-            session_recorded=frozen(self.session_recorded[index]),
-            validation=frozen(self.validation[index]),
-            pose=None if self.pose is None else frozen(self.pose[index]),
-            time=None if self.time is None else frozen(self.time[index]),
-            from_row=None if self.from_row is None else frozen(self.from_row[index]),
-            reading_errors=None if self.reading_errors is None else frozen(self.reading_errors[index]),
             _whole=self.whole,
             _rows=index if self._rows is None else frozen(self._rows[index]),
         )

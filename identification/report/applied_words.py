@@ -111,31 +111,27 @@ def diagnosis_gains(diagnosis: Diagnosis) -> list[Gain]:
     fits = {name: diagnosis.fits[name] for name in ("free", "before", "after")}
     held = all(fit.validation_rms is not None for fit in fits.values())
     rms = {name: (fit.validation_rms if held else fit.rms) or {} for name, fit in fits.items()}
-    floors, units = stated_noise(diagnosis.nominal), diagnosis.nominal.residual_units
-    return [
-        *_applied_gain(diagnosis),
-        *(
-            _gain(
-                f"{kind} error, rms",
-                {name: rms[name][kind] for name in ("free", "before")} if diagnosis.terms else {},
-                after,
-                units[kind],
-                HELD_OUT if held else FITTED,
-                floors[kind],
-            )
-            for kind, after in rms["after"].items()
-        ),
-    ]
+    before = {name: rms[name] for name in ("free", "before")} if diagnosis.terms else {}
+    return [*_applied_gain(diagnosis), *_reading_gains(diagnosis.nominal, before, rms["after"], held)]
 
 
 def fit_gains(machine: Machine, summary: FitSummary, pose: ExpectedPose | None) -> list[Gain]:
     """Of a fit alone, after what it is worth to the tool, where that was judged."""
     held = summary.validation_rms is not None
     rms = (summary.validation_rms if held else summary.rms) or {}
-    floors, units = stated_noise(machine), machine.residual_units
-    where = HELD_OUT if held else FITTED
     tool = [] if pose is None else [pose_gain({pose.than: pose.before}, pose.after, pose.rows)]
-    return [*tool, *(_gain(f"{k} error, rms", {}, v, units[k], where, floors[k]) for k, v in rms.items())]
+    return [*tool, *_reading_gains(machine, {}, rms, held)]
+
+
+def _reading_gains(
+    machine: Machine, before: Mapping[str, Mapping[str, float]], after: Mapping[str, float], held: bool
+) -> list[Gain]:
+    """Return the gain of each kind of reading: the rms of fits ``before``, by name, and ``after``."""
+    floors, units, where = stated_noise(machine), machine.residual_units, HELD_OUT if held else FITTED
+    return [
+        _gain(f"{k} error, rms", {n: rms[k] for n, rms in before.items()}, v, units[k], where, floors[k])
+        for k, v in after.items()
+    ]
 
 
 def stated_noise(machine: Machine) -> dict[str, float]:
