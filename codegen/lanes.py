@@ -11,7 +11,17 @@ from dataclasses import dataclass
 from typing import Any
 
 from truepose.codegen.expressions import Graph, Node
-from truepose.codegen.printer import INFIX, LONGEST_INLINE, TESTS, Printer, Real, bare, literal, trigonometry
+from truepose.codegen.printer import (
+    INFIX,
+    LONGEST_INLINE,
+    TESTS,
+    Printer,
+    Real,
+    bare,
+    literal,
+    plain_forms,
+    trigonometry,
+)
 from truepose.codegen.texts import environment
 
 UNARY: tuple[str, ...] = ("SQRT", "EXP", "LOG", "TAN", "ASIN", "ACOS", "ATAN", "SINH", "COSH", "TANH")
@@ -143,10 +153,7 @@ class LanePrinter(Printer):
         one, two, zero = (literal(v, self._real) for v in (1.0, 2.0, 0.0))
         of_zero, of_one = f"LANES_OF({zero})", f"LANES_OF({one})"
         forms = {
-            "NEG": f"(-{a})",
-            "SQ": f"({a} * {a})",
-            "TWICE": f"({two} * {a})",
-            "INV": f"({one} / {a})",
+            **plain_forms(a, one, two),
             "FABS": f"LANES_ABS({a})",
             "COPYSIGN": f"LANES_SIGNED({a}, {b})",
             "NOT": f"LANES_TEST({a} == {of_zero})",

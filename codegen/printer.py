@@ -118,10 +118,7 @@ class Printer:
         b = args[1] if len(args) > 1 else ""
         one, two, zero = (literal(v, self._real) for v in (1.0, 2.0, 0.0))
         special = {
-            "NEG": f"(-{a})",
-            "SQ": f"({a} * {a})",
-            "TWICE": f"({two} * {a})",
-            "INV": f"({one} / {a})",
+            **plain_forms(a, one, two),
             "NOT": f"(({a} == {zero}) ? {one} : {zero})",
             "SIGN": f"((real)(({a} > {zero}) - ({a} < {zero})))",
             "IF_ELSE_ZERO": f"(({a} != {zero}) ? {b} : {zero})",
@@ -141,6 +138,11 @@ class Printer:
         if op in special:
             return special[op]
         raise NotImplementedError(f"found CasADi's operation {op}, which has no C99 counterpart here")
+
+
+def plain_forms(a: str, one: str, two: str) -> dict[str, str]:
+    """Return what C needs no function for, of a scalar as of lanes, by CasADi's operations; constants as C writes them."""
+    return {"NEG": f"(-{a})", "SQ": f"({a} * {a})", "TWICE": f"({two} * {a})", "INV": f"({one} / {a})"}
 
 
 def bare(text: str) -> str:

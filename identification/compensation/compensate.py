@@ -19,13 +19,19 @@ import numpy as np
 
 from truepose.arrays import Array, Index, Mask
 from truepose.errors import InputError
-from truepose.identification.compensation.inverse import MET, base_frame, in_ranges, loop_scales, pose_gap
+from truepose.identification.compensation.inverse import (
+    MET,
+    base_frame,
+    in_ranges,
+    loop_scales,
+    pose_gap,
+    sizes_of,
+)
 from truepose.identification.compensation.singular import Easing, Problem, solve_rows
 from truepose.identification.prediction.predict import predictor_for
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
 from truepose.models.file.driver import STEP, Driver
-from truepose.models.machine.closure import coordinate_scale
 from truepose.models.machine.controllability import free_joints, task_of
 from truepose.models.machine.kinematics import SymbolicModel
 from truepose.models.machine.machine import Machine
@@ -93,12 +99,10 @@ class _Follower:
         # a tool that follows a path is not read before it stands: early readings are no errors of it
         self.z[:, [Driver.of(name).kind == STEP for name in model.drivers]] = 0.0
         self.real, self.ideal = model.p_home, ideal_constants(machine, model)
-        scale = coordinate_scale(machine, len(model.home), model.gap.numel())
-        lengths = [abs(p.nominal) for p in machine.parameters if p.unit == "mm"]
-        self.size = max([1.0, *lengths, *scale.size])
+        self.size, gap = sizes_of(machine, model)
         share, unknown = loop_scales(machine, model, self.size)
         self._unit = np.array([*self._reach(), *unknown])
-        self._closed = max(scale.gap if np.isfinite(scale.gap) else 0.0, MET * self.size)
+        self._closed = max(gap, MET * self.size)
         self.task = task_of(model)
         self._base = base_frame(machine)[:3, :3]
         self._gap = pose_gap(model, self.task, self.size, share, rows=VISITS * len(path))

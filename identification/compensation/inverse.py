@@ -109,13 +109,10 @@ class PoseSolver:
         self.machine = machine
         self.p = model.p_home if p is None else np.asarray(p, dtype=float)
         self.z = model.z_home
-        scale = coordinate_scale(machine, len(model.home), model.gap.numel())
-        lengths = [abs(p.nominal) for p in machine.parameters if p.unit == "mm"]
-        self.size = max([1.0, *lengths, *scale.size])
+        self.size, self._gap = sizes_of(machine, model)
         share, unit = loop_scales(machine, model, self.size)
         readings = [self.size if a.reading_unit == "mm" else 1.0 for a in machine.mechanism.actuators]
         self._unit = np.array([*readings, *unit])
-        self._gap = scale.gap if np.isfinite(scale.gap) else MET * self.size
         self._pose = BatchFunction("pose", [model.q, model.x, model.z, model.p], [model.world])
         self.task = task_of(model) if task is None else task
         self._to_pose = pose_gap(model, self.task, self.size, share)
@@ -192,6 +189,13 @@ def in_ranges(machine: Machine, q: Array) -> Mask:
     low, high = np.array([a.range or (-np.inf, np.inf) for a in machine.mechanism.actuators]).T
     slack = MET * np.where(np.isfinite(high - low), high - low, 0.0)
     return np.asarray((q >= low - slack) & (q <= high + slack))
+
+
+def sizes_of(machine: Machine, model: SymbolicModel) -> tuple[float, float]:
+    """Return the size of a machine, and the largest gap of closed loops, mm."""
+    scale = coordinate_scale(machine, len(model.home), model.gap.numel())
+    size = max([1.0, *(abs(p.nominal) for p in machine.parameters if p.unit == "mm"), *scale.size])
+    return size, scale.gap if np.isfinite(scale.gap) else MET * size
 
 
 def loop_scales(machine: Machine, model: SymbolicModel, size: float) -> tuple[Array, Array]:

@@ -128,8 +128,14 @@ class Estimate(Fitted):
         """Whose root and unknown directions are this estimate's: readings and prior, or a biased estimator."""
         return self.decomposition if self.shrunk is None else self.shrunk
 
+    @property
+    def step_root(self) -> Array:
+        """(steps, k) ``known.root`` by the steps that were solved for: of a long series as much of it as readings see."""
+        known = self.known
+        return known.own.root if isinstance(known, Turned) else known.root
+
     def by_steps(self, block: Block) -> Array:
-        """(n, m, k) derivative of a block's residuals by the steps that were solved for; times ``known.step_root`` it is that
+        """(n, m, k) derivative of a block's residuals by the steps that were solved for; times ``step_root`` it is that
         by independent unknowns of 1-sigma one."""
         free, scale = self.prior.free, self.prior.scale
         if self.turn is None:

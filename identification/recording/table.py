@@ -43,6 +43,11 @@ class Column:
     name: str
     unit: str | None = None
 
+    @property
+    def header(self) -> str:
+        """The header as a file has it."""
+        return self.name if self.unit is None else f"{self.name} [{self.unit}]"
+
 
 @dataclass(frozen=True)
 class Table:

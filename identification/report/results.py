@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from truepose.errors import InputError
-from truepose.identification.diagnosis.null_fits import FarRow, fringes_by_row
+from truepose.identification.diagnosis.null_fits import FarRow, far_rows, fringes_by_row
 from truepose.identification.diagnosis.result import (
     Alarm,
     Alternative,
@@ -130,8 +130,9 @@ def fit_json(
     return dict(finite(out))
 
 
-def calibration_json(found: Calibration, far: Sequence[FarRow] = ()) -> Json:
-    """The same of a whole calibration; ``far``: rows that do not fit."""
+def calibration_json(found: Calibration, far: Sequence[FarRow] | None = None) -> Json:
+    """The same of a whole calibration; ``far``: rows that do not fit, by default those of the fit."""
+    far = far_rows(found) if far is None else far
     return fit_json(found.fit, found.recording, found.free, notes=found.notes, method=found.method, far=far)
 
 

@@ -143,7 +143,7 @@ def _with_choice(table: Table, chosen: Mapping[str, str]) -> Table:
         if new in table:
             raise InputError(f"--columns {new}={old}: found a column {new!r} already")
     table = table.renamed({old: new for new, old in chosen.items()})
-    read = {column.name: read_column(_header_text(column)) for column in table.columns}
+    read = {column.name: read_column(column.header) for column in table.columns}
     places = {
         name: c for name, c in read.items() if c.name in XYZ and (c.name == name or c.name not in table)
     }
@@ -152,10 +152,6 @@ def _with_choice(table: Table, chosen: Mapping[str, str]) -> Table:
     columns = tuple(places.get(column.name, column) for column in table.columns)
     renamed = table.renamed({name: column.name for name, column in places.items()})
     return in_known_case(replace(renamed, columns=columns), _KEYS)
-
-
-def _header_text(column: Column) -> str:
-    return column.name if column.unit is None else f"{column.name} [{column.unit}]"
 
 
 def _with_lengths(table: Table, unit: str | None) -> Table:
