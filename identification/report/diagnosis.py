@@ -12,7 +12,12 @@ from truepose.identification.fit.estimated import Estimate
 from truepose.identification.report import finding_words as words
 from truepose.identification.report import verdict
 from truepose.identification.report.applied_words import applied_words, diagnosis_gains
-from truepose.identification.report.closing import diagnosis_steps, limits_section, origin_section
+from truepose.identification.report.closing import (
+    diagnosis_steps,
+    limits_section,
+    origin_section,
+    uncertainty_section,
+)
 from truepose.identification.report.constants import constants_section, mount_words
 from truepose.identification.report.curves import Curve, all_curves, curve_chart
 from truepose.identification.report.estimate import document_facts
@@ -31,7 +36,6 @@ from truepose.identification.report.phrases import (
 from truepose.identification.report.residuals import picked, residual_section, telling_drivers
 from truepose.identification.report.results import diagnosis_judgement
 from truepose.identification.report.scene import scene_of
-from truepose.identification.report.uncertainty import uncertainty_section
 from truepose.shown.document import Block, Card, Charts, Document, Guilty, Items, Section, Table, Text
 from truepose.shown.result import document
 from truepose.wording import joined

@@ -12,13 +12,17 @@ from truepose.identification.fit.summary import FitSummary, judged, summarise
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report import verdict
 from truepose.identification.report.applied_words import fit_gains
-from truepose.identification.report.closing import calibration_steps, limits_section, origin_section
+from truepose.identification.report.closing import (
+    calibration_steps,
+    limits_section,
+    origin_section,
+    uncertainty_section,
+)
 from truepose.identification.report.constants import constants_section, farthest_table, mount_words
 from truepose.identification.report.phrases import far_row_words, measure, significant
 from truepose.identification.report.residuals import picked, residual_section
 from truepose.identification.report.results import calibration_json
 from truepose.identification.report.scene import scene_of
-from truepose.identification.report.uncertainty import uncertainty_section
 from truepose.shown.document import Document, Items, Section
 from truepose.shown.result import document
 from truepose.wording import shortened
