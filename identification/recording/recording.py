@@ -260,10 +260,11 @@ class Recording(Shown):
         if not isinstance(wanted, slice) and not wanted.size:
             wanted = slice(0)  # an empty list has no integer type
         index = frozen(self._index(wanted))
-        arrays = {name: getattr(self, name) for name in _BY_ROW}
+        arrays: dict[str, Any] = {name: getattr(self, name) for name in _BY_ROW}
+        own: dict[str, Any] = {n: None if v is None else frozen(v[index]) for n, v in arrays.items()}
         return replace(
             self,
-            **{name: None if values is None else frozen(values[index]) for name, values in arrays.items()},
+            **own,
             observations={name: frozen(values[index]) for name, values in self.observations.items()},
             labels={name: tuple(texts[k] for k in index) for name, texts in self.labels.items()},
             drivers={name: frozen(values[index]) for name, values in self.drivers.items()},

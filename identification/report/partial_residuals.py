@@ -105,9 +105,12 @@ class _Group:
 
     def shifts(self) -> list[PortShift]:
         """Return the shifts of the ports that readings see."""
-        seen = [k for k in range(len(self.at)) if np.isfinite(self.found[0, k]).any()]
-        names = self.predictor.model.names
-        return [PortShift(names[self.at[k]], *self.found[:, k], *self._joint(k)) for k in seen]
+        out = list[PortShift]()
+        for k, port in enumerate(self.at):
+            if np.isfinite(self.found[0, k]).any():
+                fitted, std, rows = self.found[:, k]
+                out.append(PortShift(self.predictor.model.names[port], fitted, std, rows, *self._joint(k)))
+        return out
 
     def _joint(self, k: int) -> tuple[str, float]:
         """Return the one joint that the shift at a port is a function of, and the period of that function."""
