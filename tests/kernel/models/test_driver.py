@@ -15,7 +15,7 @@ from support.machine_texts import machine_from
 from truepose import parse_effect, predict
 from truepose.codegen.c import generate
 from truepose.identification.recording.load import load_recording
-from truepose.identification.report.drivers import columns
+from truepose.identification.report.curves import columns
 from truepose.models.effects.base import Coefficient, Effect, PlacedEffect
 from truepose.models.file.driver import AIR, Driver
 from truepose.models.machine.kinematics import driver_default

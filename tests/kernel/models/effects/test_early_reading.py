@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 import truepose
-from truepose.codegen.left_out import left_out
+from truepose.codegen.features import left_out
 from truepose.models.effect_text import parse_effect
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.placed import PlacedEffect
