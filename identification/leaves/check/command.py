@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
@@ -13,21 +12,18 @@ from truepose.commands.common import (
     MachineArg,
     RecordingsArg,
     check_directory,
+    options,
     progress,
     tell,
 )
 from truepose.commands.identify import IrradianceOption
 
-FixOption = Annotated[
-    Path | None,
-    typer.Option("--fix", metavar="DIR", help="Write the corrected machine file and recordings there."),
-]
 
-
+@options(fix="DIR: Write the corrected machine file and recordings there.")
 def check(
     machine: MachineArg,
     recordings: RecordingsArg,
-    fix: FixOption = None,
+    fix: Path | None = None,
     irradiance: IrradianceOption = None,
     as_json: JsonOption = False,
 ) -> None:

@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from truepose.commands.common import (
     GateOption,
@@ -17,30 +14,23 @@ from truepose.commands.common import (
     ShuffledOption,
     finish,
     gated,
+    options,
     progress,
     written,
 )
 from truepose.commands.results import DRIFT, check_directory, check_machine
 from truepose.errors import InputError
 
-OutputOption = Annotated[
-    Path | None,
-    typer.Option("-o", "--output", metavar="DIR", help="Directory for drift.json and report.html."),
-]
-AccuracyOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="LENGTH|ANGLE",
-        help='Residuals that are good enough, such as "50 nm" or "0.01 deg"; repeatable.',
-    ),
-]
 
-
+@options(
+    output="-o --output DIR: Directory for drift.json and report.html.",
+    accuracy='LENGTH|ANGLE: Residuals that are good enough, such as "50 nm" or "0.01 deg"; repeatable.',
+)
 def drift(
     machine: MachineArg,
     recordings: RecordingsArg,
-    output: OutputOption = None,
-    accuracy: AccuracyOption = None,
+    output: Path | None = None,
+    accuracy: list[str] | None = None,
     shuffled: ShuffledOption = False,
     anyway: GateOption = False,
     as_json: JsonOption = False,

@@ -18,6 +18,7 @@ from truepose.commands.common import (
     ShuffledOption,
     fail,
     finish,
+    options,
     written,
 )
 from truepose.commands.identify import PriorOption
@@ -42,24 +43,19 @@ WorkersOption = Annotated[
         show_default=False,
     ),
 ]
-DaskOption = Annotated[
-    str,
-    typer.Option(
-        "--dask",
-        metavar="ADDRESS",
-        help="Scheduler of a Dask cluster that works in place of this computer's cores (tcp://host:8786). Its workers "
-        "have this version of truepose and see DIR and the results under the same paths.",
-    ),
-]
-BriefOption = Annotated[bool, typer.Option("--brief", help="Without the report.html of each machine.")]
 
 
+@options(
+    dask="--dask ADDRESS: Scheduler of a Dask cluster that works in place of this computer's cores (tcp://host:8786). Its "
+    "workers have this version of truepose and see DIR and the results under the same paths.",
+    brief="--brief: Without the report.html of each machine.",
+)
 def fleet(
     folder: FolderArg,
     output: DirectoryOption,
     workers: WorkersOption = 0,
-    dask: DaskOption = "",
-    brief: BriefOption = False,
+    dask: str = "",
+    brief: bool = False,
     prior: PriorOption = None,
     shuffled: ShuffledOption = False,
     anyway: GateOption = False,
@@ -89,9 +85,9 @@ def fleet(
 
     check_directory(output, FLEET)
     plugins = tuple(path.resolve() for path in plugin or ())
-    options = Options(anyway, shuffled, brief, plugins, None if prior is None else prior.resolve())
+    how = Options(anyway, shuffled, brief, plugins, None if prior is None else prior.resolve())
     with counted("fleet") as hear, _pool(workers, dask) as pool:
-        found = run_fleet(folder, output, pool, options, progress=hear)
+        found = run_fleet(folder, output, pool, how, progress=hear)
     summary = {"command": "fleet", **fleet_json(found), "files": written(output, FILES)}
     lines = [*first_screen(fleet_document(found), 2 * LINES), f"report: {output / PAGE}"]
     finish(summary, lines, (), as_json=as_json)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from truepose.commands.common import FileOption, JsonOption, check_file, finish, progress
+from truepose.commands.common import FileOption, JsonOption, check_file, finish, options, progress
 from truepose.errors import InputError
 from truepose.files import write_table
 
@@ -18,25 +18,19 @@ PointsArg = Annotated[
     Path,
     typer.Argument(metavar="POINTS", help="One row a placement: P1.x P1.y P1.z P2.x ... (CSV or Parquet)."),
 ]
-SigmaOption = Annotated[float, typer.Option(metavar="MM", help="1-sigma of one coordinate as measured, mm.")]
-BodyOption = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="FILE",
-        help="The points in the body's frame: point, x, y, z. Without it the first row is the body.",
-    ),
-]
-CovarianceOption = Annotated[
-    bool, typer.Option("--covariance", help="Add the covariances of every two columns, x.y.cov to ry.rz.cov.")
-]
 
 
+@options(
+    sigma="MM: 1-sigma of one coordinate as measured, mm.",
+    body="FILE: The points in the body's frame: point, x, y, z. Without it the first row is the body.",
+    covariance="--covariance: Add the covariances of every two columns, x.y.cov to ry.rz.cov.",
+)
 def poses(
     points: PointsArg,
     output: FileOption,
-    sigma: SigmaOption,
-    body: BodyOption = None,
-    covariance: CovarianceOption = False,
+    sigma: float,
+    body: Path | None = None,
+    covariance: bool = False,
     as_json: JsonOption = False,
 ) -> None:
     """Poses of a body from points measured on it by photogrammetry or a tracker.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truepose.commands.common import FileOption, JsonOption, MachineArg, check_file, finish, progress
+from truepose.commands.common import FileOption, JsonOption, MachineArg, check_file, finish, options, progress
 from truepose.errors import InputError
 from truepose.files import mixture_notes, write_table
 from truepose.models.file.limits import POSES
@@ -27,82 +27,36 @@ if TYPE_CHECKING:
 CountOption = Annotated[
     int, typer.Option("-n", "--poses", metavar="N", min=2, max=POSES, help="How many poses.")
 ]
-MethodOption = Annotated[
-    str,
-    typer.Option(
-        "--method",
-        metavar="continuous|exchange|random",
-        help="Move all poses at once, exchange them, or draw them (default: continuous; with candidates, exchange).",
-    ),
-]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of the random candidates.")]
-CandidatesOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--candidates",
-        metavar="FILE",
-        help="Choose among these joint values (free of collisions, say), by exchange.",
-    ),
-]
-DiscriminateOption = Annotated[
-    tuple[str, str] | None,
-    typer.Option(
-        "--discriminate",
-        metavar="A B",
-        help="Poses that tell two explanations apart, SLUG@PLACE[:name=value[unit],...] each, as simulate names effects.",
-    ),
-]
-RivalOption = Annotated[
-    list[str] | None,
-    typer.Option("--rival", metavar="C", help="A further explanation; repeatable. The worst pair counts."),
-]
-DiagnosisOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--diagnosis",
-        metavar="FILE",
-        help="diagnosis.json: split the class of its finding, at its fitted value.",
-    ),
-]
-PayloadOption = Annotated[
-    str, typer.Option("--payload", metavar="0,2.5,5", help="Payloads that can be carried, kg.")
-]
-TemperatureOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--temperature",
-        metavar="PLACE=15,20,30",
-        help="Temperatures a place can be held at, degC; repeatable (air: every place alike).",
-    ),
-]
-VaryOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--vary",
-        metavar="DRIVER=...",
-        help="Levels of another driver (pressure in hPa, velocity.JOINT in mm/s or rad/s); repeatable.",
-    ),
-]
-WithOption = Annotated[
-    list[Path] | None,
-    typer.Option("--with", metavar="RECORDING", help="Rows measured already, to be added to; repeatable."),
-]
 
 
+@options(
+    method="continuous|exchange|random: Move all poses at once, exchange them, or draw them (default: continuous; with "
+    "candidates, exchange).",
+    candidates="FILE: Choose among these joint values (free of collisions, say), by exchange.",
+    discriminate="A B: Poses that tell two explanations apart, SLUG@PLACE[:name=value[unit],...] each, as simulate names "
+    "effects.",
+    rival="C: A further explanation; repeatable. The worst pair counts.",
+    diagnosis="FILE: diagnosis.json: split the class of its finding, at its fitted value.",
+    payload="0,2.5,5: Payloads that can be carried, kg.",
+    temperature="PLACE=15,20,30: Temperatures a place can be held at, degC; repeatable (air: every place alike).",
+    vary="DRIVER=...: Levels of another driver (pressure in hPa, velocity.JOINT in mm/s or rad/s); repeatable.",
+    recorded="--with RECORDING: Rows measured already, to be added to; repeatable.",
+)
 def plan(
     machine: MachineArg,
     n: CountOption,
     output: FileOption,
-    method: MethodOption = "",
+    method: str = "",
     seed: SeedOption = 0,
-    candidates: CandidatesOption = None,
-    discriminate: DiscriminateOption = None,
-    rival: RivalOption = None,
-    diagnosis: DiagnosisOption = None,
-    payload: PayloadOption = "",
-    temperature: TemperatureOption = None,
-    vary: VaryOption = None,
-    recorded: WithOption = None,
+    candidates: Path | None = None,
+    discriminate: tuple[str, str] | None = None,
+    rival: list[str] | None = None,
+    diagnosis: Path | None = None,
+    payload: str = "",
+    temperature: list[str] | None = None,
+    vary: list[str] | None = None,
+    recorded: list[Path] | None = None,
     as_json: JsonOption = False,
 ) -> None:
     """Measurement poses that calibrate best: joint values inside their ranges, before anything is measured.
