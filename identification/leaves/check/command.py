@@ -33,7 +33,7 @@ def check(
     """
     from truepose.identification.leaves.check.pair import Pair
     from truepose.identification.leaves.check.run import check_files
-    from truepose.identification.leaves.check.words import check_lines
+    from truepose.identification.leaves.check.showing import check_lines
     from truepose.identification.report.json_text import json_text
 
     if fix is not None:

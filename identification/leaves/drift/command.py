@@ -43,8 +43,7 @@ def drift(
     Example: truepose drift machine.yaml day0.csv day1.csv day8.csv
     """
     from truepose.identification.leaves.drift.analysis import drift as run
-    from truepose.identification.leaves.drift.page import drift_document
-    from truepose.identification.leaves.drift.showing import write_drift
+    from truepose.identification.leaves.drift.showing import drift_document, write_drift
     from truepose.identification.leaves.drift.words import drift_json
     from truepose.shown.text import LINES, first_screen
 

@@ -79,7 +79,7 @@ def fleet(
     """
     from truepose.identification.leaves.fleet.page import fleet_document
     from truepose.identification.leaves.fleet.run import FILES, PAGE, run_fleet
-    from truepose.identification.leaves.fleet.words import fleet_json, headline
+    from truepose.identification.leaves.fleet.table import fleet_json, headline
     from truepose.identification.leaves.fleet.work import Options
     from truepose.shown.text import LINES, first_screen
 

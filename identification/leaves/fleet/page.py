@@ -12,9 +12,10 @@ import pandas as pd
 
 from truepose.identification.leaves.fleet.pooled import rows_of
 from truepose.identification.leaves.fleet.statistics import EffectInFleet
-from truepose.identification.leaves.fleet.table import SHOWN, Fleet
-from truepose.identification.leaves.fleet.words import (
+from truepose.identification.leaves.fleet.table import (
     MET,
+    SHOWN,
+    Fleet,
     change_sentences,
     effect_sentence,
     headline,

@@ -15,14 +15,17 @@ from scipy.interpolate import CubicSpline
 from scipy.stats import t as student
 
 from truepose.arrays import Array
-from truepose.identification.leaves.fleet.hierarchy import Hierarchy, Posterior, quantiles, single
-from truepose.identification.leaves.fleet.likelihood import (
+from truepose.identification.leaves.fleet.hierarchy import (
     RATIOS,
     SLAB,
+    Hierarchy,
+    Posterior,
     Told,
     of_frequency,
     of_presence,
     of_spread,
+    quantiles,
+    single,
 )
 from truepose.identification.leaves.fleet.pooled import (
     Pooled,

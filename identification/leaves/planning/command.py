@@ -133,8 +133,7 @@ def _tell_apart(
         explanation,
         read_offer,
     )
-    from truepose.identification.leaves.planning.discriminate.words import experiment_json, sentences
-    from truepose.identification.leaves.planning.showing import experiment_table
+    from truepose.identification.leaves.planning.showing import experiment_json, experiment_table, sentences
     from truepose.identification.recording.load import load_recording
     from truepose.identification.report.notes import worded
 

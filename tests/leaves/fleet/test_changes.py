@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from truepose.identification.leaves.fleet.changes import Change, compare, sigma_limit
-from truepose.identification.leaves.fleet.record import Record
+from truepose.identification.leaves.fleet.record import Change, Record, compare, sigma_limit
 
 
 def record(

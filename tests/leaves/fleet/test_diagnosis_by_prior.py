@@ -14,9 +14,8 @@ from support import TESTS
 from truepose.cli import app
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.learned_prior import EffectPrior, LearnedPrior, PlacePrior
-from truepose.identification.leaves.fleet.evidence import kept
+from truepose.identification.leaves.fleet.evidence import PlaceEvidence, evidence, kept
 from truepose.identification.leaves.fleet.learn import write_prior
-from truepose.identification.leaves.fleet.place_evidence import PlaceEvidence, evidence
 from truepose.identification.leaves.fleet.pooled import Pooled
 from truepose.identification.prior import SIZES
 

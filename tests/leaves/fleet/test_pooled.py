@@ -11,8 +11,7 @@ from scipy.special import expit
 
 from support.fleets import DrawnFleet, mixed_machines
 from truepose.errors import InputError
-from truepose.identification.leaves.fleet.hierarchy import FINE
-from truepose.identification.leaves.fleet.likelihood import KERNEL, LOG_ODDS, SLAB, by_size
+from truepose.identification.leaves.fleet.hierarchy import FINE, KERNEL, LOG_ODDS, SLAB, by_size
 from truepose.identification.leaves.fleet.pooled import Pooled
 from truepose.identification.leaves.fleet.statistics import statistics, trees
 

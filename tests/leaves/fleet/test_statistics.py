@@ -11,15 +11,18 @@ from scipy.special import expit
 from scipy.stats import t as student
 
 from support.fleets import DrawnFleet
-from truepose.identification.leaves.fleet.hierarchy import FINE, Hierarchy, quantiles, single
-from truepose.identification.leaves.fleet.likelihood import (
+from truepose.identification.leaves.fleet.hierarchy import (
+    FINE,
     LOG_ODDS,
     RATIOS,
     SLAB,
+    Hierarchy,
     Told,
     of_frequency,
     of_presence,
     of_spread,
+    quantiles,
+    single,
 )
 from truepose.identification.leaves.fleet.pooled import NUMBERS, Pooled
 from truepose.identification.leaves.fleet.record import figures_of, parameters_of, rounded

@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, kstest
 
 from truepose.errors import InputError
-from truepose.identification.leaves.photogrammetry.body_pose import body_pose
-from truepose.identification.leaves.photogrammetry.pose_table import COLUMNS, PAIRS, pose_table
+from truepose.identification.leaves.photogrammetry.pose_table import COLUMNS, PAIRS, body_pose, pose_table
 from truepose.models import lie
 
 Array = NDArray[np.float64]

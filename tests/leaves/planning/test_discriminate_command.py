@@ -16,7 +16,7 @@ from truepose.errors import InputError
 from truepose.identification.leaves.planning.command import findings_of
 from truepose.identification.leaves.planning.discriminate.experiment import discriminate
 from truepose.identification.leaves.planning.discriminate.factors import class_of, read_offer
-from truepose.identification.leaves.planning.discriminate.words import experiment_json, sentences
+from truepose.identification.leaves.planning.showing import experiment_json, sentences
 from truepose.identification.report.notes import worded
 from truepose.models.load import load_machine
 

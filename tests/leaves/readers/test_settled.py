@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from truepose.identification.leaves.readers.settled import BAND, SECONDS, Stream, average, stretches
+from truepose.identification.leaves.readers.bags import BAND, SECONDS, Stream, average, stretches
 
 Array = NDArray[np.float64]
 STEP = 0.01
