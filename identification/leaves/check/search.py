@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.leaves.check.alignment import Frames
 from truepose.identification.leaves.check.kinds.frames import conventions, exchanged_rows, frames_swapped
 from truepose.identification.leaves.check.kinds.joints import (
@@ -51,7 +51,6 @@ from truepose.models.machine.machine import FRAMES
 from truepose.models.machine.mechanism import AXES
 from truepose.models.units import convert
 
-Array = NDArray[np.float64]
 # -- Which hypotheses say the same of a machine, how probable each such class is, and which frames would undo one
 
 _SAME = 1e-9
@@ -218,9 +217,7 @@ def _two_setups(rig: Rig, scene: Scene, cut: _Cut, verdict: Verdict, before: flo
     lengths = [part.length for part in (cut.before, cut.after) if part.length is not None]
 
     def mended(pair: Pair) -> Pair:
-        if len(pair.sheets) != 1:
-            return pair
-        return replace(pair, sheets=tuple(_with_session(s, cut.row) for s in pair.sheets))
+        return pair if len(pair.sheets) != 1 else pair.each(lambda sheet: _with_session(sheet, cut.row))
 
     return Found(
         "sessions-mixed",

@@ -9,8 +9,8 @@ from itertools import combinations, permutations
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.leaves.check.pair import RARE, SELDOM, USUAL, Field, Pair, Scene, Sheet, Slip
 from truepose.identification.leaves.check.rig import Rig
 from truepose.identification.leaves.check.weighing import bound
@@ -23,7 +23,7 @@ from truepose.wording import joined
 _HALVED = 8
 
 
-def narrowed(misfit: Callable[[float], float], grid: NDArray[np.float64]) -> float:
+def narrowed(misfit: Callable[[float], float], grid: Array) -> float:
     """Return where a misfit is least: the best of a grid, then halved steps around it."""
     tried = {float(size): misfit(float(size)) for size in grid}
     best = min(tried, key=lambda size: tried[size])
@@ -38,7 +38,6 @@ def narrowed(misfit: Callable[[float], float], grid: NDArray[np.float64]) -> flo
     return best
 
 
-Array = NDArray[np.float64]
 # -- Joints that turn the other way, that were exchanged, or whose zero is elsewhere
 
 T = TypeVar("T")
@@ -158,7 +157,7 @@ def _shifted_zero(rig: Rig, k: int, size: float, pair: Pair) -> Pair:
     return pair.each(change)
 
 
-def _turns_back(a: Actuator, read: NDArray[np.float64], unit: str) -> NDArray[np.float64]:
+def _turns_back(a: Actuator, read: Array, unit: str) -> Array:
     """(n,) whole turns, rad, that bring a turning joint's readings (n,) back into its range, as encoders count."""
     if a.range is None:
         return np.zeros(len(read))
@@ -167,7 +166,7 @@ def _turns_back(a: Actuator, read: NDArray[np.float64], unit: str) -> NDArray[np
     return np.where(out, 2 * np.pi * np.round((sum(a.range) / 2 - q) / (2 * np.pi)), 0.0)
 
 
-def _beyond(a: Actuator, q: NDArray[np.float64]) -> bool:
+def _beyond(a: Actuator, q: Array) -> bool:
     return a.range is not None and bool(q.min() < a.range[0] or q.max() > a.range[1])
 
 

@@ -7,9 +7,9 @@ from functools import partial
 from itertools import combinations, permutations, product
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose.arrays import Array
 from truepose.identification.leaves.check.pair import SELDOM, USUAL, Scene, Sheet, Slip
 from truepose.identification.leaves.check.rig import Rig
 from truepose.models.sensors.pose import Pose, Position
@@ -17,7 +17,6 @@ from truepose.models.sensors.targets import Targets
 from truepose.models.units import convert
 from truepose.wording import joined
 
-Array = NDArray[np.float64]
 _XYZ, _TURN = ("x", "y", "z"), ("rx", "ry", "rz")
 # -- Measured axes with another sign or in another order, and targets that were exchanged
 
