@@ -172,17 +172,11 @@ def _lasting_table(found: Drift) -> Table:
 def _check_rows(label: str, name: str, check: Check | None) -> list[list[str]]:
     if check is None:
         return [[label, name, "-", "-", "-", "-", "no fit"]]
+    p, holds = "-" if name == "nothing" else p_value(check.p), "yes" if check.holds else "no"
     return [
-        [
-            label,
-            name,
-            kind,
-            measure(value, check.units[kind]),
-            measure(check.expected[kind], check.units[kind]),
-            "-" if name == "nothing" else p_value(check.p),
-            "yes" if check.holds else "no",
-        ]
+        [label, name, kind, measure(value, unit), measure(check.expected[kind], unit), p, holds]
         for kind, value in check.rms.items()
+        for unit in (check.units[kind],)
     ]
 
 

@@ -213,7 +213,7 @@ def _averaged(every: list[tuple[float, Amount]]) -> Amount:
 
 def _of_state(found: Found, state: State) -> Iterator[tuple[int, Amount]]:
     """Yield each cause of a state with its size."""
-    problem, spike_slab = found.problem, found.problem.spike_slab
+    problem, spike_slab, candidates = found.problem, found.problem.spike_slab, found.catalogue.candidates
     if not state.members:
         return
     known = moments(spike_slab, state)
@@ -221,11 +221,7 @@ def _of_state(found: Found, state: State) -> Iterator[tuple[int, Amount]]:
     coefficients = [
         c
         for t, _ in state.members
-        for _, c in zip(
-            spike_slab.terms.columns[t],
-            found.catalogue.candidates[problem.candidates[t]].coefficients,
-            strict=False,
-        )
+        for c in candidates[problem.candidates[t]].coefficients[: len(spike_slab.terms.columns[t])]
     ]
     owner, first = spike_slab.terms.cause[terms], len(known.at) - len(terms)
     for cause in np.unique(owner):
@@ -281,14 +277,8 @@ def _by_effect(every: Sequence[PlaceEvidence]) -> dict[str, dict[str, list[Any]]
 
 def _place(one: PlaceEvidence) -> list[Any]:
     """Rounded to what matters: a hundredth of a nat, four digits of a probability."""
-    factor = round(one.log_bayes_factor, 2)
-    out: list[Any] = [
-        _short(one.probability),
-        _short(one.prior),
-        factor,
-        _short(one.unseen),
-        _short(one.credit),
-    ]
+    p, prior, unseen, credit = map(_short, (one.probability, one.prior, one.unseen, one.credit))
+    out: list[Any] = [p, prior, round(one.log_bayes_factor, 2), unseen, credit]
     more: dict[str, Any] = {}
     if one.sizes:
         more["sizes"] = [round(p, 3) for p in one.sizes]

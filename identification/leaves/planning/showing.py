@@ -44,11 +44,7 @@ def experiment_json(found: Experiment) -> dict[str, Any]:
         "threshold": SPLIT,
         "inseparable": [[p.true.name, p.rival.name] for p in found.stuck],
         "already": found.already,
-        "random": {
-            "mean": float(np.mean(found.random)),
-            "std": float(np.std(found.random)),
-            "sets": len(found.random),
-        },
+        "random": _random_json(found.random),
         "pairs": [_pair_json(pair) for pair in found.pairs],
         "sentences": sentences(found),
     }
@@ -114,15 +110,13 @@ def _pair(pair: Pair) -> str:
     return f"if {pair.true.name} is true, against {pair.rival.name}: {pair.expected:.3g}"
 
 
+def _random_json(values: Array) -> dict[str, float]:
+    return {"mean": float(np.mean(values)), "std": float(np.std(values)), "sets": len(values)}
+
+
 def _pair_json(pair: Pair) -> dict[str, Any]:
-    return {
-        "true": pair.true.name,
-        "rival": pair.rival.name,
-        "expected": pair.expected,
-        "separable": pair.separable,
-        "identical": pair.identical,
-        "twins": pair.twins,
-    }
+    said = {name: getattr(pair, name) for name in ("expected", "separable", "identical", "twins")}
+    return {"true": pair.true.name, "rival": pair.rival.name, **said}
 
 
 # -- Plans and experiments as they show themselves: tables with joints in the units of the machine file, lines, notes, JSON
@@ -243,11 +237,6 @@ def plan_notes(found: Plan) -> list[str]:
 
 def plan_json(found: Plan, columns: Sequence[str]) -> dict[str, object]:
     """The same as data; ``columns`` are those of the poses' table."""
-    random = {
-        "mean": float(np.mean(found.random)),
-        "std": float(np.std(found.random)),
-        "sets": len(found.random),
-    }
     indices = {f"O{k}": float(getattr(found.indices, f"o{k}")) for k in range(1, 6)}
     return {
         "machine": found.machine.name,
@@ -257,7 +246,7 @@ def plan_json(found: Plan, columns: Sequence[str]) -> dict[str, object]:
         "poses": len(found.q),
         "columns": list(columns),
         "value": found.value,
-        "random": random,
+        "random": _random_json(found.random),
         "exchange": found.by_exchange,
         "repeats": found.repeats(CROWDED),
         "determined": found.determined,

@@ -53,28 +53,26 @@ class Stream:
         return self.values[np.searchsorted(self.time, start) : np.searchsorted(self.time, end, side="right")]
 
 
-def stretches(
-    joints: Mapping[str, Stream], band: float = BAND, seconds: float = SECONDS
-) -> list[tuple[float, float]]:
+def stretches(joints: Mapping[str, Stream]) -> list[tuple[float, float]]:
     """Return (start, end) of every stretch in which all joints stand still, s."""
-    each = [stretch for stream in joints.values() for stretch in _still(stream, band, seconds)]
+    each = [stretch for stream in joints.values() for stretch in _still(stream)]
     edges = sorted([(start, 1) for start, _ in each] + [(end, -1) for _, end in each])
     out, standing, begun = [], 0, 0.0
     for time, change in edges:
-        if standing == len(joints) and time - begun >= seconds:
+        if standing == len(joints) and time - begun >= SECONDS:
             out.append((begun, time))
         standing, begun = standing + change, time
     return out
 
 
-def _still(stream: Stream, band: float, seconds: float) -> list[tuple[float, float]]:
+def _still(stream: Stream) -> list[tuple[float, float]]:
     """Return the stretches of one joint, however short."""
     time, values = stream.time, stream.values[:, 0]
     clock = pd.to_timedelta(time - time[0], unit="s")
-    window = pd.Series(values, index=clock).rolling(pd.Timedelta(seconds=seconds), center=True, closed="both")
-    still = (window.max() - window.min()).to_numpy() <= band
+    window = pd.Series(values, index=clock).rolling(pd.Timedelta(seconds=SECONDS), center=True, closed="both")
+    still = (window.max() - window.min()).to_numpy() <= BAND
     # samples far apart say nothing of what is between them
-    joined = still[1:] & still[:-1] & (np.abs(np.diff(values)) <= band) & (np.diff(time) <= seconds)
+    joined = still[1:] & still[:-1] & (np.abs(np.diff(values)) <= BAND) & (np.diff(time) <= SECONDS)
     ends = np.flatnonzero(~np.append(joined, False))
     starts = np.append(0, ends[:-1] + 1)
     return [(float(time[a]), float(time[b])) for a, b in zip(starts, ends, strict=True) if a < b]

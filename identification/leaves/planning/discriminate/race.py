@@ -346,7 +346,7 @@ class Race:
         return out
 
 
-def chosen(race: Race, n: int, *, exchange: bool = True) -> list[int]:
+def chosen(race: Race, n: int) -> list[int]:
     """``n`` rows by greedy addition, then by exchange as long as that gains.
 
     All rows are looked at again every few steps, in between those that promised most.
@@ -360,7 +360,7 @@ def chosen(race: Race, n: int, *, exchange: bool = True) -> list[int]:
         scores = race.adding(design, rows)
         design.append(int(rows[np.argmax(scores)]))
         some = rows[np.argsort(-scores)[:_SHORT]] if fresh else some
-    if not exchange or len(every) <= n:
+    if len(every) <= n:
         return design
     value = float(race.judged(race.values(design)))
     for step in range(n):
