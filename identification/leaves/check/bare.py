@@ -578,11 +578,8 @@ def _meanings(column: _Column) -> Iterator[tuple[Array, tuple[str, str, str, Men
             fix = f"exchange the headers of columns {name} and {beside}"
             # once: the finding of the other column says the same
             names = {name: beside, beside: name} if name < beside else {}
-            other_read = column.recording.observations[beside]
-            yield (
-                other_read,
-                ("permutation", f"{name} and {beside} exchanged", fix, partial(Pair.renamed, names=names)),
-            )
+            mend, says = partial(Pair.renamed, names=names), f"{name} and {beside} exchanged"
+            yield column.recording.observations[beside], ("permutation", says, fix, mend)
 
 
 def _encoder_zero(

@@ -13,20 +13,7 @@ import numpy as np
 
 from truepose.arrays import Array
 from truepose.identification.leaves.check.alignment import Frames
-from truepose.identification.leaves.check.kinds.frames import conventions, exchanged_rows, frames_swapped
-from truepose.identification.leaves.check.kinds.joints import (
-    counts,
-    coupled,
-    end_zeros,
-    exchanged,
-    mirrored_zeros,
-    quarter_turns,
-    signs,
-    zeros,
-)
-from truepose.identification.leaves.check.kinds.order import clocks, matched, shifted, stands_still
-from truepose.identification.leaves.check.kinds.poses import mirrored, poses, targets, turned
-from truepose.identification.leaves.check.kinds.units import units
+from truepose.identification.leaves.check.kinds import frames, joints, order, poses, units
 from truepose.identification.leaves.check.pair import SELDOM, Pair, Scene, Sheet, Slip, Stand
 from truepose.identification.leaves.check.result import Found, Verdict
 from truepose.identification.leaves.check.rig import ABSURD, Rig, motion
@@ -293,10 +280,12 @@ _DEEPEST, _WEIGHED, _MOST = 2, 6, 300
 
 Makers = tuple[Callable[[Rig, Scene], Iterable[Slip]], ...]
 QUICK: Makers = (
-    units, signs, exchanged, quarter_turns, coupled, mirrored, turned, targets, poses, shifted, frames_swapped,
+    units.units, joints.signs, joints.exchanged, joints.quarter_turns, joints.coupled, poses.mirrored, poses.turned,
+    poses.targets, poses.poses, order.shifted, frames.frames_swapped,
 )  # fmt: skip
 SLOW: Makers = (
-    conventions, matched, clocks, stands_still, mirrored_zeros, counts, zeros, end_zeros, exchanged_rows,
+    frames.conventions, order.matched, order.clocks, order.stands_still, joints.mirrored_zeros, joints.counts,
+    joints.zeros, joints.end_zeros, frames.exchanged_rows,
 )  # fmt: skip
 
 

@@ -6,34 +6,23 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from truepose.commands.common import (
-    GateOption,
-    JsonOption,
-    MachineArg,
-    RecordingsArg,
-    ShuffledOption,
-    finish,
-    gated,
-    options,
-    progress,
-    written,
-)
+from truepose.commands import common
 from truepose.commands.results import DRIFT, check_directory, check_machine
 from truepose.errors import InputError
 
 
-@options(
+@common.options(
     output="-o --output DIR: Directory for drift.json and report.html.",
     accuracy='LENGTH|ANGLE: Residuals that are good enough, such as "50 nm" or "0.01 deg"; repeatable.',
 )
 def drift(
-    machine: MachineArg,
-    recordings: RecordingsArg,
+    machine: common.MachineArg,
+    recordings: common.RecordingsArg,
     output: Path | None = None,
     accuracy: list[str] | None = None,
-    shuffled: ShuffledOption = False,
-    anyway: GateOption = False,
-    as_json: JsonOption = False,
+    shuffled: common.ShuffledOption = False,
+    anyway: common.GateOption = False,
+    as_json: common.JsonOption = False,
 ) -> None:
     """Which parameters move between recordings, how fast, and when to recalibrate.
 
@@ -50,17 +39,17 @@ def drift(
     if output is not None:
         check_directory(output, DRIFT)
     wanted = _wanted(accuracy or ())
-    with progress("comparing recordings") as say:
+    with common.progress("comparing recordings") as say:
         say("checking")
-        loaded, recording, caution = gated(machine, recordings, anyway=anyway, shuffled=shuffled)
+        loaded, recording, caution = common.gated(machine, recordings, anyway=anyway, shuffled=shuffled)
         if output is not None:
             check_machine(output, DRIFT, loaded.name)
         accepted = {k: wanted[unit] for k, unit in loaded.residual_units.items() if unit in wanted}
         found = run(loaded, recording, accuracy=accepted, progress=say)
-        files = [] if output is None else written(output, write_drift(found, output, caution))
+        files = [] if output is None else common.written(output, write_drift(found, output, caution))
     summary = {"command": "drift", **drift_json(found), **caution.document, "files": files}
     told = replace(drift_document(found), cautions=caution.sentences)
-    finish(summary, [*first_screen(told, 2 * LINES), *files], told.notes, as_json=as_json)
+    common.finish(summary, [*first_screen(told, 2 * LINES), *files], told.notes, as_json=as_json)
 
 
 def _wanted(texts: Sequence[str]) -> dict[str, float]:

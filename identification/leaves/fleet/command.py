@@ -9,18 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from truepose.commands.common import (
-    BAD_INPUT,
-    DirectoryOption,
-    GateOption,
-    JsonOption,
-    PluginOption,
-    ShuffledOption,
-    fail,
-    finish,
-    options,
-    written,
-)
+from truepose.commands import common
 from truepose.commands.identify import PriorOption
 from truepose.commands.progress import counted
 from truepose.commands.results import FLEET, check_directory
@@ -45,22 +34,22 @@ WorkersOption = Annotated[
 ]
 
 
-@options(
+@common.options(
     dask="--dask ADDRESS: Scheduler of a Dask cluster that works in place of this computer's cores (tcp://host:8786). Its "
     "workers have this version of truepose and see DIR and the results under the same paths.",
     brief="--brief: Without the report.html of each machine.",
 )
 def fleet(
     folder: FolderArg,
-    output: DirectoryOption,
+    output: common.DirectoryOption,
     workers: WorkersOption = 0,
     dask: str = "",
     brief: bool = False,
     prior: PriorOption = None,
-    shuffled: ShuffledOption = False,
-    anyway: GateOption = False,
-    as_json: JsonOption = False,
-    plugin: PluginOption = None,
+    shuffled: common.ShuffledOption = False,
+    anyway: common.GateOption = False,
+    as_json: common.JsonOption = False,
+    plugin: common.PluginOption = None,
 ) -> None:
     """Check, calibrate and diagnose a fleet of machines side by side.
 
@@ -88,11 +77,11 @@ def fleet(
     how = Options(anyway, shuffled, brief, plugins, None if prior is None else prior.resolve())
     with counted("fleet") as hear, _pool(workers, dask) as pool:
         found = run_fleet(folder, output, pool, how, progress=hear)
-    summary = {"command": "fleet", **fleet_json(found), "files": written(output, FILES)}
+    summary = {"command": "fleet", **fleet_json(found), "files": common.written(output, FILES)}
     lines = [*first_screen(fleet_document(found), 2 * LINES), f"report: {output / PAGE}"]
-    finish(summary, lines, (), as_json=as_json)
+    common.finish(summary, lines, (), as_json=as_json)
     if not found.diagnosed:
-        fail(f"{folder}: {headline(found)} {output / FILES[0]} says why", BAD_INPUT)
+        common.fail(f"{folder}: {headline(found)} {output / FILES[0]} says why", common.BAD_INPUT)
 
 
 @contextlib.contextmanager

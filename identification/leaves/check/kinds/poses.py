@@ -158,12 +158,10 @@ def poses(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """The inverse pose, the inverse rotation, and all orders of Euler's angles, about moving or fixed axes."""
     if not any(isinstance(sensor, Pose) for sensor in rig.machine.sensors):
         return
-    inverse, back = (
-        "give the pose of the tool in the measuring frame",
-        "give the rotation of the tool, not its inverse",
-    )
-    yield _slip(rig, _inverse, "poses of the measuring frame in the tool (inverse)", inverse)
-    yield _slip(rig, _turned_back, "rx, ry, rz of the inverse rotation", back)
+    says = "poses of the measuring frame in the tool (inverse)"
+    yield _slip(rig, _inverse, says, "give the pose of the tool in the measuring frame")
+    says = "rx, ry, rz of the inverse rotation"
+    yield _slip(rig, _turned_back, says, "give the rotation of the tool, not its inverse")
     last, first = "scalar last (x, y, z, w)", "scalar first (w, x, y, z)"
     vectors = "write rotation vectors (axis times angle)"
     for was, read, order in ((first, last, (1, 2, 3, 0)), (last, first, (3, 0, 1, 2))):
