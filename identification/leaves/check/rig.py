@@ -197,7 +197,7 @@ class Rig:
     """
 
     def __init__(self, machine: Machine, recording: Recording) -> None:
-        self.machine, self.recording = machine, recording
+        self.machine, self.recording, self.actuators = machine, recording, machine.mechanism.actuators
         self.predictor = Predictor(
             machine, recording.subset(slice(0, 1)) if not differs(machine) else recording, machine.effects
         )

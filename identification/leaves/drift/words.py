@@ -59,12 +59,8 @@ def moved_sentences(found: Drift) -> list[str]:
         moved = [m.name for m in found.moved if m.extrinsic is extrinsic]
         out.append(f"of {whose}: {', '.join(grouped(moved)) if moved else 'nothing'}")
     anew = [m.name for m in found.movements if m.status == "anew"]
-    stated = (
-        [f"set up anew for each session, as the machine file says: {', '.join(grouped(anew))}"]
-        if anew
-        else []
-    )
-    return [*stated, *(out if found.moved else [])]
+    stated = f"set up anew for each session, as the machine file says: {', '.join(grouped(anew))}"
+    return [*([stated] if anew else []), *(out if found.moved else [])]
 
 
 def movement_sentence(found: Drift, movement: Movement) -> str:

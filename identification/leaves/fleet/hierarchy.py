@@ -194,11 +194,8 @@ class Hierarchy:
     @cached_property
     def elsewhere(self) -> Posterior:
         """Of a place that no machine has, whose prior is the mean of the others'."""
-        return self._at(
-            float(np.mean(self.usual)),
-            self._effect + self._messages.sum(axis=0),
-            np.zeros((len(SLAB), len(FINE))),
-        )
+        nothing = np.zeros((len(SLAB), len(FINE)))
+        return self._at(float(np.mean(self.usual)), self._effect + self._messages.sum(axis=0), nothing)
 
     def _at(self, usual: float, effect: Array, likely: Array) -> Posterior:
         """From log weights (t, j) of the effect and the log likelihood (j, f) of the place's own machines."""

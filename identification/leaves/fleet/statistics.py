@@ -208,12 +208,8 @@ def _sizes(rows: pd.DataFrame) -> dict[str, Any]:
     mean, spread, error = log_normal(sums)
     unit, *more = rows["unit"].unique()
     amount = _exp(float(sums[4] / sums[0]), error) if unit and not more else None
-    return {
-        "size": _exp(mean, error),
-        "spread": float(np.exp(spread)),
-        "amount": amount,
-        "unit": unit if amount else "",
-    }
+    size, factor = _exp(mean, error), float(np.exp(spread))
+    return {"size": size, "spread": factor, "amount": amount, "unit": unit if amount else ""}
 
 
 def log_normal(sums: Array) -> tuple[float, float, float]:

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from truepose.commands.common import FileOption, JsonOption, check_file, finish, options, progress
 from truepose.errors import InputError
 from truepose.files import write_table
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 PointsArg = Annotated[
     Path,
@@ -53,10 +50,6 @@ def poses(
         except InputError as exc:
             raise InputError(f"{points}: {exc}") from None
         write_table(output, frame)
-    _finish(frame, output, as_json)
-
-
-def _finish(frame: pd.DataFrame, output: Path, as_json: bool) -> None:
     bent = {row: str(names) for row, names in enumerate(frame["suspects"], start=1) if names}
     fit = float(frame["chi2_per_dof"].median())
     summary = {

@@ -76,7 +76,15 @@ def plan(
     names = (*(discriminate or ()), *(rival or ()))
     varied = (*(f"temperature.{text}" for text in temperature or ()), *(vary or ()))
     exist, is_experiment = tuple(recorded or ()), bool(names) or diagnosis is not None
-    _check_options(is_experiment, is_offering=bool(payload or varied or exist), method=method)
+    if (payload or varied or exist) and not is_experiment:
+        raise InputError(
+            "--payload, --temperature, --vary and --with: found without --discriminate A B or --diagnosis FILE, expected "
+            "explanations to tell apart"
+        )
+    if is_experiment and method not in ("", "exchange"):
+        raise InputError(
+            "--method: found with --discriminate, expected none: rows are exchanged for the expected log Bayes factor"
+        )
     check_file(output, machine, candidates, diagnosis, *exist)
     with progress("planning") as say:
         known = load_machine(machine)
@@ -93,18 +101,6 @@ def plan(
     summary = {"command": "plan", **told, "files": [str(output)]}
     count = f"{len(frame)} rows" if is_experiment else f"{n} poses"
     finish(summary, [f"{output}: {count}", *lines], notes, as_json=as_json)
-
-
-def _check_options(is_experiment: bool, *, is_offering: bool, method: str) -> None:
-    if is_offering and not is_experiment:
-        raise InputError(
-            "--payload, --temperature, --vary and --with: found without --discriminate A B or --diagnosis FILE, expected "
-            "explanations to tell apart"
-        )
-    if is_experiment and method not in ("", "exchange"):
-        raise InputError(
-            "--method: found with --discriminate, expected none: rows are exchanged for the expected log Bayes factor"
-        )
 
 
 def _calibrate(

@@ -76,7 +76,12 @@ def compensate(
 
         known = dialect_of(path, dialect)
         if known is None:
-            _check_unused({"--base": base, "--tool": tool, "--frame": frame, "--at": at})
+            for name, value in {"--base": base, "--tool": tool, "--frame": frame, "--at": at}.items():
+                if value:
+                    raise InputError(
+                        f"{name}: found it with a table, expected a robot program (or --dialect csv, to correct a table's"
+                        " points in place)"
+                    )
             return compensate_table(loaded, path, output, method)
         if method != "exact":
             raise InputError(f"--method: found {method!r} with a robot program, expected exact")
@@ -85,16 +90,6 @@ def compensate(
         return _correct_program(loaded, known, (path, output), cell, drivers, Limit(limit, limit_angle))
 
     correct_and_tell(corrected, machine, output, anyway=anyway, as_json=as_json)
-
-
-def _check_unused(given: Mapping[str, object]) -> None:
-    """Raise InputError where an option for programs is given for a table."""
-    for name, value in given.items():
-        if value:
-            raise InputError(
-                f"{name}: found it with a table, expected a robot program (or --dialect csv, to correct a table's"
-                " points in place)"
-            )
 
 
 def _correct_program(

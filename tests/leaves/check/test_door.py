@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import Phase, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from support.checked_arm import JOINTS, columns, document, recorded, written
-from support.examples import examples
+from support.examples import law
 from support.right_pairs import (
     FAMILIES,
     SENSORS,
@@ -30,11 +30,6 @@ from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 XYZ, TURNS = ("x", "y", "z"), ("rx", "ry", "rz")
-
-
-def law(count: int) -> settings:
-    """Settings of a law; an example that fails is told as it is, since a smaller one takes minutes."""
-    return settings(max_examples=examples(count), phases=(Phase.explicit, Phase.generate))
 
 
 frames = st.sampled_from(sorted(TOLERANCES))

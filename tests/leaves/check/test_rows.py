@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import Phase, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from support.checked_arm import ARM, checked, document, recorded, standing, written
-from support.examples import examples
+from support.examples import law
 from support.right_pairs import known_machine, right_recording
 from truepose.identification.leaves.check.pair import Pair
 from truepose.identification.leaves.check.result import Check, Found
@@ -30,11 +30,6 @@ SIZES = {
     1000.0: "1000 times too {} (in m?)",
     10.0: "10 times too {} (in cm?)",
 }
-
-
-def law(count: int = 12) -> settings:
-    """Settings of a law; an example that fails is told as it is, since a smaller one takes minutes."""
-    return settings(max_examples=examples(count), phases=(Phase.explicit, Phase.generate))
 
 
 seeds = st.integers(0, 2**31 - 1)

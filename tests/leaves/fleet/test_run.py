@@ -14,7 +14,6 @@ import pandas as pd
 import pytest
 
 from support.tiny_fleets import GAIN, PLAY, rows, write_fleet, write_machine
-from truepose.errors import InputError
 from truepose.identification.leaves.fleet.run import run_fleet
 from truepose.identification.leaves.fleet.work import Options
 from truepose.pool import Cluster, Cores, Pool, cluster, several_threads
@@ -219,11 +218,6 @@ def test_only_what_changed_is_worked_with_again(machines: Path, tmp_path: Path) 
     run(line, fresh, Cores(2))
     for name in ("fleet.csv", "records.jsonl", "prior.yaml"):
         assert (results / name).read_bytes() == (fresh / name).read_bytes()
-
-
-def test_results_do_not_lie_among_the_machines(machines: Path) -> None:
-    with pytest.raises(InputError, match="expected another folder for the results"):
-        run_fleet(machines, machines, Cores(1), Options())
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ import numpy as np
 from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.diagnosis.result import UNNAMED
-from truepose.identification.identifiability.observability import Note
+from truepose.identification.identifiability.observability import Kind, Note
 from truepose.models.effect_text import parse_effect
 from truepose.models.effects.base import SERIES, PlacedEffect, effects
 from truepose.models.effects.common import OF_ROWS
@@ -299,7 +299,7 @@ def _column(name: str) -> str:
 def unplanned(parts: Iterable[PlacedEffect]) -> list[Note]:
     """What rows of an experiment do not vary although an explanation depends on it."""
     kinds = {part.effect.slug: {Driver.of(name).kind for name in part.drivers} for part in parts}
-    missed = {"strokes": {*OF_THE_WAY}, "creep": {"creep"}, "motions": {STEP}}
+    missed: dict[Kind, set[str]] = {"strokes": {*OF_THE_WAY}, "creep": {"creep"}, "motions": {STEP}}
     return [Note(name, slug) for name, own in missed.items() for slug, read in kinds.items() if read & own]
 
 
