@@ -355,7 +355,9 @@ def reversed_gravity(rig: Rig, weighed: Weighed, misfit: float) -> Iterator[Foun
     """
     machine = rig.machine
     joints = _compliances(machine, rig.recording)
-    if weighed.stand.bad or not joints or not _is_pulled_by_gravity_alone(machine):
+    # other loads do not turn with gravity, and an effect of the file may have taken them into account
+    others = machine.springs or machine.forces or any(e.needs_load for e in machine.effects)
+    if weighed.stand.bad or not joints or others:
         return
     if not _is_certain(rig, weighed, misfit, 1.0):  # no compliance could make it so
         return
@@ -377,12 +379,6 @@ def reversed_gravity(rig: Rig, weighed: Weighed, misfit: float) -> Iterator[Foun
 
 def _words(vector: Sequence[float]) -> str:
     return f"[{', '.join(f'{v + 0.0:.6g}' for v in vector)}]"
-
-
-def _is_pulled_by_gravity_alone(machine: Machine) -> bool:
-    """Whether all loads turn with gravity, and no effect of the file has taken them into account."""
-    others = machine.springs or machine.forces or any(e.needs_load for e in machine.effects)
-    return not others
 
 
 def _compliances(machine: Machine, recording: Recording) -> list[PlacedEffect]:

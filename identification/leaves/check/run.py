@@ -308,12 +308,6 @@ def unbounded(machine: Machine) -> Machine:
     return replace(machine, mechanism=replace(machine.mechanism, actuators=actuators))
 
 
-def of_the_tool(machine: Machine) -> Machine:
-    """The machine with those of its sensors only that see the tool from the world."""
-    seeing = (s for s in machine.sensors if s.view == TOOL_IN_WORLD and not s.joints)
-    return replace(machine, sensors=tuple(seeing))
-
-
 def check_loaded(machine: Machine, recording: Recording) -> Check:
     """What may be wrong between a machine and a recording of it, both as they were loaded."""
     if recording.validation.all():
@@ -323,7 +317,8 @@ def check_loaded(machine: Machine, recording: Recording) -> Check:
     found: list[Found] = [*bare(machine, recording), *encoders(machine, recording)]
     if any(f.verdict == "wrong" for f in found):
         return Check(tuple(found), len(recording), None)
-    machine = of_the_tool(machine)
+    seeing = (s for s in machine.sensors if s.view == TOOL_IN_WORLD and not s.joints)
+    machine = replace(machine, sensors=tuple(seeing))
     if not machine.sensors:  # slips are told by how base and tool fit
         return Check(tuple(found), len(recording), None)
     rig, result, said = _searched(machine, recording)

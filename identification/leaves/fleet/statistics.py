@@ -121,7 +121,8 @@ class FleetStatistics:
 
 def statistics(pooled: Pooled) -> FleetStatistics:
     """Return everything that a table of the fleet says."""
-    constants = sorted(_constants(pooled), key=lambda one: (-_away(one.mean), one.mechanism, one.name))
+    far = {one: max(one.mean.low, -one.mean.high, 0.0) for one in _constants(pooled)}  # from 0
+    constants = sorted(far, key=lambda one: (-far[one], one.mechanism, one.name))
     return FleetStatistics(
         pooled.machines,
         tuple(sorted(_anywhere(pooled), key=_rank)),
@@ -133,11 +134,6 @@ def statistics(pooled: Pooled) -> FleetStatistics:
 
 def _rank(one: EffectInFleet) -> tuple[float, str, str, tuple[str, ...]]:
     return -one.frequency.value, one.mechanism, one.effect, one.place
-
-
-def _away(mean: Interval) -> float:
-    """Return how far an interval is from 0."""
-    return max(mean.low, -mean.high, 0.0)
 
 
 @dataclass(frozen=True)

@@ -42,12 +42,6 @@ class Stream:
     time: Array
     values: Array
 
-    @classmethod
-    def in_order(cls, time: Array, values: Array) -> Stream:
-        """Return samples at times (k,) in any order; of several at one time the last one counts."""
-        last = len(time) - 1 - np.unique(time[::-1], return_index=True)[1]
-        return cls(time[last], values[last])
-
     def between(self, start: float, end: float) -> Array:
         """(j, w) values from ``start`` to ``end``, both included."""
         return self.values[np.searchsorted(self.time, start) : np.searchsorted(self.time, end, side="right")]
@@ -164,8 +158,10 @@ def _values(part: Any) -> list[float]:
 
 
 def _stream(samples: array[float], width: int) -> Stream:
+    """Return samples in order of time; of several at one time the last one counts."""
     table = np.array(samples).reshape(-1, 1 + width)
-    return Stream.in_order(table[:, 0], table[:, 1:])
+    last = len(table) - 1 - np.unique(table[::-1, 0], return_index=True)[1]
+    return Stream(table[last, 0], table[last, 1:])
 
 
 def read_bag(
