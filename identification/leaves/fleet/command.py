@@ -21,20 +21,13 @@ if TYPE_CHECKING:
 FolderArg = Annotated[
     Path, typer.Argument(metavar="DIR", help="Folder of the fleet: a folder for each machine.")
 ]
-WorkersOption = Annotated[
-    int,
-    typer.Option(
-        "-j",
-        "--workers",
-        metavar="N",
-        help="Machines at once; 0: one for each processor.",
-        min=0,
-        show_default=False,
-    ),
-]
 
 
 @common.options(
+    workers=(
+        "-j --workers N: Machines at once; 0: one for each processor.",
+        {"min": 0, "show_default": False},
+    ),
     dask="--dask ADDRESS: Scheduler of a Dask cluster that works in place of this computer's cores (tcp://host:8786). Its "
     "workers have this version of truepose and see DIR and the results under the same paths.",
     brief="--brief: Without the report.html of each machine.",
@@ -42,7 +35,7 @@ WorkersOption = Annotated[
 def fleet(
     folder: FolderArg,
     output: common.DirectoryOption,
-    workers: WorkersOption = 0,
+    workers: int = 0,
     dask: str = "",
     brief: bool = False,
     prior: PriorOption = None,

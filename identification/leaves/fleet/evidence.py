@@ -247,7 +247,7 @@ FINEST = 1e-3
 
 
 def kept(diagnosis: Diagnosis) -> dict[str, Any]:
-    """What the fleet's statistics need of a machine that was diagnosed with ``examine=evidence`` (``place_evidence``).
+    """What the fleet's statistics need of a machine that was diagnosed with ``examine=evidence``.
 
     Returns a dict of texts, numbers, lists and dicts: ``machine``, ``mechanism`` (its type), ``verdict``; ``places``: by effect
     and place ``[probability, prior, log Bayes factor, unseen, credit]`` (``unseen``: prior share of sizes that the recording

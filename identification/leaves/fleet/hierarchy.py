@@ -2,7 +2,7 @@
 
     t_e  ~ N(m, FLEET_ODDS^2)          how far the log odds of the effect are from today's prior l
     l_p + t_p,  t_p ~ N(t_e, FLEET_PLACES^2)     those of each place p;   usual size j ~ slab, one for the effect
-    machines ~ ``likelihood.of_frequency`` given both
+    machines ~ ``of_frequency`` given both
 
 m is such that without any machine the expected frequency is today's prior. A place hears of the others through t_e alone, so
 each is summed out once, and its own posterior is the others' message times what its own machines say.

@@ -5,9 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from truepose.commands.common import FileOption, JsonOption, MachineArg, check_file, finish, options, progress
 from truepose.errors import InputError
@@ -24,13 +22,10 @@ if TYPE_CHECKING:
     Planned = tuple[pd.DataFrame, str, list[str], dict[str, Any], list[str]]
     """A table, its heading, lines of the answer, the same as data, and notes."""
 
-CountOption = Annotated[
-    int, typer.Option("-n", "--poses", metavar="N", min=2, max=POSES, help="How many poses.")
-]
-SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of the random candidates.")]
-
 
 @options(
+    n=("-n --poses N: How many poses.", {"min": 2, "max": POSES}),
+    seed=("--seed: Seed of the random candidates.", {"min": 0}),
     method="continuous|exchange|random: Move all poses at once, exchange them, or draw them (default: continuous; with "
     "candidates, exchange).",
     candidates="FILE: Choose among these joint values (free of collisions, say), by exchange.",
@@ -45,10 +40,10 @@ SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of the rand
 )
 def plan(
     machine: MachineArg,
-    n: CountOption,
+    n: int,
     output: FileOption,
     method: str = "",
-    seed: SeedOption = 0,
+    seed: int = 0,
     candidates: Path | None = None,
     discriminate: tuple[str, str] | None = None,
     rival: list[str] | None = None,

@@ -18,9 +18,6 @@ if TYPE_CHECKING:
     from truepose.identification.recording.table import Table
 
 FileArg = Annotated[Path, typer.Argument(metavar="FILE", help="What was measured: text, workbook, bag.")]
-EveryOption = Annotated[
-    float, typer.Option(metavar="S", min=0.0, help="Least time between rows, with --log; 0: every sample.")
-]
 
 
 @options(
@@ -35,6 +32,7 @@ EveryOption = Annotated[
     "x=2,y=3,z=4.",
     log="FILE: The robot's log, by a clock of its own: time and joints, which every sample of FILE gets at its time.",
     offset="S: Added to FILE's times it is the log's. Left out: found from the motion.",
+    every=("S: Least time between rows, with --log; 0: every sample.", {"min": 0.0}),
     model="MACHINE: Machine file that names the log's joints and tells the clocks to a fraction of a millisecond.",
     rotation="auto|vector|quaternion|rpy: Of FILE: rx ry rz, qx qy qz qw, or roll pitch yaw, also as rx ry rz. auto: by name, "
     "with --log.",
@@ -53,7 +51,7 @@ def import_(
     columns: str | None = None,
     log: Path | None = None,
     offset: float | None = None,
-    every: EveryOption = 0.0,
+    every: float = 0.0,
     model: Path | None = None,
     rotation: str = "auto",
     machine: Path | None = None,
