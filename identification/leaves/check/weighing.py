@@ -264,7 +264,7 @@ def _as_recorded(rig: Rig, stand: Stand) -> float:
 def joints_beyond(rig: Rig, scene: Scene) -> list[str]:
     """Return the joints that a hypothesis has out of their range, whole turns aside."""
     out = []
-    for k, a in enumerate(rig.machine.mechanism.actuators):
+    for k, a in enumerate(rig.actuators):
         q = scene.rows.q[:, k]
         if a.reading_range is None or not len(q):
             continue

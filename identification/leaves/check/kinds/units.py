@@ -32,14 +32,14 @@ def units(rig: Rig, scene: Scene) -> Iterator[Slip]:
 
 def _said(rig: Rig) -> dict[str, str]:
     """Return the unit that each column of joints and sensors is said to be in."""
-    joints = {a.reading: rig.machine.column_unit(a.reading) for a in rig.machine.mechanism.actuators}
+    joints = {a.reading: rig.machine.column_unit(a.reading) for a in rig.actuators}
     seen = {n: rig.machine.units.written(u) for s in rig.machine.sensors for n, u in s.columns.items()}
     return {**joints, **seen, **rig.recording.said}
 
 
 def _recorded(rig: Rig) -> Iterator[Slip]:
     """Yield other units for columns of a recording: all of them at once, all readings, all joints, and each joint."""
-    joints = {a.reading: a.reading_unit for a in rig.machine.mechanism.actuators}
+    joints = {a.reading: a.reading_unit for a in rig.actuators}
     seen = {n: unit for s in rig.machine.sensors for n, unit in s.columns.items()}
     for length, angle in product((None, *LENGTHS), (None, *ANGLES)):
         units = _in(rig, {**joints, **seen}, {"mm": length, "rad": angle})
@@ -141,7 +141,7 @@ def _redrawn(places: Sequence[int], factor: float, whole: bool, scene: Scene) ->
 
 def _file_in(rig: Rig, unit: str, _: float, pair: Pair) -> Pair:
     """The file said to be in another unit; columns of the recording say that they are in the one assumed so far."""
-    long = [a.reading for a in rig.machine.mechanism.actuators if a.reading_unit == "mm"]
+    long = [a.reading for a in rig.actuators if a.reading_unit == "mm"]
     long += [n for s in rig.machine.sensors for n, inside in s.columns.items() if inside == "mm"]
     bare = pair.each(
         lambda s: s.in_unit({n: rig.machine.units.length for n in long if s.units.get(n, "") is None})
@@ -160,7 +160,7 @@ def _mend_lengths(rig: Rig, factor: float, pair: Pair) -> Pair:
 
 def _strokes(rig: Rig, pair: Pair) -> list[Field]:
     """Screw pitches, and ranges of slides: lengths of a mechanism that are no constants of its model."""
-    slides = {a.reading for a in rig.machine.mechanism.actuators if a.reading_unit == "mm"}
+    slides = {a.reading for a in rig.actuators if a.reading_unit == "mm"}
     places: list[Field] = [("mechanism", "limb_range"), ("mechanism", "screw_pitch")]
     for group in ("joints", "legs"):
         for k, row in enumerate(pair.get(("mechanism", group)) or []):
@@ -190,7 +190,7 @@ def _scaled_fields(pair: Pair, fields: Sequence[Field], factor: float) -> Pair:
 def _all_angles(rig: Rig) -> Iterator[Slip]:
     """Yield the whole file, and the columns that name no unit, with their angles in another unit than ``units`` says."""
     written, said = rig.machine.units.angle, rig.recording.said
-    turning = {a.reading for a in rig.machine.mechanism.actuators if a.reading_unit == "rad"}
+    turning = {a.reading for a in rig.actuators if a.reading_unit == "rad"}
     columns = turning | {n for s in rig.machine.sensors for n, unit in s.columns.items() if unit == "rad"}
     alike = [name for name in columns if said.get(name, written) == written]
     if not turning & set(alike):
