@@ -32,9 +32,8 @@ from challenge.simulator.base import Imperfection, Kind, Plan
 from challenge.simulator.writing import recording_text
 from truepose.files import atomic_write_text
 from truepose.identification.learned_prior import read_prior
-from truepose.identification.leaves.fleet.evidence import kept
+from truepose.identification.leaves.fleet.evidence import evidence, kept
 from truepose.identification.leaves.fleet.learn import learned, write_prior
-from truepose.identification.leaves.fleet.place_evidence import evidence
 from truepose.identification.leaves.fleet.pooled import Pooled
 from truepose.identification.leaves.fleet.statistics import EffectInFleet, statistics
 

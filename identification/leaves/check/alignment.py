@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Mask
 from truepose.identification.fit.align import base_of, station_of
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
@@ -22,7 +22,6 @@ from truepose.models.sensors.direction import ORIGIN, Direction
 from truepose.models.sensors.pose import Pose, Position
 from truepose.models.sensors.targets import Targets
 
-Array = NDArray[np.float64]
 Frames = tuple[Array, Array]
 """Base and tool as transforms (4, 4), mm."""
 _SWEEPS, _TURNS = 12, 40
@@ -81,7 +80,7 @@ def tools(machine: Machine, rows: Recording, carried: Array, points: Array | Non
         yield lie.pose_of(turn, shift)
 
 
-def _read(machine: Machine, rows: Recording) -> Iterator[tuple[Sensor, Array, NDArray[np.bool_]]]:
+def _read(machine: Machine, rows: Recording) -> Iterator[tuple[Sensor, Array, Mask]]:
     """Yield sensors that were read in three rows or more, with these readings (k, m) and a mask (n,) of the rows."""
     for sensor in machine.sensors:
         columns = [rows.observations[name] for name in sensor.columns if name in rows.observations]

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from truepose.arrays import Array, Index, Mask
 from truepose.identification.fit.standing_out import FAR, Left, row_words
 from truepose.identification.leaves.check.kinds.joints import LEAST
 from truepose.identification.leaves.check.kinds.units import ANGLES, LENGTHS
@@ -48,7 +49,6 @@ from truepose.models.sensors.base import Channel, Sensor
 from truepose.models.units import convert
 from truepose.wording import joined, shortened
 
-Array = NDArray[np.float64]
 # -- What is seen without a fit: missing blocks, too few or repeated rows, joints that stand still or leave their range
 
 _FEWEST = 6
@@ -107,7 +107,7 @@ def _shared_columns(machine: Machine) -> Iterator[Found]:
         yield Found("duplicated-columns", tuple(twice), says, fix, "suspect")
 
 
-def repeats(recording: Recording) -> NDArray[np.intp]:
+def repeats(recording: Recording) -> Index:
     """Places of rows that repeat an earlier one in all that was logged; changes since a row itself do not count."""
     read, time = list(recording.observations.values()), recording.time
     if not read:
@@ -119,7 +119,7 @@ def repeats(recording: Recording) -> NDArray[np.intp]:
     return np.setdiff1d(np.flatnonzero(told), _firsts(seen))
 
 
-def _firsts(cells: NDArray[np.generic]) -> NDArray[np.intp]:
+def _firsts(cells: NDArray[np.generic]) -> Index:
     return np.sort(np.unique(cells, axis=0, return_index=True)[1])
 
 
@@ -319,7 +319,7 @@ def _scatters(rig: Rig, stand: Stand, price: float) -> dict[str, tuple[float | N
     return out
 
 
-def _replicates(recording: Recording) -> list[NDArray[np.intp]]:
+def _replicates(recording: Recording) -> list[Index]:
     """Places of rows that were measured alike, groups of two and more; a row copied from another one is none.
 
     Alike: at one reading of all joints, in one session, reached from the same sides, under the same load.
@@ -332,7 +332,7 @@ def _replicates(recording: Recording) -> list[NDArray[np.intp]]:
     return [use[label == k] for k in np.flatnonzero(count >= 2)[:_MOST_GROUPS]]
 
 
-def _within(residual: Array, labels: NDArray[np.int64], good: NDArray[np.bool_]) -> float | None:
+def _within(residual: Array, labels: NDArray[np.int64], good: Mask) -> float | None:
     """The middle of the groups' scatter; None where too few readings repeat."""
     sizes, spare = [], 0
     for k in np.unique(labels):
@@ -355,7 +355,9 @@ def reversed_gravity(rig: Rig, weighed: Weighed, misfit: float) -> Iterator[Foun
     """
     machine = rig.machine
     joints = _compliances(machine, rig.recording)
-    if weighed.stand.bad or not joints or not _is_pulled_by_gravity_alone(machine):
+    # other loads do not turn with gravity, and an effect of the file may have taken them into account
+    others = machine.springs or machine.forces or any(e.needs_load for e in machine.effects)
+    if weighed.stand.bad or not joints or others:
         return
     if not _is_certain(rig, weighed, misfit, 1.0):  # no compliance could make it so
         return
@@ -377,12 +379,6 @@ def reversed_gravity(rig: Rig, weighed: Weighed, misfit: float) -> Iterator[Foun
 
 def _words(vector: Sequence[float]) -> str:
     return f"[{', '.join(f'{v + 0.0:.6g}' for v in vector)}]"
-
-
-def _is_pulled_by_gravity_alone(machine: Machine) -> bool:
-    """Whether all loads turn with gravity, and no effect of the file has taken them into account."""
-    others = machine.springs or machine.forces or any(e.needs_load for e in machine.effects)
-    return not others
 
 
 def _compliances(machine: Machine, recording: Recording) -> list[PlacedEffect]:
@@ -539,7 +535,7 @@ def encoders(machine: Machine, recording: Recording) -> Iterator[Found]:
             if before > PHYSICS * float(np.std(way)):
                 yield _slip(column, before)
             else:
-                yield from _encoder_zero(machine, place, sensor, channel, zero, middle, before)
+                yield from _encoder_zero(column, place, zero, middle, before)
 
 
 def _slip(column: _Column, before: float) -> Found:
@@ -569,7 +565,7 @@ def _meanings(column: _Column) -> Iterator[tuple[Array, tuple[str, str, str, Men
         if abs(factor - 1.0) > 1e-9:
             fix = f"write the unit in the header: {name} [{other}]"
             kind = "unit-angle" if unit == "rad" else "unit-length"
-            mend = partial(Pair.in_unit, names=[name], unit=other)
+            mend = partial(Pair.in_unit, units={name: other})
             yield factor * read, (kind, f"{name} in {other}", fix, mend)
     says = f"{name} counts the other way than {column.joint}"
     yield -read, ("sign", says, f"change the sign of column {name}", partial(Pair.negated, names=[name]))
@@ -578,23 +574,15 @@ def _meanings(column: _Column) -> Iterator[tuple[Array, tuple[str, str, str, Men
             fix = f"exchange the headers of columns {name} and {beside}"
             # once: the finding of the other column says the same
             names = {name: beside, beside: name} if name < beside else {}
-            other_read = column.recording.observations[beside]
-            yield (
-                other_read,
-                ("permutation", f"{name} and {beside} exchanged", fix, partial(Pair.renamed, names=names)),
-            )
+            mend, says = partial(Pair.renamed, names=names), f"{name} and {beside} exchanged"
+            yield column.recording.observations[beside], ("permutation", says, fix, mend)
 
 
 def _encoder_zero(
-    machine: Machine,
-    place: int,
-    sensor: Sensor,
-    channel: Channel,
-    zero: Parameter,
-    middle: float,
-    scatter: float,
+    column: _Column, place: int, zero: Parameter, middle: float, scatter: float
 ) -> Iterator[Found]:
     """A zero that is elsewhere than its tolerance says."""
+    machine, sensor, channel = column.machine, column.sensor, column.channel
     off = middle - zero.nominal
     if channel.unit == "rad":
         off = (off + np.pi) % (2.0 * np.pi) - np.pi

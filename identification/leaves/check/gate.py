@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from truepose.identification.leaves.check.run import check_files
-from truepose.identification.leaves.check.words import caution, checked, refusal
+from truepose.identification.leaves.check.showing import caution, checked, refusal
 from truepose.identification.load import Caution
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine

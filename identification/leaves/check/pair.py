@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index, Mask
 from truepose.errors import InputError
 from truepose.files import atomic_directory
 from truepose.identification.recording.load import tables
@@ -24,7 +25,6 @@ from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.urdf_lengths import rescaled
 
-Array = NDArray[np.float64]
 # -- A machine file and its recordings as documents that can be mended and written again
 
 Field = tuple[str | int, ...]
@@ -50,9 +50,9 @@ class Sheet:
         """(n,) a column's values as they stand; NaN where there is none."""
         return pd.to_numeric(self.cells[name], errors="coerce").to_numpy(dtype=float)
 
-    def in_unit(self, names: Iterable[str], unit: str) -> Sheet:
-        """The same numbers, said to be in another unit."""
-        return replace(self, units={**self.units, **{n: unit for n in names if n in self.units}})
+    def in_unit(self, units: Mapping[str, str]) -> Sheet:
+        """The same numbers, said to be in other units."""
+        return replace(self, units={**self.units, **{n: u for n, u in units.items() if n in self.units}})
 
     def with_numbers(self, values: Mapping[str, Array]) -> Sheet:
         """Columns with other numbers (n,); NaN is an empty cell."""
@@ -68,14 +68,14 @@ class Sheet:
         cells = self.cells.rename(columns=dict(names))
         return replace(self, cells=cells, units={names.get(n, n): unit for n, unit in self.units.items()})
 
-    def with_cells_of(self, names: Iterable[str], rows: NDArray[np.intp]) -> Sheet:
+    def with_cells_of(self, names: Iterable[str], rows: Index) -> Sheet:
         """Some columns with the cells that they have in other rows (n,)."""
         cells = self.cells.copy()
         for name in set(names) & set(cells):
             cells[name] = self.cells[name].to_numpy()[rows]
         return replace(self, cells=cells)
 
-    def rows(self, places: Sequence[int] | NDArray[np.intp]) -> Sheet:
+    def rows(self, places: Sequence[int] | Index) -> Sheet:
         """Some rows, in this order."""
         return replace(self, cells=self.cells.iloc[list(places)].reset_index(drop=True))
 
@@ -109,9 +109,9 @@ class Pair:
         """Every sheet changed alike."""
         return replace(self, sheets=tuple(change(sheet) for sheet in self.sheets))
 
-    def in_unit(self, names: Iterable[str], unit: str) -> Pair:
-        """Columns of every sheet said to be in another unit."""
-        return self.each(lambda sheet: sheet.in_unit(names, unit))
+    def in_unit(self, units: Mapping[str, str]) -> Pair:
+        """Columns of every sheet said to be in other units."""
+        return self.each(lambda sheet: sheet.in_unit(units))
 
     def renamed(self, names: Mapping[str, str]) -> Pair:
         """Headers of every sheet exchanged."""
@@ -159,31 +159,23 @@ class Pair:
             raise InputError(
                 f"--fix {directory}: holds the files that are checked, expected another directory"
             )
+        named = self.get(_DESCRIPTION)
+        beside = self if named is None else self.with_field(_DESCRIPTION, Path(named).name)
+        texts = [edited_text(self.text, beside.document), *(sheet.text() for sheet in self.sheets)]
         with atomic_directory(directory) as partial:
-            for name, text in zip(names, self._texts(), strict=True):
+            for name, text in zip(names, texts, strict=True):
                 (partial / name).write_text(text, encoding="utf-8", newline="")
-            names += self._copied(partial)
+            names += [] if named is None else [self._copied(Path(self.machine).parent / named, partial)]
         return [str(directory / name) for name in names]
 
-    def _texts(self) -> list[str]:
-        return [edited_text(self.text, self._beside().document), *(sheet.text() for sheet in self.sheets)]
-
-    def _beside(self) -> Pair:
-        """The pair whose robot description stands beside the machine file."""
-        named = self.get(_DESCRIPTION)
-        return self if named is None else self.with_field(_DESCRIPTION, Path(named).name)
-
-    def _copied(self, directory: Path) -> list[str]:
-        named = self.get(_DESCRIPTION)
-        if named is None:
-            return []
-        source = Path(self.machine).parent / named
+    def _copied(self, source: Path, directory: Path) -> str:
+        """Copy the robot description, its lengths as they have to be; return its name."""
         if self.described == 1.0:
             (directory / source.name).write_bytes(source.read_bytes())
         else:
             text = rescaled(read_text(source), self.described)
             (directory / source.name).write_text(text, encoding="utf-8", newline="")
-        return [source.name]
+        return source.name
 
 
 def _readings(machine: Path) -> tuple[str, ...]:
@@ -194,7 +186,6 @@ def _readings(machine: Path) -> tuple[str, ...]:
         return ()
 
 
-Mask = NDArray[np.bool_]
 # -- What a hypothesis says of the rows and of the machine, and where base and tool then stand
 
 MOST_ROWS = 45
@@ -233,7 +224,7 @@ class Scene:
             q[:, k] = column
         return self.with_joints(q)
 
-    def with_readings_of(self, rows: NDArray[np.intp]) -> Scene:
+    def with_readings_of(self, rows: Index) -> Scene:
         """The same with the sensors' readings of other rows (n,)."""
         return self.with_columns({n: v[rows] for n, v in self.rows.observations.items()})
 
@@ -260,7 +251,7 @@ class Stand:
     misfit: float
     length: float | None
     residual: Array
-    rows: NDArray[np.intp]
+    rows: Index
     scene: Scene
 
     @property
@@ -269,7 +260,7 @@ class Stand:
         return not np.isfinite(self.misfit)
 
 
-def usable(machine: Machine, scene: Scene) -> NDArray[np.intp]:
+def usable(machine: Machine, scene: Scene) -> Index:
     """Return the places of all rows to judge by; where rows count from others, of motions and the rows that they start at."""
     use = ~scene.rows.validation
     if scene.lost is not None:
@@ -280,7 +271,7 @@ def usable(machine: Machine, scene: Scene) -> NDArray[np.intp]:
     return rows
 
 
-def chosen(machine: Machine, scene: Scene) -> NDArray[np.intp]:
+def chosen(machine: Machine, scene: Scene) -> Index:
     """Return the places of the rows to judge by, spread over the recording; with those that ``from`` names."""
     rows = usable(machine, scene)
     if differs(machine) and scene.rows.from_row is not None:
@@ -288,12 +279,12 @@ def chosen(machine: Machine, scene: Scene) -> NDArray[np.intp]:
     return _spread(rows)
 
 
-def _spread(rows: NDArray[np.intp]) -> NDArray[np.intp]:
+def _spread(rows: Index) -> Index:
     step = np.linspace(0, len(rows) - 1, min(MOST_ROWS, len(rows))).round().astype(int)
     return np.asarray(rows[np.unique(step)])
 
 
-def _with_origins(q: Array, rows: NDArray[np.intp], origin: NDArray[np.int64]) -> NDArray[np.intp]:
+def _with_origins(q: Array, rows: Index, origin: NDArray[np.int64]) -> Index:
     """The first row of each motion that was read, so that repeats do not crowd out poses, and the rows that they start at."""
     told = np.column_stack([q[rows], q[origin[rows]]])
     moved = rows[np.any(q[rows] != q[origin[rows]], axis=1)]

@@ -10,11 +10,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index, Mask
 from truepose.identification.fit.align import ZEROS, transform, unknown_zeros
 from truepose.identification.leaves.check.alignment import Frames, frames_from_poses, starts, tools
-from truepose.identification.leaves.check.pair import Array, Mask, Scene, Stand, chosen, differs
+from truepose.identification.leaves.check.pair import Scene, Stand, chosen, differs
 from truepose.identification.prediction.predictor import Predictor, lost_of
 from truepose.identification.prediction.sensor_rows import Sight, joined, sights
 from truepose.identification.recording.recording import Recording
@@ -52,10 +52,10 @@ class FrameFit:
 
     def cost(self, base: Array, tool: Array, p: Array) -> float:
         """Misfit with base and tool (4, 4) there, all else at constants (np,)."""
-        return _trimmed(self._seen(base, tool, p[self.rig.places])[self.good])
+        return trimmed(self._seen(base, tool, p[self.rig.places])[self.good])
 
     def descended(
-        self, p: Array, free: tuple[str, ...], rows: NDArray[np.intp], steps: int, held: tuple[str, ...] = ()
+        self, p: Array, free: tuple[str, ...], rows: Index, steps: int, held: tuple[str, ...] = ()
     ) -> Stand:
         """Return where damped steps from p (np,) end: frames ``free`` wherever, ``held`` nowhere, others as tolerances let."""
         rig, t, drawn = self.rig, p[self.rig.places], self.scene.p[self.rig.places]
@@ -74,7 +74,7 @@ class FrameFit:
         residual, jacobian = self._evaluate(t)
         best, damping = self._cost(residual, (t - drawn)[moving] / tolerance[moving]), 1e-3
         for _ in range(steps):
-            noise = max(_trimmed(residual[self.good]), 1.0)
+            noise = max(trimmed(residual[self.good]), 1.0)
             heed = _weights(residual) * self.good
             j = (jacobian[:, :, moving] * heed[:, None, None]).reshape(-1, len(moving)) * size
             away = (noise * weight) ** 2 * (t - drawn)[moving] / size
@@ -102,12 +102,12 @@ class FrameFit:
         residual (n, m); off (k,): departures, in tolerances. What is left counts as noise: constants of which the file says how
         large they are do not bend for a misfit that they cannot explain.
         """
-        left, count = _trimmed(residual[self.good]), max(residual[self.good].size, 1)
+        left, count = trimmed(residual[self.good]), max(residual[self.good].size, 1)
         read = np.log(left) if left > 1.0 else (left**2 - 1.0) / 2.0
         return float(read + np.sum(off**2) / (2.0 * count))
 
-    def _stand(self, p: Array, residual: Array, rows: NDArray[np.intp]) -> Stand:
-        misfit, length = _trimmed(residual[self.good]), self._length(residual)
+    def _stand(self, p: Array, residual: Array, rows: Index) -> Stand:
+        misfit, length = trimmed(residual[self.good]), self._length(residual)
         return Stand(p, misfit, length, residual * self.good[:, None], rows, self.scene)
 
     def _length(self, residual: Array) -> float | None:
@@ -166,7 +166,7 @@ def _row_sizes(residual: Array) -> Array:
     return np.sqrt(np.mean(residual**2, axis=1)) if residual.shape[1] else np.zeros(len(residual))
 
 
-def _trimmed(residual: Array) -> float:
+def trimmed(residual: Array) -> float:
     """Rms over the rows that fit best."""
     each = np.sort(_row_sizes(residual))
     kept = each[: max(int(np.ceil(KEPT * len(each))), 1)]
@@ -197,7 +197,7 @@ class Rig:
     """
 
     def __init__(self, machine: Machine, recording: Recording) -> None:
-        self.machine, self.recording = machine, recording
+        self.machine, self.recording, self.actuators = machine, recording, machine.mechanism.actuators
         self.predictor = Predictor(
             machine, recording.subset(slice(0, 1)) if not differs(machine) else recording, machine.effects
         )
@@ -248,13 +248,15 @@ class Rig:
             scene = best.scene
         return scene
 
-    def tolerances(self, scene: Scene) -> Array:
-        """(np,) tolerances as a hypothesis has them, mm or rad."""
+    def tolerances(self, scene: Scene, free: Sequence[str] = ()) -> Array:
+        """(np,) tolerances as a hypothesis has them, mm or rad; none for the frames ``free``."""
         grown = np.where(self.lengths, scene.stated, np.where(self.angles, scene.turned, 1.0))
         tolerance: Array = grown * self.tolerance
         if scene.exchanged:
             base, tool = (self.at[frame] for frame in FRAMES)
             tolerance[base], tolerance[tool] = tolerance[tool], tolerance[base].copy()
+        for frame in free:
+            tolerance[self.at[frame]] = np.inf
         return tolerance
 
     def scale(self, scene: Scene) -> Array:
@@ -328,7 +330,7 @@ class Rig:
         off = [*(tool[:3, 3] - stated[:3, 3]), *lie.log_so3(stated[:3, :3].T @ tool[:3, :3])]
         return bool((np.abs(off) <= 3.0 * tolerance[self.at["tool"]]).all())
 
-    def frames_for(self, rows: NDArray[np.intp], poses: Array) -> Iterator[Frames]:
+    def frames_for(self, rows: Index, poses: Array) -> Iterator[Frames]:
         """Yield base and tool with which the machine as it stands has tool poses (n, 4, 4) at some rows (n,)."""
         here = self.predictor.over(self.recording.subset(rows))
         flange, good = self._flanges(here, self.scene)

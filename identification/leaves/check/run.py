@@ -12,6 +12,7 @@ import numpy as np
 
 from truepose.errors import InputError
 from truepose.identification.fit.set_ups import without_set_ups
+from truepose.identification.leaves.check import weighing
 from truepose.identification.leaves.check.bare import (
     bare,
     coarse_joints,
@@ -29,17 +30,6 @@ from truepose.identification.leaves.check.pair import Pair, Slip, Stand
 from truepose.identification.leaves.check.result import Check, Found, Verdict
 from truepose.identification.leaves.check.rig import Rig, motion
 from truepose.identification.leaves.check.search import Search, search, still_columns
-from truepose.identification.leaves.check.weighing import (
-    CERTAIN,
-    NOWHERE_ELSE,
-    PHYSICS,
-    Hypothesis,
-    Weighed,
-    allowed,
-    joints_beyond,
-    settle,
-    weigh,
-)
 from truepose.identification.load import load_recording
 from truepose.identification.recording.joint_readings import leaves_range_open
 from truepose.identification.recording.load import Sources, as_recording, tables, try_columns
@@ -75,7 +65,7 @@ def findings(rig: Rig, search: Search) -> list[Found]:
         return list(search.mixed)
     leads = [members[0] for members, share in search.leads if share >= _WORTH_A_WORD]
     gained = leads[0].score - as_it_stands.score if leads else 0.0
-    if gained > np.log(CERTAIN / (1.0 - CERTAIN)):
+    if gained > np.log(weighing.CERTAIN / (1.0 - weighing.CERTAIN)):
         return [_question(rig, as_it_stands, leads)]
     return [] if _is_physics(rig, as_it_stands.stand) else [unexplained(rig, as_it_stands.stand)]
 
@@ -99,12 +89,12 @@ def _is_physics(rig: Rig, stand: Stand) -> bool:
     """
     if stand.bad:
         return False
-    most = allowed(rig, stand)
-    eased = settle(rig, stand, (), most)
+    most = weighing.allowed(rig, stand)
+    eased = weighing.settle(rig, stand, (), most)
     return eased.misfit <= most and eased.farthest <= PUSHED
 
 
-def _advice(rig: Rig, search: Search, members: Sequence[Weighed]) -> Iterator[Found]:
+def _advice(rig: Rig, search: Search, members: Sequence[weighing.Weighed]) -> Iterator[Found]:
     """Yield what the likeliest of a class says, each slip by itself; the others of the class fit as well."""
     best = members[0]
     before, after, unit = shown(search.as_it_stands.stand, best.stand)
@@ -116,7 +106,7 @@ def _advice(rig: Rig, search: Search, members: Sequence[Weighed]) -> Iterator[Fo
         )
 
 
-def _question(rig: Rig, as_it_stands: Weighed, leads: Sequence[Weighed]) -> Found:
+def _question(rig: Rig, as_it_stands: weighing.Weighed, leads: Sequence[weighing.Weighed]) -> Found:
     """What leads and is not certain, or leaves more than drawing and noise: to be looked at, never to be mended unseen."""
     best = leads[0]
     before, after, unit = shown(as_it_stands.stand, best.stand)
@@ -130,13 +120,13 @@ def _question(rig: Rig, as_it_stands: Weighed, leads: Sequence[Weighed]) -> Foun
     return Found(first.kind, first.where, says, fix, verdict, before, after, unit, instead=others)
 
 
-def _slips(rig: Rig, weighed: Weighed) -> tuple[Slip, ...]:
+def _slips(rig: Rig, weighed: weighing.Weighed) -> tuple[Slip, ...]:
     """Return the slips of a hypothesis, and the frames that stand elsewhere for it."""
     elsewhere = (frame_unknown(rig, frame, weighed.stand.p) for frame in weighed.free)
     return (*weighed.hypothesis.slips, *elsewhere)
 
 
-def _words(rig: Rig, weighed: Weighed) -> str:
+def _words(rig: Rig, weighed: weighing.Weighed) -> str:
     """What a hypothesis says, in one line."""
     said = [slip.says for slip in _slips(rig, weighed)]
     return joined(said) if said else "all is as the files say"
@@ -144,7 +134,7 @@ def _words(rig: Rig, weighed: Weighed) -> str:
 
 def unexplained(rig: Rig, stand: Stand) -> Found:
     """Return a misfit that no slip explains; a joint said never to move may be it. Certain beyond all physics only."""
-    certain = stand.bad or stand.misfit > PHYSICS * motion(rig, stand)
+    certain = stand.bad or stand.misfit > weighing.PHYSICS * motion(rig, stand)
     verdict: Verdict = "wrong" if certain else "suspect"
     before, _, unit = shown(stand, stand)
     found = Found("unexplained", (), _misses(rig, stand), _CAUSES, verdict, before, unit=unit)
@@ -167,14 +157,14 @@ def _misses(rig: Rig, stand: Stand) -> str:
         return "the drawn machine cannot stand as its joints were read"
     size = f"{stand.length:.3g} mm" if stand.length is not None else f"{stand.misfit:.3g} sigma"
     told = f"with base and tool fitted, the drawn machine misses the readings by {size}"
-    most = allowed(rig, stand)
+    most = weighing.allowed(rig, stand)
     if stand.misfit > most:
         share = most / stand.misfit
         usual = f"{stand.length * share:.2g} mm" if stand.length is not None else f"{most:.2g} sigma"
         return f"{told}, where drawing and noise make at most {usual}"
-    if beyond := joints_beyond(rig, stand.scene):
+    if beyond := weighing.joints_beyond(rig, stand.scene):
         return f"{told}, and {joined(beyond)} {'is' if len(beyond) == 1 else 'are'} out of range"
-    away = settle(rig, stand, (), most).away
+    away = weighing.settle(rig, stand, (), most).away
     name = max(away, key=lambda key: away[key])
     return f"{told} only where {name} is {away[name]:.3g} tolerances from where the file has it"
 
@@ -318,12 +308,6 @@ def unbounded(machine: Machine) -> Machine:
     return replace(machine, mechanism=replace(machine.mechanism, actuators=actuators))
 
 
-def of_the_tool(machine: Machine) -> Machine:
-    """The machine with those of its sensors only that see the tool from the world."""
-    seeing = (s for s in machine.sensors if s.view == TOOL_IN_WORLD and not s.joints)
-    return replace(machine, sensors=tuple(seeing))
-
-
 def check_loaded(machine: Machine, recording: Recording) -> Check:
     """What may be wrong between a machine and a recording of it, both as they were loaded."""
     if recording.validation.all():
@@ -333,7 +317,8 @@ def check_loaded(machine: Machine, recording: Recording) -> Check:
     found: list[Found] = [*bare(machine, recording), *encoders(machine, recording)]
     if any(f.verdict == "wrong" for f in found):
         return Check(tuple(found), len(recording), None)
-    machine = of_the_tool(machine)
+    seeing = (s for s in machine.sensors if s.view == TOOL_IN_WORLD and not s.joints)
+    machine = replace(machine, sensors=tuple(seeing))
     if not machine.sensors:  # slips are told by how base and tool fit
         return Check(tuple(found), len(recording), None)
     rig, result, said = _searched(machine, recording)
@@ -374,5 +359,5 @@ def _searched(machine: Machine, recording: Recording) -> tuple[Rig, Search, list
 
 
 def _said(rig: Rig) -> tuple[Rig, Search, list[Found]]:
-    result = search(rig, weigh(rig, Hypothesis((), rig.scene), NOWHERE_ELSE))
+    result = search(rig, weighing.weigh(rig, weighing.Hypothesis((), rig.scene), weighing.NOWHERE_ELSE))
     return rig, result, findings(rig, result)

@@ -10,23 +10,10 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.leaves.check.alignment import Frames
-from truepose.identification.leaves.check.kinds.frames import conventions, exchanged_rows, frames_swapped
-from truepose.identification.leaves.check.kinds.joints import (
-    counts,
-    coupled,
-    end_zeros,
-    exchanged,
-    mirrored_zeros,
-    quarter_turns,
-    signs,
-    zeros,
-)
-from truepose.identification.leaves.check.kinds.order import clocks, matched, shifted, stands_still
-from truepose.identification.leaves.check.kinds.poses import mirrored, poses, targets, turned
-from truepose.identification.leaves.check.kinds.units import units
+from truepose.identification.leaves.check.kinds import frames, joints, order, poses, units
 from truepose.identification.leaves.check.pair import SELDOM, Pair, Scene, Sheet, Slip, Stand
 from truepose.identification.leaves.check.result import Found, Verdict
 from truepose.identification.leaves.check.rig import ABSURD, Rig, motion
@@ -51,7 +38,6 @@ from truepose.models.machine.machine import FRAMES
 from truepose.models.machine.mechanism import AXES
 from truepose.models.units import convert
 
-Array = NDArray[np.float64]
 # -- Which hypotheses say the same of a machine, how probable each such class is, and which frames would undo one
 
 _SAME = 1e-9
@@ -218,9 +204,7 @@ def _two_setups(rig: Rig, scene: Scene, cut: _Cut, verdict: Verdict, before: flo
     lengths = [part.length for part in (cut.before, cut.after) if part.length is not None]
 
     def mended(pair: Pair) -> Pair:
-        if len(pair.sheets) != 1:
-            return pair
-        return replace(pair, sheets=tuple(_with_session(s, cut.row) for s in pair.sheets))
+        return pair if len(pair.sheets) != 1 else pair.each(lambda sheet: _with_session(sheet, cut.row))
 
     return Found(
         "sessions-mixed",
@@ -296,10 +280,12 @@ _DEEPEST, _WEIGHED, _MOST = 2, 6, 300
 
 Makers = tuple[Callable[[Rig, Scene], Iterable[Slip]], ...]
 QUICK: Makers = (
-    units, signs, exchanged, quarter_turns, coupled, mirrored, turned, targets, poses, shifted, frames_swapped,
+    units.units, joints.signs, joints.exchanged, joints.quarter_turns, joints.coupled, poses.mirrored, poses.turned,
+    poses.targets, poses.poses, order.shifted, frames.frames_swapped,
 )  # fmt: skip
 SLOW: Makers = (
-    conventions, matched, clocks, stands_still, mirrored_zeros, counts, zeros, end_zeros, exchanged_rows,
+    frames.conventions, order.matched, order.clocks, order.stands_still, joints.mirrored_zeros, joints.counts,
+    joints.zeros, joints.end_zeros, frames.exchanged_rows,
 )  # fmt: skip
 
 

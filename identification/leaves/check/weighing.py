@@ -17,19 +17,18 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Mask
 from truepose.identification.fit.standing_out import FAR
 from truepose.identification.leaves.check.alignment import Frames
 from truepose.identification.leaves.check.pair import RARE, SELDOM, Scene, Slip, Stand
-from truepose.identification.leaves.check.rig import ABSURD, KEPT, Rig, motion
+from truepose.identification.leaves.check.rig import ABSURD, KEPT, Rig, motion, trimmed
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.joint_readings import SLACK
 from truepose.models.file.sections import FramesSection
 from truepose.models.machine.machine import FRAMES
 from truepose.models.sensors.pose import Position
 
-Array = NDArray[np.float64]
 _STEPS, _PARTS, _ENOUGH = 6, (1.0, 0.3, 0.1), 0.01
 # -- What the drawing's tolerances explain of a misfit, and at which price: a few linear steps of all constants
 
@@ -90,9 +89,7 @@ class Problem:
     def __init__(self, rig: Rig, stand: Stand, noise: float, free: tuple[str, ...]) -> None:
         self.rig, self.stand, self.noise = rig, stand, noise
         self.here = _over(rig, stand)
-        tolerance = rig.tolerances(stand.scene)
-        for frame in free:
-            tolerance[rig.at[frame]] = np.inf
+        tolerance = rig.tolerances(stand.scene, free)
         self.moving = np.flatnonzero(tolerance > 0)
         self.known = np.isfinite(tolerance[self.moving])
         natural = np.where(rig.lengths[self.moving], 100.0, 1.0)
@@ -160,7 +157,7 @@ def _over(rig: Rig, stand: Stand) -> Predictor:
     return rig.predictor.over(stand.scene.rows.subset(stand.rows))
 
 
-def _loose(rig: Rig) -> NDArray[np.bool_]:
+def _loose(rig: Rig) -> Mask:
     """(np,) what the cheap fit moves freely: the two frames."""
     out = np.zeros(len(rig.names), dtype=bool)
     for places in rig.at.values():
@@ -168,7 +165,7 @@ def _loose(rig: Rig) -> NDArray[np.bool_]:
     return out
 
 
-def _kept(residual: Array) -> NDArray[np.bool_]:
+def _kept(residual: Array) -> Mask:
     """(n,) the rows that fit best."""
     each = np.sum(residual**2, axis=1)
     return np.asarray(each <= np.quantile(each, KEPT))
@@ -261,14 +258,13 @@ def _as_recorded(rig: Rig, stand: Stand) -> float:
     """Return the rms of what is left over the rows that fit best, in sigmas of the numbers as they were recorded."""
     scene = stand.scene
     grown = np.where(rig.long, scene.coarse / scene.size, np.where(rig.wide, scene.turned / scene.width, 1.0))
-    each = np.sort(np.mean(np.square(stand.residual * grown), axis=1))
-    return float(np.sqrt(np.mean(each[: max(int(np.ceil(KEPT * len(each))), 1)])))
+    return trimmed(stand.residual * grown)
 
 
 def joints_beyond(rig: Rig, scene: Scene) -> list[str]:
     """Return the joints that a hypothesis has out of their range, whole turns aside."""
     out = []
-    for k, a in enumerate(rig.machine.mechanism.actuators):
+    for k, a in enumerate(rig.actuators):
         q = scene.rows.q[:, k]
         if a.reading_range is None or not len(q):
             continue
@@ -351,9 +347,7 @@ def is_right(rig: Rig, weighed: Weighed) -> bool:
 
 def departures(rig: Rig, stand: Stand, free: tuple[str, ...]) -> Array:
     """Return how far constants that are known (of frames and instrument) are from where the file has them, in tolerances."""
-    tolerance = rig.tolerances(stand.scene)
-    for frame in free:
-        tolerance[rig.at[frame]] = np.inf
+    tolerance = rig.tolerances(stand.scene, free)
     known = tolerance > 0
     return np.asarray(np.abs(stand.p - stand.scene.p)[known] / tolerance[known])
 

@@ -16,7 +16,6 @@ from truepose.arrays import Array
 from truepose.errors import ConvergenceError
 from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.decomposition import Decomposition
-from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.problem import Prior, prior_of
 from truepose.identification.fit.set_ups import without_set_ups
@@ -134,16 +133,8 @@ def _times(sessions: Sequence[Session]) -> tuple[float, ...] | None:
 
 def _fit(session: Session, prior: Prior) -> Estimate:
     """The session alone."""
-    machine, predictor = session.predictor.machine, session.predictor
     try:
-        return estimate(
-            machine,
-            session.recording,
-            machine.effects,
-            prior=prior,
-            start=aligned_start(predictor),
-            predictor=predictor,
-        )
+        return session.fit(prior, aligned_start(session.predictor))
     except ConvergenceError as exc:
         raise ConvergenceError(f"{session.label}: {exc}") from None
 

@@ -5,47 +5,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from truepose.commands.common import (
-    DRIFT,
-    GateOption,
-    JsonOption,
-    MachineArg,
-    RecordingsArg,
-    ShuffledOption,
-    check_directory,
-    check_machine,
-    finish,
-    gated,
-    progress,
-    written,
-)
+from truepose.commands import common
 from truepose.errors import InputError
 
-OutputOption = Annotated[
-    Path | None,
-    typer.Option("-o", "--output", metavar="DIR", help="Directory for drift.json and report.html."),
-]
-AccuracyOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="LENGTH|ANGLE",
-        help='Residuals that are good enough, such as "50 nm" or "0.01 deg"; repeatable.',
-    ),
-]
 
-
+@common.options(
+    output="-o --output DIR: Directory for drift.json and report.html.",
+    accuracy='LENGTH|ANGLE: Residuals that are good enough, such as "50 nm" or "0.01 deg"; repeatable.',
+)
 def drift(
-    machine: MachineArg,
-    recordings: RecordingsArg,
-    output: OutputOption = None,
-    accuracy: AccuracyOption = None,
-    shuffled: ShuffledOption = False,
-    anyway: GateOption = False,
-    as_json: JsonOption = False,
+    machine: common.MachineArg,
+    recordings: common.RecordingsArg,
+    output: Path | None = None,
+    accuracy: list[str] | None = None,
+    shuffled: common.ShuffledOption = False,
+    anyway: common.GateOption = False,
+    as_json: common.JsonOption = False,
 ) -> None:
     """Which parameters move between recordings, how fast, and when to recalibrate.
 
@@ -55,25 +31,24 @@ def drift(
     Example: truepose drift machine.yaml day0.csv day1.csv day8.csv
     """
     from truepose.identification.leaves.drift.analysis import drift as run
-    from truepose.identification.leaves.drift.page import drift_document
-    from truepose.identification.leaves.drift.showing import write_drift
+    from truepose.identification.leaves.drift.showing import drift_document, write_drift
     from truepose.identification.leaves.drift.words import drift_json
     from truepose.shown.text import LINES, first_screen
 
     if output is not None:
-        check_directory(output, DRIFT)
+        common.check_directory(output, common.DRIFT)
     wanted = _wanted(accuracy or ())
-    with progress("comparing recordings") as say:
+    with common.progress("comparing recordings") as say:
         say("checking")
-        loaded, recording, caution = gated(machine, recordings, anyway=anyway, shuffled=shuffled)
+        loaded, recording, caution = common.gated(machine, recordings, anyway=anyway, shuffled=shuffled)
         if output is not None:
-            check_machine(output, DRIFT, loaded.name)
+            common.check_machine(output, common.DRIFT, loaded.name)
         accepted = {k: wanted[unit] for k, unit in loaded.residual_units.items() if unit in wanted}
         found = run(loaded, recording, accuracy=accepted, progress=say)
-        files = [] if output is None else written(output, write_drift(found, output, caution))
+        files = [] if output is None else common.written(output, write_drift(found, output, caution))
     summary = {"command": "drift", **drift_json(found), **caution.document, "files": files}
     told = replace(drift_document(found), cautions=caution.sentences)
-    finish(summary, [*first_screen(told, 2 * LINES), *files], told.notes, as_json=as_json)
+    common.finish(summary, [*first_screen(told, 2 * LINES), *files], told.notes, as_json=as_json)
 
 
 def _wanted(texts: Sequence[str]) -> dict[str, float]:

@@ -25,6 +25,8 @@ from truepose.arrays import Array, Index, Mask
 from truepose.errors import InputError
 from truepose.identification import prior
 from truepose.identification.fit.decomposition import ROUNDING
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.leastsquares import triangular
 from truepose.identification.fit.problem import Prior, Problem
 from truepose.identification.fit.tolerance_classes import PartClass, part_classes, widenings
@@ -63,6 +65,13 @@ class Session:
     time: float | None
     recording: Recording
     predictor: Predictor
+
+    def fit(self, prior: Prior, start: Array) -> Estimate:
+        """Fit the session alone, from constants ``start`` (np,)."""
+        machine = self.predictor.machine
+        return estimate(
+            machine, self.recording, machine.effects, prior=prior, start=start, predictor=self.predictor
+        )
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from scipy import stats
 from truepose.arrays import Array, Mask
 from truepose.errors import ConvergenceError
 from truepose.identification.fit.decomposition import Decomposition
-from truepose.identification.fit.estimate import estimate, result
+from truepose.identification.fit.estimate import result
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.leastsquares import Solution, Status
 from truepose.identification.fit.problem import Prior, Problem
@@ -121,16 +121,8 @@ def fit_when_met(session: Session, prior: Prior, p: Array, anew: Mask) -> Estima
     if anew.any():
         sigma = bounded(prior).sigma.copy()
         sigma[prior.free[~anew]] = 0.0
-        held = replace(prior, sigma=sigma)
         try:
-            start = estimate(
-                session.predictor.machine,
-                session.recording,
-                session.predictor.machine.effects,
-                prior=held,
-                start=p,
-                predictor=session.predictor,
-            ).p
+            start = session.fit(replace(prior, sigma=sigma), p).p
         except ConvergenceError:
             return None
     problem = Problem(session.predictor, bounded(prior), start, ~session.recording.validation)

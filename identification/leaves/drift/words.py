@@ -59,12 +59,8 @@ def moved_sentences(found: Drift) -> list[str]:
         moved = [m.name for m in found.moved if m.extrinsic is extrinsic]
         out.append(f"of {whose}: {', '.join(grouped(moved)) if moved else 'nothing'}")
     anew = [m.name for m in found.movements if m.status == "anew"]
-    stated = (
-        [f"set up anew for each session, as the machine file says: {', '.join(grouped(anew))}"]
-        if anew
-        else []
-    )
-    return [*stated, *(out if found.moved else [])]
+    stated = f"set up anew for each session, as the machine file says: {', '.join(grouped(anew))}"
+    return [*([stated] if anew else []), *(out if found.moved else [])]
 
 
 def movement_sentence(found: Drift, movement: Movement) -> str:
@@ -209,17 +205,13 @@ def span(found: Drift, k: int) -> str:
 
 def drift_json(found: Drift) -> Json:
     """The content of ``drift.json``: mm, rad, s."""
-    durable = found.durability
+    times = found.times or [None] * len(found.labels)
     out = {
         "schema": SCHEMA,
         "machine": found.machine,
         "sessions": [
-            {
-                "label": label,
-                "time": found.times[k] if found.times else None,
-                "readings": found.n_observations[k],
-            }
-            for k, label in enumerate(found.labels)
+            {"label": label, "time": time, "readings": readings}
+            for label, time, readings in zip(found.labels, times, found.n_observations, strict=True)
         ],
         "noise": found.noise,
         "log_bayes_factor": found.log_bayes_factor,
@@ -227,13 +219,8 @@ def drift_json(found: Drift) -> Json:
         "parameters": {m.name: _movement(found, m) for m in found.movements},
         "unseen": [{"parts": dict(d.parts), "meaning": meaning(d)} for d in found.unseen.directions],
         "durability": [
-            {
-                "session": found.labels[k + 1],
-                "carried": _check(durable.carried[k]),
-                "frames": _check(durable.frames[k]),
-                "full": _check(durable.full[k]),
-            }
-            for k in range(len(durable.full))
+            {"session": label, **{way: _check(getattr(found.durability, way)[k]) for way in (*WAYS, "full")}}
+            for k, label in enumerate(found.labels[1:])
         ],
         "sentences": durability_sentences(found),
         "notes": drift_notes(found),
@@ -255,9 +242,5 @@ def _movement(found: Drift, m: Movement) -> Json:
 def _check(check: Check | None) -> Json | None:
     if check is None:
         return None
-    return {
-        "rms": dict(check.rms),
-        "expected": dict(check.expected),
-        "p": check.p,
-        "suffices": check.holds,
-    }
+    sizes = {"rms": dict(check.rms), "expected": dict(check.expected)}
+    return {**sizes, "p": check.p, "suffices": check.holds}

@@ -9,19 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from truepose.commands.common import (
-    BAD_INPUT,
-    FLEET,
-    DirectoryOption,
-    GateOption,
-    JsonOption,
-    PluginOption,
-    ShuffledOption,
-    check_directory,
-    fail,
-    finish,
-    written,
-)
+from truepose.commands import common
+from truepose.commands.common import FLEET, check_directory
 from truepose.commands.identify import PriorOption
 from truepose.commands.progress import counted
 from truepose.errors import InputError
@@ -32,40 +21,28 @@ if TYPE_CHECKING:
 FolderArg = Annotated[
     Path, typer.Argument(metavar="DIR", help="Folder of the fleet: a folder for each machine.")
 ]
-WorkersOption = Annotated[
-    int,
-    typer.Option(
-        "-j",
-        "--workers",
-        metavar="N",
-        help="Machines at once; 0: one for each processor.",
-        min=0,
-        show_default=False,
-    ),
-]
-DaskOption = Annotated[
-    str,
-    typer.Option(
-        "--dask",
-        metavar="ADDRESS",
-        help="Scheduler of a Dask cluster that works in place of this computer's cores (tcp://host:8786). Its workers "
-        "have this version of truepose and see DIR and the results under the same paths.",
-    ),
-]
-BriefOption = Annotated[bool, typer.Option("--brief", help="Without the report.html of each machine.")]
 
 
+@common.options(
+    workers=(
+        "-j --workers N: Machines at once; 0: one for each processor.",
+        {"min": 0, "show_default": False},
+    ),
+    dask="--dask ADDRESS: Scheduler of a Dask cluster that works in place of this computer's cores (tcp://host:8786). Its "
+    "workers have this version of truepose and see DIR and the results under the same paths.",
+    brief="--brief: Without the report.html of each machine.",
+)
 def fleet(
     folder: FolderArg,
-    output: DirectoryOption,
-    workers: WorkersOption = 0,
-    dask: DaskOption = "",
-    brief: BriefOption = False,
+    output: common.DirectoryOption,
+    workers: int = 0,
+    dask: str = "",
+    brief: bool = False,
     prior: PriorOption = None,
-    shuffled: ShuffledOption = False,
-    anyway: GateOption = False,
-    as_json: JsonOption = False,
-    plugin: PluginOption = None,
+    shuffled: common.ShuffledOption = False,
+    anyway: common.GateOption = False,
+    as_json: common.JsonOption = False,
+    plugin: common.PluginOption = None,
 ) -> None:
     """Check, calibrate and diagnose a fleet of machines side by side.
 
@@ -84,20 +61,20 @@ def fleet(
     """
     from truepose.identification.leaves.fleet.page import fleet_document
     from truepose.identification.leaves.fleet.run import FILES, PAGE, run_fleet
-    from truepose.identification.leaves.fleet.words import fleet_json, headline
+    from truepose.identification.leaves.fleet.table import fleet_json, headline
     from truepose.identification.leaves.fleet.work import Options
     from truepose.shown.text import LINES, first_screen
 
     check_directory(output, FLEET)
     plugins = tuple(path.resolve() for path in plugin or ())
-    options = Options(anyway, shuffled, brief, plugins, None if prior is None else prior.resolve())
+    how = Options(anyway, shuffled, brief, plugins, None if prior is None else prior.resolve())
     with counted("fleet") as hear, _pool(workers, dask) as pool:
-        found = run_fleet(folder, output, pool, options, progress=hear)
-    summary = {"command": "fleet", **fleet_json(found), "files": written(output, FILES)}
+        found = run_fleet(folder, output, pool, how, progress=hear)
+    summary = {"command": "fleet", **fleet_json(found), "files": common.written(output, FILES)}
     lines = [*first_screen(fleet_document(found), 2 * LINES), f"report: {output / PAGE}"]
-    finish(summary, lines, (), as_json=as_json)
+    common.finish(summary, lines, (), as_json=as_json)
     if not found.diagnosed:
-        fail(f"{folder}: {headline(found)} {output / FILES[0]} says why", BAD_INPUT)
+        common.fail(f"{folder}: {headline(found)} {output / FILES[0]} says why", common.BAD_INPUT)
 
 
 @contextlib.contextmanager

@@ -87,7 +87,8 @@ def members(folder: Path, but: Path) -> tuple[Member, ...]:
             " beside a recording of each"
         )
     times = Counter(member.name for member in found)
-    found = [_twice(member) if times[member.name] > 1 else member for member in found]
+    why = "found several folders or recordings of this name, expected one"
+    found = [Member(one.name, why=why) if times[one.name] > 1 else one for one in found]
     return tuple(sorted({member.name: member for member in found}.values(), key=lambda member: member.name))
 
 
@@ -110,10 +111,6 @@ def _of_folder(path: Path, shared: Path | None) -> Member:
         where = f"in {RECORDINGS}" if apart.is_dir() else "here"
         return replace(member, why=f"found no recording {where}, expected at least one ({', '.join(_TABLE)})")
     return member
-
-
-def _twice(member: Member) -> Member:
-    return Member(member.name, why="found several folders or recordings of this name, expected one")
 
 
 def _tables(files: Iterable[Path]) -> list[Path]:

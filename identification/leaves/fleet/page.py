@@ -11,10 +11,11 @@ from urllib.parse import quote
 import pandas as pd
 
 from truepose.identification.leaves.fleet.pooled import rows_of
-from truepose.identification.leaves.fleet.statistics import EffectInFleet
-from truepose.identification.leaves.fleet.table import SHOWN, Fleet
-from truepose.identification.leaves.fleet.words import (
+from truepose.identification.leaves.fleet.statistics import EffectInFleet, Interval
+from truepose.identification.leaves.fleet.table import (
     MET,
+    SHOWN,
+    Fleet,
     change_sentences,
     effect_sentence,
     headline,
@@ -154,12 +155,13 @@ def _tolerance_blocks(fleet: Fleet) -> list[Block]:
         "How far constants of a class really scatter about the drawing, over all machines, with what each measurement is"
         " unsure of taken out. Above 1 the tolerance is not met."
     )
-    rows = []
-    for one in told:
-        values = (one.ratio.value, one.ratio.low, one.ratio.high)
-        rows.append([one.parts, str(one.deviations), *map(significant, values), percent(one.met)])
+    rows = [[one.parts, str(one.deviations), *_ends(one.ratio), percent(one.met)] for one in told]
     head = ["parts", "constants", "spread / tolerance", "from", "to", "met with"]
     return [Text(text), _table(head, rows, "", 1), *_drawing_blocks(fleet)]
+
+
+def _ends(one: Interval) -> list[str]:
+    return [significant(value) for value in (one.value, one.low, one.high)]
 
 
 def _drawing_blocks(fleet: Fleet) -> list[Block]:
@@ -167,10 +169,10 @@ def _drawing_blocks(fleet: Fleet) -> list[Block]:
     off = [one for one in fleet.statistics.constants if one.mean.low > 0.0 or one.mean.high < 0.0]
     if not off:
         return []
-    rows = []
-    for one in off[:LISTED]:
-        values = (one.mean.value, one.mean.low, one.mean.high, one.spread)
-        rows.append([one.name, one.mechanism, str(one.machines), *map(significant, values)])
+    rows = [
+        [one.name, one.mechanism, str(one.machines), *_ends(one.mean), significant(one.spread)]
+        for one in off[:LISTED]
+    ]
     caption = (
         "Constants whose mean over the machines is not the drawing's, in tolerances: the drawing, or how all are built, rather"
         f" than one machine. One in ten of such intervals misses the drawing by chance. {_shown_words(len(rows), len(off))}"
@@ -228,17 +230,8 @@ def _machine_blocks(fleet: Fleet) -> list[Block]:
         texts = [r.name, r.status, r.verdict or NONE, r.findings or NONE, *errors]
         rows.append([*texts, unit_symbol(r.unit or "") or NONE, significant(r.ratio), significant(r.oddness)])
     caption = f"{_shown_words(len(rows), len(fleet.table))} fleet.csv has all machines, with all digits."
-    head = [
-        "machine",
-        "status",
-        "verdict",
-        "findings",
-        "chi2 before",
-        "chi2 after",
-        "rms before",
-        "rms after",
-    ]
-    head += ["unit", "held out", "oddness"]
+    head = ["machine", "status", "verdict", "findings", "chi2 before", "chi2 after"]
+    head += ["rms before", "rms after", "unit", "held out", "oddness"]
     return [_table(head, rows, caption, 4, links=_links(fleet, shown))]
 
 

@@ -23,19 +23,10 @@ UNIT = 2.0**-20
 LEAST = 1e-6
 """Smallest prior probability that is told from none."""
 NUMBERS = ["probability", "prior", "log_factor", "unseen", "credit"]
-PLACES = ["machine", "mechanism", "effect", "place", *NUMBERS, "sizes"]
+PLACE = ["machine", "mechanism", "effect", "place"]
+PLACES = [*PLACE, *NUMBERS, "sizes"]
 ANYWHERE = ["machine", "mechanism", "effect", *NUMBERS]
-SIZES = [
-    "machine",
-    "mechanism",
-    "effect",
-    "place",
-    "unit",
-    "probability",
-    "log_size",
-    "log_std",
-    "log_amount",
-]
+SIZES = [*PLACE, "unit", "probability", "log_size", "log_std", "log_amount"]
 OTHERS = {"machine", "mechanism", "effect", "place", "unit", "name", "parts", "sizes"}
 """Columns that are no numbers."""
 CONSTANTS = ["machine", "mechanism", "name", "parts", "deviation", "std"]

@@ -19,17 +19,22 @@ from pathlib import Path
 from truepose.errors import InputError
 from truepose.files import atomic_directory, atomic_write_text, reason, write_table
 from truepose.identification.learned_prior import read_prior
-from truepose.identification.leaves.fleet.changes import compare
 from truepose.identification.leaves.fleet.evidence import KEPT
 from truepose.identification.leaves.fleet.folder import Member, members
 from truepose.identification.leaves.fleet.learn import learned, write_prior
 from truepose.identification.leaves.fleet.odd import oddness
 from truepose.identification.leaves.fleet.page import fleet_document
 from truepose.identification.leaves.fleet.pooled import Pooled
-from truepose.identification.leaves.fleet.record import RECORDS, SCHEMA, Record, read_records, write_records
+from truepose.identification.leaves.fleet.record import (
+    RECORDS,
+    SCHEMA,
+    Record,
+    compare,
+    read_records,
+    write_records,
+)
 from truepose.identification.leaves.fleet.statistics import statistics
-from truepose.identification.leaves.fleet.table import Fleet, counts, fleet_table
-from truepose.identification.leaves.fleet.words import fleet_json
+from truepose.identification.leaves.fleet.table import Fleet, counts, fleet_json, fleet_table
 from truepose.identification.leaves.fleet.work import Options, Task, work_on
 from truepose.identification.report.json_text import json_text
 from truepose.pool import Pool, numbered

@@ -15,14 +15,17 @@ from scipy.interpolate import CubicSpline
 from scipy.stats import t as student
 
 from truepose.arrays import Array
-from truepose.identification.leaves.fleet.hierarchy import Hierarchy, Posterior, quantiles, single
-from truepose.identification.leaves.fleet.likelihood import (
+from truepose.identification.leaves.fleet.hierarchy import (
     RATIOS,
     SLAB,
+    Hierarchy,
+    Posterior,
     Told,
     of_frequency,
     of_presence,
     of_spread,
+    quantiles,
+    single,
 )
 from truepose.identification.leaves.fleet.pooled import (
     Pooled,
@@ -118,7 +121,8 @@ class FleetStatistics:
 
 def statistics(pooled: Pooled) -> FleetStatistics:
     """Return everything that a table of the fleet says."""
-    constants = sorted(_constants(pooled), key=lambda one: (-_away(one.mean), one.mechanism, one.name))
+    far = {one: max(one.mean.low, -one.mean.high, 0.0) for one in _constants(pooled)}  # from 0
+    constants = sorted(far, key=lambda one: (-far[one], one.mechanism, one.name))
     return FleetStatistics(
         pooled.machines,
         tuple(sorted(_anywhere(pooled), key=_rank)),
@@ -130,11 +134,6 @@ def statistics(pooled: Pooled) -> FleetStatistics:
 
 def _rank(one: EffectInFleet) -> tuple[float, str, str, tuple[str, ...]]:
     return -one.frequency.value, one.mechanism, one.effect, one.place
-
-
-def _away(mean: Interval) -> float:
-    """Return how far an interval is from 0."""
-    return max(mean.low, -mean.high, 0.0)
 
 
 @dataclass(frozen=True)
@@ -205,12 +204,8 @@ def _sizes(rows: pd.DataFrame) -> dict[str, Any]:
     mean, spread, error = log_normal(sums)
     unit, *more = rows["unit"].unique()
     amount = _exp(float(sums[4] / sums[0]), error) if unit and not more else None
-    return {
-        "size": _exp(mean, error),
-        "spread": float(np.exp(spread)),
-        "amount": amount,
-        "unit": unit if amount else "",
-    }
+    size, factor = _exp(mean, error), float(np.exp(spread))
+    return {"size": size, "spread": factor, "amount": amount, "unit": unit if amount else ""}
 
 
 def log_normal(sums: Array) -> tuple[float, float, float]:

@@ -108,8 +108,7 @@ def _worked_out(task: Task) -> tuple[Record, Write]:
     from truepose.identification.diagnosis.diagnose import diagnose
     from truepose.identification.fit.calibrate import calibrate
     from truepose.identification.learned_prior import read_prior
-    from truepose.identification.leaves.fleet.evidence import kept
-    from truepose.identification.leaves.fleet.place_evidence import evidence
+    from truepose.identification.leaves.fleet.evidence import evidence, kept
     from truepose.identification.load import load_checked
     from truepose.identification.report.files import put_both
     from truepose.identification.report.json_text import finite

@@ -12,17 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from truepose.arrays import Array, Mask
-from truepose.identification.leaves.fringes.excursions import (
-    Excursions,
-    Fault,
-    centre_means,
-    extremes,
-    find_excursions,
-    has_gap,
-    has_jump,
-    too_fast,
-    without_spikes,
-)
+from truepose.identification.leaves.fringes import excursions
 from truepose.identification.leaves.fringes.levels import (
     Levels,
     Noise,
@@ -59,7 +49,7 @@ class Series:
     noise: Noise
     slack: float
     g: float
-    found: Excursions
+    found: excursions.Excursions
     rests: tuple[Rest, Rest]
 
 
@@ -69,7 +59,7 @@ def normalised(t: Array, signal: Array, levels: Levels, noise: Noise, g: float, 
     ``slack``: 1-sigma of the levels (in parts of a fringe), where it is more than their own.
     """
     v, relative = levels.normalise(t, signal), noise.over(levels.size)
-    found = find_excursions(t, v, relative.sigma, g)
+    found = excursions.find_excursions(t, v, relative.sigma, g)
     rests = find_rest(v, relative), find_rest(v[::-1], relative)
     return Series(t, v, relative, max(levels.sigma, slack, _SLACK), g, found, rests)
 
@@ -140,7 +130,7 @@ def evenly(series: Series) -> Mask:
     speed = found.speeds
     slower = np.fmin(speed[:-2], speed[2:])
     even[1:-1] = np.nan_to_num(speed[1:-1] * _SLOWER / slower, nan=0.0) >= 1.0
-    off, count = centre_means(t, v, found)
+    off, count = excursions.centre_means(t, v, found)
     for kind in (True, False):  # most pass evenly; levels that are a little off move all centres alike
         same = (found.high == kind) & np.isfinite(off)
         if same.any():
@@ -175,14 +165,14 @@ def in_time(series: Series, even: Mask) -> Mask:
     return out
 
 
-def reaches_end(v: Array, noise: float, found: Excursions, g: float) -> Mask:
+def reaches_end(v: Array, noise: float, found: excursions.Excursions, g: float) -> Mask:
     """(K + 1,) whether the largest sample is as near to the end of the fringe as sampling lets it be."""
     step = np.nan_to_num(found.speeds * found.durations / np.maximum(found.sizes, 1), nan=0.0)
     off = np.minimum(0.6 * step, found.half_width)
     nearest = fringe(np.where(found.high, -np.cos(off), np.cos(off)), g)
     sign = np.where(found.high, 1.0, -1.0)
     margin = 0.04 + 4.0 * noise
-    return np.asarray(sign * (extremes(v, found) - nearest) >= -margin)
+    return np.asarray(sign * (excursions.extremes(v, found) - nearest) >= -margin)
 
 
 def window_of(series: Series, k: int, even: Mask) -> slice:
@@ -211,7 +201,7 @@ def _plain(even: Mask, most: int) -> int:
     return int(np.cumprod(even[:most]).sum())
 
 
-def _half(found: Excursions, crossing: int, k: int, sign: float, own: float) -> float:
+def _half(found: excursions.Excursions, crossing: int, k: int, sign: float, own: float) -> float:
     """Time in the middle of excursion k, a neighbour of one that takes ``own``; half of that where k is cut."""
     length = float(found.durations[k])
     return float(found.times[crossing]) + sign * 0.5 * (own if np.isnan(length) else length)
@@ -260,7 +250,7 @@ class Count:
     levels: Levels
     noise: float
     spikes: int
-    faults: tuple[Fault, ...]
+    faults: tuple[excursions.Fault, ...]
 
     @property
     def phase(self) -> float:
@@ -283,28 +273,28 @@ def count_fringes(
     """
     g = coupling(reflectivities)
     noise = noise_of(signal)
-    signal, spikes = without_spikes(signal, noise.sigma)
+    signal, spikes = excursions.without_spikes(signal, noise.sigma)
     rough = rough_levels(signal)
     seen = rough.size > 0.0 and noise.sigma <= _WEAK * rough.size
     own = own_levels(t, signal, rough, g, noise) if seen else None
     used = own or levels or rough
     if noise.sigma > _WEAK * used.size or not used.size > 0.0 or not (seen or levels):
         nothing = End(False, 0.0, np.inf, 0.0)
-        return Count(0.0, nothing, nothing, 0, used, np.inf, spikes, (Fault.WEAK,))
+        return Count(0.0, nothing, nothing, 0, used, np.inf, spikes, (excursions.Fault.WEAK,))
     series = normalised(t, signal, used, noise, g)
-    found, faults = series.found, [] if own or levels else [Fault.LEVELS]
+    found, faults = series.found, [] if own or levels else [excursions.Fault.LEVELS]
     tests = {
-        Fault.FAST: too_fast(found),
-        Fault.GAP: has_gap(t, found),
-        Fault.JUMP: has_jump(t, series.v, series.noise.sigma, found),
+        excursions.Fault.FAST: excursions.too_fast(found),
+        excursions.Fault.GAP: excursions.has_gap(t, found),
+        excursions.Fault.JUMP: excursions.has_jump(t, series.v, series.noise.sigma, found),
     }
     faults += [fault for fault, raised in tests.items() if raised]
     judged = passages(series)
     odds = np.full(len(found), np.inf) if judged is None else judged[0]
-    faults += [Fault.UNEVEN] if judged is None else []
+    faults += [excursions.Fault.UNEVEN] if judged is None else []
     start, stop = (_end(found, series.rests[k], odds, -k, used, g) for k in (0, 1))
-    faults += [Fault.TURN] if (np.abs(odds[1:-1]) < DECISIVE).any() else []
-    faults += [Fault.SIDE] if max(start.doubt, stop.doubt) > _NEAR else []
+    faults += [excursions.Fault.TURN] if (np.abs(odds[1:-1]) < DECISIVE).any() else []
+    faults += [excursions.Fault.SIDE] if max(start.doubt, stop.doubt) > _NEAR else []
     walked, direction = _walk(odds > 0.0)
     if direction < 0.0 or (len(found) == 1 and odds[0] < 0.0):
         stop = stop.mirrored
@@ -315,7 +305,7 @@ def count_fringes(
 def own_levels(t: Array, signal: Array, rough: Levels, g: float, noise: Noise) -> Levels | None:
     """Levels that a series of times and samples (n,) itself shows; None when it spans too few fringes."""
     levels = rough
-    found = find_excursions(t, levels.normalise(t, signal), noise.sigma / levels.size, g)
+    found = excursions.find_excursions(t, levels.normalise(t, signal), noise.sigma / levels.size, g)
     for _ in range(2):
         fitted = fitted_levels(t, signal, found, g, noise.sigma, levels.size)
         if fitted is None:
@@ -323,7 +313,7 @@ def own_levels(t: Array, signal: Array, rough: Levels, g: float, noise: Noise) -
         near, levels = not fitted.differs(levels, _AGAIN), fitted
         if near:
             break
-        found = find_excursions(t, levels.normalise(t, signal), noise.sigma / levels.size, g)
+        found = excursions.find_excursions(t, levels.normalise(t, signal), noise.sigma / levels.size, g)
     return levels
 
 
@@ -360,7 +350,7 @@ def _walk(passed: Mask) -> tuple[float, float]:
     return float(np.pi * direction[: len(passed) - 1].sum()), float(direction[-1])
 
 
-def _end(found: Excursions, rest: Rest, odds: Array, k: int, levels: Levels, g: float) -> End:
+def _end(found: excursions.Excursions, rest: Rest, odds: Array, k: int, levels: Levels, g: float) -> End:
     """The rest at one side of the series, counted as beyond the end of its fringe where it passed.
 
     The nearer to that end, the less the signal tells on which side; then the mean of both is taken.

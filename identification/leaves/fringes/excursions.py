@@ -183,12 +183,8 @@ def has_jump(t: Array, v: Array, noise: float, found: Excursions) -> bool:
     # without a crossing nothing moves fast enough for a large step
     near = _fastest_near(found, large) if len(found) > 2 else np.zeros(len(large))
     step = near * (t[large + 1] - t[large])
-    return bool((change[large] > 2.5 * step * np.max(_slopes(found)) + 12.0 * noise).any())
-
-
-def _slopes(found: Excursions) -> Array:
-    """Mean slope dv / d phase of the halves of a fringe, a measure of its steepest."""
-    return 0.5 / np.array(found.reach) * 2.0
+    slope = float(np.max(1.0 / np.array(found.reach)))  # of the steeper half of a fringe, on average
+    return bool((change[large] > 2.5 * step * slope + 12.0 * noise).any())
 
 
 def _fastest_near(found: Excursions, at: Index) -> Array:

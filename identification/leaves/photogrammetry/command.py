@@ -3,40 +3,31 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from truepose.commands.common import FileOption, JsonOption, check_file, finish, progress
+from truepose.commands.common import FileOption, JsonOption, check_file, finish, options, progress
 from truepose.errors import InputError
 from truepose.files import write_table
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 PointsArg = Annotated[
     Path,
     typer.Argument(metavar="POINTS", help="One row a placement: P1.x P1.y P1.z P2.x ... (CSV or Parquet)."),
 ]
-SigmaOption = Annotated[float, typer.Option(metavar="MM", help="1-sigma of one coordinate as measured, mm.")]
-BodyOption = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="FILE",
-        help="The points in the body's frame: point, x, y, z. Without it the first row is the body.",
-    ),
-]
-CovarianceOption = Annotated[
-    bool, typer.Option("--covariance", help="Add the covariances of every two columns, x.y.cov to ry.rz.cov.")
-]
 
 
+@options(
+    sigma="MM: 1-sigma of one coordinate as measured, mm.",
+    body="FILE: The points in the body's frame: point, x, y, z. Without it the first row is the body.",
+    covariance="--covariance: Add the covariances of every two columns, x.y.cov to ry.rz.cov.",
+)
 def poses(
     points: PointsArg,
     output: FileOption,
-    sigma: SigmaOption,
-    body: BodyOption = None,
-    covariance: CovarianceOption = False,
+    sigma: float,
+    body: Path | None = None,
+    covariance: bool = False,
     as_json: JsonOption = False,
 ) -> None:
     """Poses of a body from points measured on it by photogrammetry or a tracker.
@@ -59,10 +50,6 @@ def poses(
         except InputError as exc:
             raise InputError(f"{points}: {exc}") from None
         write_table(output, frame)
-    _finish(frame, output, as_json)
-
-
-def _finish(frame: pd.DataFrame, output: Path, as_json: bool) -> None:
     bent = {row: str(names) for row, names in enumerate(frame["suspects"], start=1) if names}
     fit = float(frame["chi2_per_dof"].median())
     summary = {

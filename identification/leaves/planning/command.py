@@ -5,11 +5,9 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from truepose.commands.common import FileOption, JsonOption, MachineArg, check_file, finish, progress
+from truepose.commands.common import FileOption, JsonOption, MachineArg, check_file, finish, options, progress
 from truepose.errors import InputError
 from truepose.files import mixture_notes, write_table
 from truepose.models.file.limits import POSES
@@ -24,85 +22,36 @@ if TYPE_CHECKING:
     Planned = tuple[pd.DataFrame, str, list[str], dict[str, Any], list[str]]
     """A table, its heading, lines of the answer, the same as data, and notes."""
 
-CountOption = Annotated[
-    int, typer.Option("-n", "--poses", metavar="N", min=2, max=POSES, help="How many poses.")
-]
-MethodOption = Annotated[
-    str,
-    typer.Option(
-        "--method",
-        metavar="continuous|exchange|random",
-        help="Move all poses at once, exchange them, or draw them (default: continuous; with candidates, exchange).",
-    ),
-]
-SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of the random candidates.")]
-CandidatesOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--candidates",
-        metavar="FILE",
-        help="Choose among these joint values (free of collisions, say), by exchange.",
-    ),
-]
-DiscriminateOption = Annotated[
-    tuple[str, str] | None,
-    typer.Option(
-        "--discriminate",
-        metavar="A B",
-        help="Poses that tell two explanations apart, SLUG@PLACE[:name=value[unit],...] each, as simulate names effects.",
-    ),
-]
-RivalOption = Annotated[
-    list[str] | None,
-    typer.Option("--rival", metavar="C", help="A further explanation; repeatable. The worst pair counts."),
-]
-DiagnosisOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--diagnosis",
-        metavar="FILE",
-        help="diagnosis.json: split the class of its finding, at its fitted value.",
-    ),
-]
-PayloadOption = Annotated[
-    str, typer.Option("--payload", metavar="0,2.5,5", help="Payloads that can be carried, kg.")
-]
-TemperatureOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--temperature",
-        metavar="PLACE=15,20,30",
-        help="Temperatures a place can be held at, degC; repeatable (air: every place alike).",
-    ),
-]
-VaryOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--vary",
-        metavar="DRIVER=...",
-        help="Levels of another driver (pressure in hPa, velocity.JOINT in mm/s or rad/s); repeatable.",
-    ),
-]
-WithOption = Annotated[
-    list[Path] | None,
-    typer.Option("--with", metavar="RECORDING", help="Rows measured already, to be added to; repeatable."),
-]
 
-
+@options(
+    n=("-n --poses N: How many poses.", {"min": 2, "max": POSES}),
+    seed=("--seed: Seed of the random candidates.", {"min": 0}),
+    method="continuous|exchange|random: Move all poses at once, exchange them, or draw them (default: continuous; with "
+    "candidates, exchange).",
+    candidates="FILE: Choose among these joint values (free of collisions, say), by exchange.",
+    discriminate="A B: Poses that tell two explanations apart, SLUG@PLACE[:name=value[unit],...] each, as simulate names "
+    "effects.",
+    rival="C: A further explanation; repeatable. The worst pair counts.",
+    diagnosis="FILE: diagnosis.json: split the class of its finding, at its fitted value.",
+    payload="0,2.5,5: Payloads that can be carried, kg.",
+    temperature="PLACE=15,20,30: Temperatures a place can be held at, degC; repeatable (air: every place alike).",
+    vary="DRIVER=...: Levels of another driver (pressure in hPa, velocity.JOINT in mm/s or rad/s); repeatable.",
+    recorded="--with RECORDING: Rows measured already, to be added to; repeatable.",
+)
 def plan(
     machine: MachineArg,
-    n: CountOption,
+    n: int,
     output: FileOption,
-    method: MethodOption = "",
-    seed: SeedOption = 0,
-    candidates: CandidatesOption = None,
-    discriminate: DiscriminateOption = None,
-    rival: RivalOption = None,
-    diagnosis: DiagnosisOption = None,
-    payload: PayloadOption = "",
-    temperature: TemperatureOption = None,
-    vary: VaryOption = None,
-    recorded: WithOption = None,
+    method: str = "",
+    seed: int = 0,
+    candidates: Path | None = None,
+    discriminate: tuple[str, str] | None = None,
+    rival: list[str] | None = None,
+    diagnosis: Path | None = None,
+    payload: str = "",
+    temperature: list[str] | None = None,
+    vary: list[str] | None = None,
+    recorded: list[Path] | None = None,
     as_json: JsonOption = False,
 ) -> None:
     """Measurement poses that calibrate best: joint values inside their ranges, before anything is measured.
@@ -122,7 +71,15 @@ def plan(
     names = (*(discriminate or ()), *(rival or ()))
     varied = (*(f"temperature.{text}" for text in temperature or ()), *(vary or ()))
     exist, is_experiment = tuple(recorded or ()), bool(names) or diagnosis is not None
-    _check_options(is_experiment, is_offering=bool(payload or varied or exist), method=method)
+    if (payload or varied or exist) and not is_experiment:
+        raise InputError(
+            "--payload, --temperature, --vary and --with: found without --discriminate A B or --diagnosis FILE, expected "
+            "explanations to tell apart"
+        )
+    if is_experiment and method not in ("", "exchange"):
+        raise InputError(
+            "--method: found with --discriminate, expected none: rows are exchanged for the expected log Bayes factor"
+        )
     check_file(output, machine, candidates, diagnosis, *exist)
     with progress("planning") as say:
         known = load_machine(machine)
@@ -139,18 +96,6 @@ def plan(
     summary = {"command": "plan", **told, "files": [str(output)]}
     count = f"{len(frame)} rows" if is_experiment else f"{n} poses"
     finish(summary, [f"{output}: {count}", *lines], notes, as_json=as_json)
-
-
-def _check_options(is_experiment: bool, *, is_offering: bool, method: str) -> None:
-    if is_offering and not is_experiment:
-        raise InputError(
-            "--payload, --temperature, --vary and --with: found without --discriminate A B or --diagnosis FILE, expected "
-            "explanations to tell apart"
-        )
-    if is_experiment and method not in ("", "exchange"):
-        raise InputError(
-            "--method: found with --discriminate, expected none: rows are exchanged for the expected log Bayes factor"
-        )
 
 
 def _calibrate(
@@ -179,8 +124,7 @@ def _tell_apart(
         explanation,
         read_offer,
     )
-    from truepose.identification.leaves.planning.discriminate.words import experiment_json, sentences
-    from truepose.identification.leaves.planning.showing import experiment_table
+    from truepose.identification.leaves.planning.showing import experiment_json, experiment_table, sentences
     from truepose.identification.recording.load import load_recording
     from truepose.identification.report.notes import worded
 

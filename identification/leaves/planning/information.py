@@ -355,13 +355,8 @@ class Supply:
                 f"{information.machine.name}: found no pose among {len(q)} in which the mechanism can be assembled, "
                 "expected ranges of the joints that it can reach"
             )
-        return cls(
-            information,
-            poses.take(use),
-            strongest,
-            given is not None,
-            int(np.sum(~use)) if given is not None else 0,
-        )
+        left_out = 0 if given is None else int(np.sum(~use))
+        return cls(information, poses.take(use), strongest, given is not None, left_out)
 
     def draw(self, n: int, rng: np.random.Generator) -> Poses:
         """``n`` random poses: uniform inside the ranges, or some of the given ones (each once, if there are enough)."""

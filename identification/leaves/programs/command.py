@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from truepose.commands.common import AnywayOption, FileOption, JsonOption, MachineArg, pairs
+from truepose.commands.common import AnywayOption, FileOption, JsonOption, MachineArg, options, pairs
 from truepose.commands.compensate import Corrected, MethodOption, compensate_table, correct_and_tell
 from truepose.errors import InputError, ReadBackError
 from truepose.files import atomic_file
@@ -18,54 +18,6 @@ if TYPE_CHECKING:
     from truepose.identification.leaves.programs.program import Cell
     from truepose.identification.leaves.programs.words import Limit
     from truepose.models.machine.machine import Machine
-
-DialectOption = Annotated[
-    str | None,
-    typer.Option(
-        "--dialect",
-        help="How a program is written, where its ending does not tell; csv: points of a table corrected in place.",
-        metavar="kuka|rapid|urscript|csv",
-    ),
-]
-BaseOption = Annotated[
-    str | None,
-    typer.Option(
-        "--base",
-        help="Frame of a program's poses in the robot's base, where the program names none, in the program's own numbers.",
-        metavar="X,Y,Z,...",
-    ),
-]
-ToolOption = Annotated[
-    str | None,
-    typer.Option(
-        "--tool",
-        help="Tool on the flange in a program's own numbers; where neither it nor the program tells, the machine file's.",
-        metavar="X,Y,Z,...",
-    ),
-]
-FrameOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--frame",
-        help="Numbers of a work object, base, feature or tool that a program names; repeatable.",
-        metavar="NAME=X,Y,Z,...",
-    ),
-]
-AtOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--at",
-        help="Value of a driver (payload=3, temperature.base=24) at a program's targets; repeatable.",
-        metavar="DRIVER=VALUE",
-    ),
-]
-LimitOption = Annotated[
-    float, typer.Option("--limit", help="Point out targets of a program that move by more mm than this.")
-]
-TurnOption = Annotated[
-    float,
-    typer.Option("--limit-angle", help="Point out targets of a program that turn by more deg than this."),
-]
 
 
 PathArg = Annotated[
@@ -78,18 +30,30 @@ PathArg = Annotated[
 ]
 
 
+@options(
+    dialect="kuka|rapid|urscript|csv: How a program is written, where its ending does not tell; csv: points of a table "
+    "corrected in place.",
+    base="X,Y,Z,...: Frame of a program's poses in the robot's base, where the program names none, in the program's own "
+    "numbers.",
+    tool="X,Y,Z,...: Tool on the flange in a program's own numbers; where neither it nor the program tells, the machine "
+    "file's.",
+    frame="NAME=X,Y,Z,...: Numbers of a work object, base, feature or tool that a program names; repeatable.",
+    at="DRIVER=VALUE: Value of a driver (payload=3, temperature.base=24) at a program's targets; repeatable.",
+    limit="--limit: Point out targets of a program that move by more mm than this.",
+    limit_angle="--limit-angle: Point out targets of a program that turn by more deg than this.",
+)
 def compensate(
     machine: MachineArg,
     path: PathArg,
     output: FileOption,
     method: MethodOption = "exact",
-    dialect: DialectOption = None,
-    base: BaseOption = None,
-    tool: ToolOption = None,
-    frame: FrameOption = None,
-    at: AtOption = None,
-    limit: LimitOption = 5.0,
-    limit_angle: TurnOption = 1.0,
+    dialect: str | None = None,
+    base: str | None = None,
+    tool: str | None = None,
+    frame: list[str] | None = None,
+    at: list[str] | None = None,
+    limit: float = 5.0,
+    limit_angle: float = 1.0,
     anyway: AnywayOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -112,7 +76,12 @@ def compensate(
 
         known = dialect_of(path, dialect)
         if known is None:
-            _check_unused({"--base": base, "--tool": tool, "--frame": frame, "--at": at})
+            for name, value in {"--base": base, "--tool": tool, "--frame": frame, "--at": at}.items():
+                if value:
+                    raise InputError(
+                        f"{name}: found it with a table, expected a robot program (or --dialect csv, to correct a table's"
+                        " points in place)"
+                    )
             return compensate_table(loaded, path, output, method)
         if method != "exact":
             raise InputError(f"--method: found {method!r} with a robot program, expected exact")
@@ -121,16 +90,6 @@ def compensate(
         return _correct_program(loaded, known, (path, output), cell, drivers, Limit(limit, limit_angle))
 
     correct_and_tell(corrected, machine, output, anyway=anyway, as_json=as_json)
-
-
-def _check_unused(options: Mapping[str, object]) -> None:
-    """Raise InputError where an option for programs is given for a table."""
-    for name, value in options.items():
-        if value:
-            raise InputError(
-                f"{name}: found it with a table, expected a robot program (or --dialect csv, to correct a table's"
-                " points in place)"
-            )
 
 
 def _correct_program(

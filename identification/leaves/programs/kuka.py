@@ -23,6 +23,7 @@ from truepose.identification.leaves.programs.program import (
     BASE_ITSELF,
     NUMBER,
     Euler,
+    Kind,
     Number,
     Span,
     StatusTurn,
@@ -37,7 +38,6 @@ from truepose.identification.leaves.programs.reader import (
     Motion,
     Reader,
     bare_span,
-    target_of,
 )
 
 FIXED = "#TCP"
@@ -204,7 +204,8 @@ def _position(reader: Reader, span: Span, name: str, fields: Mapping[str, Number
         return f"external axes are in use ({', '.join(external)})"
     configuration = [fields["S"], fields["T"]] if is_pose and {"S", "T"} <= set(fields) else []
     stand = _taught(reader.mask).get(name.partition("[")[0], Stand())
-    target = target_of(reader, span, name, [fields[f] for f in names], configuration, is_pose=is_pose)
+    kind: Kind = "pose" if is_pose else "joints"
+    target = reader.target(span, name, kind, [fields[f] for f in names], configuration)
     return replace(target, base=stand.base, tool=stand.tool)
 
 

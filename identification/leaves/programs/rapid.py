@@ -35,7 +35,6 @@ from truepose.identification.leaves.programs.reader import (
     Motion,
     Reader,
     bare_span,
-    target_of,
 )
 from truepose.models.lie import pose_of
 
@@ -152,7 +151,7 @@ class Rapid(Language):
         before = reader.mask[: span[0]].rpartition(";")[2]
         given = _DECLARED.search(before) or _ASSIGNED.search(before)
         name = given["name"] if given else "literal"
-        return target_of(reader, span, name, own, configuration, is_pose=is_pose)
+        return reader.target(span, name, "pose" if is_pose else "joints", own, configuration)
 
     def pose(self, text: str) -> Array | None:
         return None

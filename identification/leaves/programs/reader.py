@@ -185,6 +185,13 @@ class Reader:
         end = re.compile(r"[^\r\n]*").match(self.mask, place)
         return begin, end.end() if end else place
 
+    def target(
+        self, span: Span, name: str, kind: Kind, numbers: list[Number], configuration: list[Number]
+    ) -> Target:
+        """Return what a constant says of a target by itself."""
+        line = self.lines.of(span[0])
+        return Target(line, name, kind, tuple(numbers), tuple(configuration), place=span[0])
+
     def in_force(self, name: str, place: int) -> tuple[str | None, bool]:
         """Return the frame that is in force at a place, None for none, and whether no other can be."""
         held = self.flow.reaching(name, place)
@@ -396,18 +403,3 @@ def bare_span(text: str, span: Span) -> Span:
     piece = text[slice(*span)]
     start = span[0] + len(piece) - len(piece.lstrip())
     return start, max(start, span[1] - len(piece) + len(piece.rstrip()))
-
-
-def target_of(
-    reader: Reader,
-    span: Span,
-    name: str,
-    numbers: list[Number],
-    configuration: list[Number],
-    *,
-    is_pose: bool,
-) -> Target:
-    """Return what a constant says of a target by itself."""
-    kind: Kind = "pose" if is_pose else "joints"
-    line = reader.lines.of(span[0])
-    return Target(line, name, kind, tuple(numbers), tuple(configuration), place=span[0])

@@ -32,7 +32,6 @@ from truepose.identification.leaves.programs.reader import (
     Motion,
     Reader,
     bare_span,
-    target_of,
 )
 
 _CALL = re.compile(r"\b(?P<what>movej|movel|movep|movec|servoj|servoc|get_inverse_kin)\s*\(")
@@ -101,7 +100,7 @@ class UrScript(Language):
         if not is_used:
             return UNUSED if is_pose and assigned else None
         name = assigned["name"] if assigned else "literal"
-        return target_of(reader, span, name, _numbers_in(mask, *span), [], is_pose=is_pose)
+        return reader.target(span, name, "pose" if is_pose else "joints", _numbers_in(mask, *span), [])
 
     def pose(self, text: str) -> Array | None:
         values = [n.value for n in _numbers_in(text, 0, len(text))]

@@ -2,6 +2,11 @@
 
 Read by rosbags (extra ``ros``). Joints come from ``JointState``; poses from ``PoseStamped``, ``TransformStamped`` or
 ``TFMessage``, points from ``PointStamped``: one of them, or several points, whose topics end in their names.
+
+Streams of joints and poses as rows: wherever all joints stand still, what was seen meanwhile is averaged.
+
+A joint stands at a sample when it keeps within ``band`` over a window of ``seconds`` around it. Neighbouring samples at
+which all joints stand make a stretch; a stretch of at least that length with a pose in it makes a row.
 """
 
 from __future__ import annotations
@@ -13,14 +18,81 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.files import check_input
-from truepose.identification.leaves.readers.settled import BAND, SECONDS, Stream, average, stretches
 from truepose.identification.recording.text import SI, ArrowCells, TextTable
+from truepose.models import lie
 from truepose.wording import cut, joined, shortened
+
+# -- Streams of joints and poses as rows: wherever all joints stand still, what was seen meanwhile is averaged
+
+BAND = 2e-4
+"""rad, or m of a prismatic joint: more than an encoder's noise, far less than a move."""
+SECONDS = 0.5
+
+
+@dataclass(frozen=True)
+class Stream:
+    """Values (k, w) at times (k,), s, in order: positions of joints, points in m, or poses (position, rotation vector)."""
+
+    time: Array
+    values: Array
+
+    def between(self, start: float, end: float) -> Array:
+        """(j, w) values from ``start`` to ``end``, both included."""
+        return self.values[np.searchsorted(self.time, start) : np.searchsorted(self.time, end, side="right")]
+
+
+def stretches(joints: Mapping[str, Stream]) -> list[tuple[float, float]]:
+    """Return (start, end) of every stretch in which all joints stand still, s."""
+    each = [stretch for stream in joints.values() for stretch in _still(stream)]
+    edges = sorted([(start, 1) for start, _ in each] + [(end, -1) for _, end in each])
+    out, standing, begun = [], 0, 0.0
+    for time, change in edges:
+        if standing == len(joints) and time - begun >= SECONDS:
+            out.append((begun, time))
+        standing, begun = standing + change, time
+    return out
+
+
+def _still(stream: Stream) -> list[tuple[float, float]]:
+    """Return the stretches of one joint, however short."""
+    time, values = stream.time, stream.values[:, 0]
+    clock = pd.to_timedelta(time - time[0], unit="s")
+    window = pd.Series(values, index=clock).rolling(pd.Timedelta(seconds=SECONDS), center=True, closed="both")
+    still = (window.max() - window.min()).to_numpy() <= BAND
+    # samples far apart say nothing of what is between them
+    joined = still[1:] & still[:-1] & (np.abs(np.diff(values)) <= BAND) & (np.diff(time) <= SECONDS)
+    ends = np.flatnonzero(~np.append(joined, False))
+    starts = np.append(0, ends[:-1] + 1)
+    return [(float(time[a]), float(time[b])) for a, b in zip(starts, ends, strict=True) if a < b]
+
+
+def average(values: Array) -> tuple[Array, Array]:
+    """Return the mean of (j, 3) points or (j, 6) poses, and its 1-sigma from their scatter, NaN of a single one.
+
+    The mean rotation is the nearest one in the mean of the matrices.
+    """
+    count = len(values)
+    if not count:
+        return np.full(values.shape[1], np.nan), np.full(values.shape[1], np.nan)
+    mean, off = values.mean(axis=0), values - values.mean(axis=0)
+    if values.shape[1] == 6:
+        turns = lie.exp_so3(values[:, 3:])
+        u, _, vt = np.linalg.svd(turns.mean(axis=0))
+        middle = u @ np.diag([1.0, 1.0, float(np.linalg.det(u @ vt))]) @ vt
+        mean[3:] = lie.log_so3(middle[None])[0]
+        off[:, 3:] = lie.log_so3(middle.T @ turns)
+    if count < 2:
+        return mean, np.full(values.shape[1], np.nan)
+    return mean, np.sqrt(np.sum(off**2, axis=0) / (count - 1) / count)
+
+
+# -- ROS bags (MCAP, sqlite3, ROS 1) as tables: joints by name and poses joined by time, one row a settled stretch
 
 _AXES: Final = (("x", "m"), ("y", "m"), ("z", "m"), ("rx", "rad"), ("ry", "rad"), ("rz", "rad"))
 _POINT, _FRAME = "PointStamped", "TFMessage"
@@ -86,8 +158,10 @@ def _values(part: Any) -> list[float]:
 
 
 def _stream(samples: array[float], width: int) -> Stream:
+    """Return samples in order of time; of several at one time the last one counts."""
     table = np.array(samples).reshape(-1, 1 + width)
-    return Stream.in_order(table[:, 0], table[:, 1:])
+    last = len(table) - 1 - np.unique(table[::-1, 0], return_index=True)[1]
+    return Stream(table[last, 0], table[last, 1:])
 
 
 def read_bag(

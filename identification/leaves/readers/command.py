@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from truepose.commands.common import FileOption, JsonOption, check_file, finish, pairs, progress
+from truepose.commands.common import FileOption, JsonOption, check_file, finish, options, pairs, progress
 from truepose.errors import InputError
 from truepose.files import atomic_directory, atomic_write_text, write_table
 
@@ -18,98 +18,43 @@ if TYPE_CHECKING:
     from truepose.identification.recording.table import Table
 
 FileArg = Annotated[Path, typer.Argument(metavar="FILE", help="What was measured: text, workbook, bag.")]
-FormatOption = Annotated[
-    str,
-    typer.Option(
-        "--format",
-        metavar="auto|leica|spatialanalyzer|faro|tpoint|excel|bag|table",
-        help="Of the file; auto: by its content.",
-    ),
-]
-JointsOption = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="FILE",
-        help="Table of the joints, a row a point: joined by its column name, point or target, else in order.",
-    ),
-]
-UnitOption = Annotated[
-    str | None, typer.Option(metavar="UNIT", help="Of a point list's lengths, where it does not say.")
-]
-TopicOption = Annotated[
-    str | None, typer.Option(metavar="TOPIC", help="Of a bag's poses, or a frame parent->child.")
-]
-JointOption = Annotated[
-    list[str] | None,
-    typer.Option("--joint", metavar="NAME", help="Joint of a bag or log that matters (all); repeatable."),
-]
-LogOption = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="FILE",
-        help="The robot's log, by a clock of its own: time and joints, which every sample of FILE gets at its time.",
-    ),
-]
-OffsetOption = Annotated[
-    float | None,
-    typer.Option(metavar="S", help="Added to FILE's times it is the log's. Left out: found from the motion."),
-]
-EveryOption = Annotated[
-    float, typer.Option(metavar="S", min=0.0, help="Least time between rows, with --log; 0: every sample.")
-]
-ModelOption = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="MACHINE",
-        help="Machine file that names the log's joints and tells the clocks to a fraction of a millisecond.",
-    ),
-]
-RotationOption = Annotated[
-    str,
-    typer.Option(
-        metavar="auto|vector|quaternion|rpy",
-        help="Of FILE: rx ry rz, qx qy qz qw, or roll pitch yaw, also as rx ry rz. auto: by name, with --log.",
-    ),
-]
-PrismaticOption = Annotated[
-    list[str] | None,
-    typer.Option("--prismatic", metavar="NAME", help="Joint of a bag that is read in metres; repeatable."),
-]
-MachineOption = Annotated[
-    Path | None,
-    typer.Option("--machine", metavar="FILE", help="Also a machine file to start from, of TPOINT's mounts."),
-]
-RenameOption = Annotated[
-    list[str] | None,
-    typer.Option("--rename", metavar="OLD=NEW", help="Another name for a column; repeatable."),
-]
-
-ColumnsOption = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NEW=NAME,...",
-        help="What columns are, where no heading says it: x=TCPX,y=TCPY,z=TCPZ; without any heading by number, x=2,y=3,z=4.",
-    ),
-]
 
 
+@options(
+    form="--format auto|leica|spatialanalyzer|faro|tpoint|excel|bag|table: Of the file; auto: by its content.",
+    joints="FILE: Table of the joints, a row a point: joined by its column name, point or target, else in order.",
+    unit="UNIT: Of a point list's lengths, where it does not say.",
+    topic="TOPIC: Of a bag's poses, or a frame parent->child.",
+    joint="NAME: Joint of a bag or log that matters (all); repeatable.",
+    prismatic="NAME: Joint of a bag that is read in metres; repeatable.",
+    rename="OLD=NEW: Another name for a column; repeatable.",
+    columns="NEW=NAME,...: What columns are, where no heading says it: x=TCPX,y=TCPY,z=TCPZ; without any heading by number, "
+    "x=2,y=3,z=4.",
+    log="FILE: The robot's log, by a clock of its own: time and joints, which every sample of FILE gets at its time.",
+    offset="S: Added to FILE's times it is the log's. Left out: found from the motion.",
+    every=("S: Least time between rows, with --log; 0: every sample.", {"min": 0.0}),
+    model="MACHINE: Machine file that names the log's joints and tells the clocks to a fraction of a millisecond.",
+    rotation="auto|vector|quaternion|rpy: Of FILE: rx ry rz, qx qy qz qw, or roll pitch yaw, also as rx ry rz. auto: by name, "
+    "with --log.",
+    machine="FILE: Also a machine file to start from, of TPOINT's mounts.",
+)
 def import_(
     file: FileArg,
     output: FileOption,
-    form: FormatOption = "auto",
-    joints: JointsOption = None,
-    unit: UnitOption = None,
-    topic: TopicOption = None,
-    joint: JointOption = None,
-    prismatic: PrismaticOption = None,
-    rename: RenameOption = None,
-    columns: ColumnsOption = None,
-    log: LogOption = None,
-    offset: OffsetOption = None,
-    every: EveryOption = 0.0,
-    model: ModelOption = None,
-    rotation: RotationOption = "auto",
-    machine: MachineOption = None,
+    form: str = "auto",
+    joints: Path | None = None,
+    unit: str | None = None,
+    topic: str | None = None,
+    joint: list[str] | None = None,
+    prismatic: list[str] | None = None,
+    rename: list[str] | None = None,
+    columns: str | None = None,
+    log: Path | None = None,
+    offset: float | None = None,
+    every: float = 0.0,
+    model: Path | None = None,
+    rotation: str = "auto",
+    machine: Path | None = None,
     as_json: JsonOption = False,
 ) -> None:
     """Turn a tracker's point list, a probe's log, TPOINT's stars, a workbook or a ROS bag into a recording.

@@ -12,14 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from truepose.errors import InputError
-from truepose.identification.leaves.readers.headings import (
-    XYZ,
-    asked_columns,
-    asked_numbers,
-    length_or_angle,
-    names_columns,
-    read_column,
-)
+from truepose.identification.leaves.readers import headings
 from truepose.identification.recording.table import Column, Table
 from truepose.models.file.limits import LARGEST
 from truepose.models.units import parse_unit
@@ -90,7 +83,7 @@ def read_points(
         comment = line.lstrip().startswith(_COMMENTS)
         words = _words(line.lstrip("/!%#* ") if comment else line)
         units = [word.strip("[]()") for word in words]
-        if any(units) and all(not word or length_or_angle(word) for word in units):
+        if any(units) and all(not word or headings.length_or_angle(word) for word in units):
             header = header and _with_units(header, units)
         else:
             columns = _columns(words)
@@ -98,8 +91,8 @@ def read_points(
             named = (f"{file}: line {number}", columns, comment)
     header = header or _numbered_header(rows[0][1], chosen or {})
     if header is None:
-        if named and names_columns(named[1], len(rows[0][1]), is_comment=named[2]):
-            raise asked_columns([column.name for column in named[1]], named[0])
+        if named and headings.names_columns(named[1], len(rows[0][1]), is_comment=named[2]):
+            raise headings.asked_columns([column.name for column in named[1]], named[0])
         if not marked:
             _check_unnamed(rows[0][1], f"{file}: line {rows[0][0]}")
     return _table(file, rows, header, unit, said)
@@ -108,7 +101,7 @@ def read_points(
 def _is_point(line: str) -> bool:
     """Return True if a line may be a point: three numbers in it, no comment and no unit."""
     numbers = sum(_is_number(word) for word in _words(line))
-    return numbers >= len(XYZ) and not line.lstrip().startswith(_COMMENTS) and not _stated_unit(line)
+    return numbers >= len(headings.XYZ) and not line.lstrip().startswith(_COMMENTS) and not _stated_unit(line)
 
 
 def _is_number(word: str) -> bool:
@@ -123,7 +116,7 @@ def _stated_unit(line: str) -> str | None:
 
 def _words(line: str) -> list[str]:
     """Return the words of a line, apart by semicolons, tabs, commas, or spaces, without labels of numbers (``X=1.0``)."""
-    if len(_LABEL.findall(line)) == len(XYZ):  # else a point is called X
+    if len(_LABEL.findall(line)) == len(headings.XYZ):  # else a point is called X
         line = _LABEL.sub(" ", line)
     for separator in (";", "\t", ","):
         if separator in line:
@@ -141,13 +134,13 @@ def _columns(words: Sequence[str]) -> list[Column]:
             joined[-1] += f" {word}"
         else:
             joined.append(word)
-    return [read_column(word) for word in joined]
+    return [headings.read_column(word) for word in joined]
 
 
 def _header(columns: Sequence[Column], chosen: Mapping[str, str]) -> _Header | None:
     """Return what a line of headings says of the columns; None if it does not name x, y and z once each."""
     names = [column.name for column in columns]
-    wanted = [chosen.get(axis, axis) for axis in XYZ]
+    wanted = [chosen.get(axis, axis) for axis in headings.XYZ]
     if any(names.count(name) != 1 for name in wanted):
         return None
     return _Header(tuple(columns), tuple(names.index(name) for name in wanted))
@@ -155,7 +148,7 @@ def _header(columns: Sequence[Column], chosen: Mapping[str, str]) -> _Header | N
 
 def _numbered_header(words: Sequence[str], chosen: Mapping[str, str]) -> _Header | None:
     """Return the header of a list without one, if its columns are chosen by number."""
-    numbers = [chosen.get(axis, "") for axis in XYZ]
+    numbers = [chosen.get(axis, "") for axis in headings.XYZ]
     if not all(number.isdecimal() and 1 <= int(number) <= len(words) for number in numbers):
         return None
     columns = tuple(Column(str(k)) for k in range(1, len(words) + 1))
@@ -164,7 +157,7 @@ def _numbered_header(words: Sequence[str], chosen: Mapping[str, str]) -> _Header
 
 def _with_units(header: _Header, words: Sequence[str]) -> _Header:
     """Return the header with the units of a line below it: one for each column, for x, y and z, or the same for all."""
-    units = [length_or_angle(word) for word in words]
+    units = [headings.length_or_angle(word) for word in words]
     at = header.axes if len(units) != len(header.columns) else range(len(header.columns))
     if len(units) < len(at) or len(set(units)) == 1:
         units = [units[0]] * len(at)
@@ -179,7 +172,7 @@ def _check_unnamed(words: Sequence[str], where: str) -> None:
     others = any(map(_is_number, words[first + 3 :]))
     named = first == 0 or _WHOLE.fullmatch(words[0]) or not _is_number(words[0])
     if others or not named:
-        raise asked_numbers(len(words), where)
+        raise headings.asked_numbers(len(words), where)
 
 
 def _table(
@@ -215,7 +208,7 @@ def _table(
     for k in kept:
         known.append(columns[k])
         cells[columns[k].name] = [_float(w[k]) if _is_number(w[k]) else None for _, w in rows]
-    for j, (axis, own) in enumerate(zip(XYZ, units, strict=True)):
+    for j, (axis, own) in enumerate(zip(headings.XYZ, units, strict=True)):
         known.append(Column(axis, parse_unit(own or "mm", "length", f"{file}: column {axis!r}: unit")))
         cells[axis] = [_float(words[at[j]]) for (_, words), at in zip(rows, places, strict=True)]
     lines = [number for number, _ in rows]

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from figures import Series, write_chart
-from truepose.identification.leaves.photogrammetry.body_pose import body_pose
+from truepose.identification.leaves.photogrammetry.pose_table import body_pose
 
 from .cylinder import cylinder_frame
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from truepose.errors import InputError
-from truepose.identification.leaves.photogrammetry.body_pose import body_pose
+from truepose.identification.leaves.photogrammetry.pose_table import body_pose
 from truepose.models import lie
 
 cylinder_frame = import_module("telescope.cylinder").cylinder_frame

@@ -7,7 +7,7 @@ import json
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
 
 import typer
 
@@ -72,6 +72,29 @@ PluginOption = Annotated[
         help="Python file that registers effects, sensors or builders; repeatable.",
     ),
 ]
+
+
+Command = TypeVar("Command", bound=Callable[..., None])
+
+
+def options(**texts: str | tuple[str, Mapping[str, Any]]) -> Callable[[Command], Command]:
+    """Describe options of a command by parameter: ``"-n --poses N: How many poses."``, names, metavar and help.
+
+    Without names an option is called as its parameter. Behind a text may stand what else typer knows of it, as ``min``.
+    """
+
+    def describe(command: Command) -> Command:
+        types = get_type_hints(command)
+        for parameter, told in texts.items():
+            text, more = (told, {}) if isinstance(told, str) else told
+            head, _, meaning = text.partition(": ")
+            names = [word for word in head.split() if word.startswith("-")]
+            metavar = " ".join(head.split()[len(names) :]) or None
+            option = typer.Option(*names, metavar=metavar, help=meaning, **more)
+            command.__annotations__[parameter] = Annotated[types[parameter], option]
+        return command
+
+    return describe
 
 
 @contextlib.contextmanager

@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from support.checked_arm import JOINTS, columns, document, recorded, written
+from support.examples import law
 from support.right_pairs import (
     FAMILIES,
     SENSORS,
     TOLERANCES,
     fewest_rows,
     known_machine,
-    law,
     poses_read,
     right_recording,
 )

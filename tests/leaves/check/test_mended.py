@@ -140,7 +140,7 @@ def test_a_sheet_keeps_what_is_not_changed(tmp_path: Path) -> None:
     (tmp_path / "r.csv").write_text("q1,x [um],note\n1.50,2,fine\n-3,4.25,\n", encoding="utf-8")
     sheet = Sheet.of(tables([tmp_path / "r.csv"])[0])
     assert sheet.text() == "q1,x [um],note\n1.50,2,fine\n-3,4.25,\n"
-    assert sheet.in_unit(["x"], "m").text().startswith("q1,x [m],note")
+    assert sheet.in_unit({"x": "m"}).text().startswith("q1,x [m],note")
     assert sheet.with_numbers({"q1": -sheet.numbers("q1")}).text().splitlines()[1] == "-1.5,2,fine"
 
 

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from support.checked_arm import ARM, checked, document, recorded, standing, written
-from support.right_pairs import known_machine, law, poses_read, right_recording
+from support.examples import law
+from support.right_pairs import known_machine, poses_read, right_recording
 from truepose.arrays import Array
 from truepose.identification.leaves.check.pair import Pair
 from truepose.identification.leaves.check.result import Check, Found

@@ -13,9 +13,8 @@ from support import TESTS
 from support.command import run
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.learned_prior import EffectPrior, LearnedPrior, PlacePrior
-from truepose.identification.leaves.fleet.evidence import kept
+from truepose.identification.leaves.fleet.evidence import PlaceEvidence, evidence, kept
 from truepose.identification.leaves.fleet.learn import write_prior
-from truepose.identification.leaves.fleet.place_evidence import PlaceEvidence, evidence
 from truepose.identification.leaves.fleet.pooled import Pooled
 from truepose.identification.prior import SIZES
 

@@ -13,7 +13,7 @@ from support.searched_arm import PLAY, SCALE, held
 from truepose.arrays import Array
 from truepose.identification.diagnosis.posterior_summary import Inclusion
 from truepose.identification.diagnosis.search import Found
-from truepose.identification.leaves.fleet.place_evidence import PlaceEvidence, evidence
+from truepose.identification.leaves.fleet.evidence import PlaceEvidence, evidence
 from truepose.identification.posterior.state import State, slot_odds
 from truepose.models.machine.placed import EffectAtPlace
 

@@ -15,15 +15,17 @@ from scipy.stats import t as student
 
 from support.command import input_error
 from support.fleets import DrawnFleet, mixed_machines
-from truepose.identification.leaves.fleet.hierarchy import FINE, Hierarchy, single
-from truepose.identification.leaves.fleet.likelihood import (
+from truepose.identification.leaves.fleet.hierarchy import (
+    FINE,
     KERNEL,
     LOG_ODDS,
     SLAB,
+    Hierarchy,
     Told,
     by_size,
     of_frequency,
     of_presence,
+    single,
 )
 from truepose.identification.leaves.fleet.pooled import NUMBERS, Pooled
 from truepose.identification.leaves.fleet.record import figures_of, parameters_of, rounded

@@ -13,12 +13,18 @@ from scipy.stats import norm
 
 from support.command import input_error
 from support.fleets import mixed_machines
-from truepose.identification.leaves.fleet.changes import Change, compare, sigma_limit
 from truepose.identification.leaves.fleet.folder import Member, members
 from truepose.identification.leaves.fleet.odd import oddness
 from truepose.identification.leaves.fleet.page import fleet_document
 from truepose.identification.leaves.fleet.pooled import Pooled
-from truepose.identification.leaves.fleet.record import Record, read_records, write_records
+from truepose.identification.leaves.fleet.record import (
+    Change,
+    Record,
+    compare,
+    read_records,
+    sigma_limit,
+    write_records,
+)
 from truepose.identification.leaves.fleet.statistics import statistics
 from truepose.identification.leaves.fleet.table import SHOWN, Fleet, fleet_table
 from truepose.shown.document import Table

@@ -10,8 +10,7 @@ from scipy.stats import chi2, kstest
 
 from support.command import input_error
 from truepose.arrays import Array
-from truepose.identification.leaves.photogrammetry.body_pose import body_pose
-from truepose.identification.leaves.photogrammetry.pose_table import COLUMNS, PAIRS, pose_table
+from truepose.identification.leaves.photogrammetry.pose_table import COLUMNS, PAIRS, body_pose, pose_table
 from truepose.models import lie
 
 SIGMA = 0.005

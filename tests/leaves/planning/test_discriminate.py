@@ -32,9 +32,8 @@ from truepose.identification.leaves.planning.discriminate.race import (
     recording_of,
     signals,
 )
-from truepose.identification.leaves.planning.discriminate.words import sentences
 from truepose.identification.leaves.planning.information import PoseInformation
-from truepose.identification.leaves.planning.showing import experiment_table
+from truepose.identification.leaves.planning.showing import experiment_table, sentences
 from truepose.identification.prediction.predict import simulate, with_inputs
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.table import read_table

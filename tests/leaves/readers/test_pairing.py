@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from support.command import input_error
 from truepose.arrays import Array, Mask
+from truepose.identification.leaves.readers.bags import BAND, SECONDS, Stream, average, stretches
 from truepose.identification.leaves.readers.probe import Clock, Pairing, clock_of
 from truepose.identification.leaves.readers.probe_clock import trend
-from truepose.identification.leaves.readers.settled import BAND, SECONDS, Stream, average, stretches
 from truepose.identification.recording.table import Table, table_in_memory
 
 TIME = np.arange(0.0, 10.05, 0.1)

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from typing import Any
 
 import pytest
+from hypothesis import Phase, settings
 
 TIMES = int(os.environ.get("TRUEPOSE_EXAMPLES", "1"))
 NIGHT = TIMES > 1
@@ -16,6 +17,11 @@ NIGHT = TIMES > 1
 def examples(usual: int) -> int:
     """A third of the usual number by day; so many times more than usual as ``TRUEPOSE_EXAMPLES`` says (.ci/nightly does)."""
     return TIMES * usual if NIGHT else -(-usual // 3)
+
+
+def law(count: int = 12) -> settings:
+    """Settings of a law; an example that fails is told as it is, since a smaller one takes minutes."""
+    return settings(max_examples=examples(count), phases=(Phase.explicit, Phase.generate))
 
 
 def by_day(cases: Iterable[Any], *first: Any) -> list[Any]:

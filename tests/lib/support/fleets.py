@@ -10,8 +10,7 @@ import numpy as np
 from scipy.special import expit, logsumexp
 
 from truepose.arrays import Array
-from truepose.identification.leaves.fleet.hierarchy import STEPS, effect_steps
-from truepose.identification.leaves.fleet.likelihood import KERNEL, SLAB
+from truepose.identification.leaves.fleet.hierarchy import KERNEL, SLAB, STEPS, effect_steps
 from truepose.identification.prior import FLEET_PLACES, SIZES
 
 NOISE = 0.02

@@ -12,7 +12,7 @@ from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.identifiability.observability import Direction, Knowledge
 from truepose.identification.identifiability.patterns import Blind
 from truepose.identification.leaves.drift.analysis import Drift
-from truepose.identification.leaves.drift.page import drift_document
+from truepose.identification.leaves.drift.showing import drift_document
 from truepose.identification.leaves.drift.sizes import Check, Durability, Movement
 from truepose.shown.html import page
 

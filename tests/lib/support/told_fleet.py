@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from truepose.identification.leaves.fleet.changes import Change, Changes, Moved
 from truepose.identification.leaves.fleet.odd import Oddness, Reason
 from truepose.identification.leaves.fleet.page import fleet_document
-from truepose.identification.leaves.fleet.record import Record
+from truepose.identification.leaves.fleet.record import Change, Changes, Moved, Record
 from truepose.identification.leaves.fleet.statistics import (
     ConstantInFleet,
     EffectInFleet,

@@ -9,17 +9,14 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array, Index
 from truepose.identification.fit.align import transform
 from truepose.identification.leaves.check.pair import SELDOM, USUAL, Pair, Scene, Slip
 from truepose.identification.leaves.check.rig import Rig
 from truepose.models.file.sections import FramesSection
 from truepose.models.machine.machine import FRAMES
 from truepose.models.units import convert
-
-Array = NDArray[np.float64]
-
 
 # -- Base and tool: forgotten, exchanged, or said to be known while they are far off
 
@@ -194,7 +191,7 @@ def _retold(rig: Rig, stated: str, behind: bool, swapped: bool, scene: Scene) ->
     return _with_table(rig, replace(table, a=a, d=d, behind=behind), scene)
 
 
-def _reordered(rig: Rig, stated: str, order: NDArray[np.intp], scene: Scene) -> Scene:
+def _reordered(rig: Rig, stated: str, order: Index, scene: Scene) -> Scene:
     t = _typed(rig, stated, scene.p)
     table = _Table(t.a[order], t.alpha[order], t.d[order], t.theta[order], t.behind)
     return _with_table(rig, table, scene)

@@ -9,8 +9,8 @@ from itertools import combinations, permutations
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.leaves.check.pair import RARE, SELDOM, USUAL, Field, Pair, Scene, Sheet, Slip
 from truepose.identification.leaves.check.rig import Rig
 from truepose.identification.leaves.check.weighing import bound
@@ -23,7 +23,7 @@ from truepose.wording import joined
 _HALVED = 8
 
 
-def narrowed(misfit: Callable[[float], float], grid: NDArray[np.float64]) -> float:
+def narrowed(misfit: Callable[[float], float], grid: Array) -> float:
     """Return where a misfit is least: the best of a grid, then halved steps around it."""
     tried = {float(size): misfit(float(size)) for size in grid}
     best = min(tried, key=lambda size: tried[size])
@@ -38,7 +38,6 @@ def narrowed(misfit: Callable[[float], float], grid: NDArray[np.float64]) -> flo
     return best
 
 
-Array = NDArray[np.float64]
 # -- Joints that turn the other way, that were exchanged, or whose zero is elsewhere
 
 T = TypeVar("T")
@@ -51,16 +50,15 @@ _GRID = 24
 
 def signs(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """Each joint with the other sign, all of one kind, and all."""
-    actuators = rig.machine.mechanism.actuators
-    every = range(len(actuators))
-    kinds = [tuple(k for k in every if actuators[k].reading_unit == unit) for unit in ("rad", "mm")]
+    every = range(len(rig.actuators))
+    kinds = [tuple(k for k in every if rig.actuators[k].reading_unit == unit) for unit in ("rad", "mm")]
     several = dict.fromkeys(places for places in (*kinds, tuple(every)) if len(places) > 1)
     yield from (_reversed(rig, places) for places in [*((k,) for k in every), *several])
 
 
 def _reversed(rig: Rig, places: Sequence[int]) -> Slip:
     """Joints with the other sign, and so the sides and speeds of their arrival."""
-    names = tuple(rig.machine.mechanism.actuators[k].reading for k in places)
+    names = tuple(rig.actuators[k].reading for k in places)
     one = len(names) == 1
     every = [f"{head}{name}" for name in names for head in ("", "approach.", "velocity.")]
     return Slip(
@@ -77,22 +75,20 @@ def _reversed(rig: Rig, places: Sequence[int]) -> Slip:
 
 def exchanged(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """Two joints of one kind exchanged, or all of them in the other order, or some places along."""
-    actuators = rig.machine.mechanism.actuators
-    n = len(actuators)
+    n = len(rig.actuators)
     orders: list[tuple[int, ...]] = []
     for i, j in combinations(range(n), 2):
-        if actuators[i].reading_unit == actuators[j].reading_unit:
+        if rig.actuators[i].reading_unit == rig.actuators[j].reading_unit:
             orders.append(tuple({i: j, j: i}.get(k, k) for k in range(n)))
-    if len({a.reading_unit for a in actuators}) == 1 and n > 2:
+    if len({a.reading_unit for a in rig.actuators}) == 1 and n > 2:
         orders += [tuple(range(n))[::-1], *((*range(by, n), *range(by)) for by in range(1, n))]
     yield from (_reordered(rig, order) for order in dict.fromkeys(orders))
 
 
 def _reordered(rig: Rig, order: Sequence[int]) -> Slip:
-    actuators = rig.machine.mechanism.actuators
     moved = [k for k in range(len(order)) if order[k] != k]
-    names = tuple(actuators[k].reading for k in moved)
-    called = {actuators[order[k]].reading: actuators[k].reading for k in moved}
+    names = tuple(rig.actuators[k].reading for k in moved)
+    called = {rig.actuators[order[k]].reading: rig.actuators[k].reading for k in moved}
     heads = ("", "approach.", "velocity.", "temperature.")
     every = {f"{head}{a}": f"{head}{b}" for a, b in called.items() for head in heads}
     two = len(names) == 2
@@ -111,7 +107,7 @@ def _reordered(rig: Rig, order: Sequence[int]) -> Slip:
 
 def quarter_turns(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """Each turning joint with its zero a quarter or half turn away."""
-    for k, a in enumerate(rig.machine.mechanism.actuators):
+    for k, a in enumerate(rig.actuators):
         if a.reading_unit == "rad":
             for degrees in QUARTERS:
                 yield offset(rig, k, np.radians(degrees))
@@ -119,7 +115,7 @@ def quarter_turns(rig: Rig, scene: Scene) -> Iterator[Slip]:
 
 def offset(rig: Rig, k: int, size: float, *, searched: bool = False) -> Slip:
     """Joint k with its zero elsewhere by ``size`` (in the unit of its reading inside)."""
-    a = rig.machine.mechanism.actuators[k]
+    a = rig.actuators[k]
     unit = rig.machine.column_unit(a.reading)
     shown = f"{convert(size, a.reading_unit, unit):+.6g} {unit}"
     return Slip(
@@ -142,7 +138,7 @@ def _shifted_zero(rig: Rig, k: int, size: float, pair: Pair) -> Pair:
 
     In the column, too, where readings leave the joint's range: the range counts from the right zero.
     """
-    a = rig.machine.mechanism.actuators[k]
+    a = rig.actuators[k]
     unit = rig.machine.units.written(a.unit)
     field = None if _beyond(a, rig.recording.q[:, k]) else _zero_field(rig, a, pair)
     if field is not None:
@@ -158,7 +154,7 @@ def _shifted_zero(rig: Rig, k: int, size: float, pair: Pair) -> Pair:
     return pair.each(change)
 
 
-def _turns_back(a: Actuator, read: NDArray[np.float64], unit: str) -> NDArray[np.float64]:
+def _turns_back(a: Actuator, read: Array, unit: str) -> Array:
     """(n,) whole turns, rad, that bring a turning joint's readings (n,) back into its range, as encoders count."""
     if a.range is None:
         return np.zeros(len(read))
@@ -167,7 +163,7 @@ def _turns_back(a: Actuator, read: NDArray[np.float64], unit: str) -> NDArray[np
     return np.where(out, 2 * np.pi * np.round((sum(a.range) / 2 - q) / (2 * np.pi)), 0.0)
 
 
-def _beyond(a: Actuator, q: NDArray[np.float64]) -> bool:
+def _beyond(a: Actuator, q: Array) -> bool:
     return a.range is not None and bool(q.min() < a.range[0] or q.max() > a.range[1])
 
 
@@ -189,7 +185,7 @@ def _zero_field(rig: Rig, a: Actuator, pair: Pair) -> Field | None:
 
 def mirrored_zeros(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """Yield each turning joint counted the other way, with its zero a quarter or half turn away."""
-    for k, a in enumerate(rig.machine.mechanism.actuators):
+    for k, a in enumerate(rig.actuators):
         negative = _reversed(rig, (k,))
         for degrees in QUARTERS if a.reading_unit == "rad" else ():
             zero = offset(rig, k, np.radians(degrees))
@@ -209,7 +205,7 @@ def _both(first: Callable[[T], T], second: Callable[[T], T], held: T) -> T:
 
 def zeros(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """Each joint with the zero that fits best, wherever that is: one search a joint."""
-    for k in range(len(rig.machine.mechanism.actuators)):
+    for k in range(len(rig.actuators)):
         yield from _searched(rig, scene, k, lambda moved: rig.stand(moved, quick=True).misfit)
 
 
@@ -231,7 +227,7 @@ def end_zeros(rig: Rig, scene: Scene) -> Iterator[Slip]:
 
 def _searched(rig: Rig, scene: Scene, k: int, against: Callable[[Scene], float]) -> Iterator[Slip]:
     """Yield the zero of joint k with which least speaks against a scene: a slide's is up to four times its way off."""
-    turns = rig.machine.mechanism.actuators[k].reading_unit == "rad"
+    turns = rig.actuators[k].reading_unit == "rad"
     span = float(np.ptp(scene.rows.q[:, k])) or 1.0
     ways = np.concatenate([-np.geomspace(4.0, 0.05, 8), [0.0], np.geomspace(0.05, 4.0, 8)])
     grid = np.linspace(-np.pi, np.pi, _GRID, endpoint=False) if turns else span * ways
@@ -257,15 +253,14 @@ _ROUND = 0.15
 
 def coupled(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """Yield each joint with its reading counted from another joint's: the horizon of a parallelogram or of a teach pendant."""
-    actuators = rig.machine.mechanism.actuators
-    for k, j in permutations(range(len(actuators)), 2):
-        unit = actuators[k].reading_unit
-        if unit == actuators[j].reading_unit and unit in _SPANS:
+    for k, j in permutations(range(len(rig.actuators)), 2):
+        unit = rig.actuators[k].reading_unit
+        if unit == rig.actuators[j].reading_unit and unit in _SPANS:
             yield from (_coupled(rig, k, j, ratio) for ratio in (1.0, -1.0))
 
 
 def _coupled(rig: Rig, k: int, j: int, ratio: float) -> Slip:
-    mine, other = (rig.machine.mechanism.actuators[i] for i in (k, j))
+    mine, other = (rig.actuators[i] for i in (k, j))
     return Slip(
         "coupled",
         (mine.reading, other.reading),
@@ -282,11 +277,10 @@ def _coupled(rig: Rig, k: int, j: int, ratio: float) -> Slip:
 
 def counts(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """Yield joints that read more than a joint turns, each alone and all of them, as counts of an encoder."""
-    actuators = rig.machine.mechanism.actuators
-    units = [rig.machine.column_unit(a.reading) for a in actuators]
-    read = zip(actuators, units, scene.rows.q.T, strict=True)
+    units = [rig.machine.column_unit(a.reading) for a in rig.actuators]
+    read = zip(rig.actuators, units, scene.rows.q.T, strict=True)
     wide = [k for k, (a, unit, q) in enumerate(read) if a.reading_unit in _SPANS and _counted(a, unit, q)]
-    alike = len(wide) > 1 and len({actuators[k].reading_unit for k in wide}) == 1
+    alike = len(wide) > 1 and len({rig.actuators[k].reading_unit for k in wide}) == 1
     for places in [*([tuple(wide)] if alike else []), *((k,) for k in wide)]:
         yield from _as_counts(rig, scene, places)
 
@@ -300,16 +294,15 @@ def _counted(a: Actuator, unit: str, q: Array) -> bool:
 
 
 def _as_counts(rig: Rig, scene: Scene, places: Sequence[int]) -> Iterator[Slip]:
-    actuators = rig.machine.mechanism.actuators
-    unit = actuators[places[0]].reading_unit
-    written = rig.machine.column_unit(actuators[places[0]].reading)
+    unit = rig.actuators[places[0]].reading_unit
+    written = rig.machine.column_unit(rig.actuators[places[0]].reading)
     span = max(float(np.ptp(scene.rows.q[:, k])) for k in places)
     low, high = np.minimum(_SPANS[unit] / span, 1.0 / _COARSEST)
     if unit == "rad":
         grid = np.linspace(low, high, int((high - low) * span / _STEP) + 2)
     else:
         grid = np.geomspace(low, high, _LENGTHS)
-    columns = tuple(actuators[k].reading for k in places)
+    columns = tuple(rig.actuators[k].reading for k in places)
 
     def misfit(factor: float) -> float:
         return rig.stand(_scaled(places, factor, scene), quick=True).misfit
@@ -351,7 +344,7 @@ def _mend_counts(rig: Rig, columns: Sequence[str], number: float, pair: Pair) ->
 
 def _joint_field(rig: Rig, pair: Pair, reading: str, key: str) -> Field:
     """Return where a machine file says of the joint or leg with a reading what its column holds."""
-    names = {a.reading: {a.reading, a.drives} for a in rig.machine.mechanism.actuators}[reading]
+    names = {a.reading: {a.reading, a.drives} for a in rig.actuators}[reading]
     for group in ("joints", "legs", "first", "second"):
         rows = pair.get(("mechanism", group))
         for k, row in enumerate(rows if isinstance(rows, list) else ()):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
+from truepose.arrays import Array, Index, Mask
 from truepose.identification.fit.align import rigid_motion
 from truepose.identification.leaves.check.kinds.joints import narrowed
 from truepose.identification.leaves.check.pair import RARE, SELDOM, Pair, Scene, Sheet, Slip
@@ -20,7 +21,6 @@ from truepose.models.sensors.targets import Targets
 from truepose.models.units import convert
 from truepose.wording import shortened
 
-Array = NDArray[np.float64]
 # -- Joints that were read at another time than the sensor, or not at all for a while
 
 _CLOCKS = 16.0
@@ -101,8 +101,8 @@ def stands_still(rig: Rig, scene: Scene) -> Iterator[Slip]:
             f"{name} stands still from row {numbers[0]} to row {numbers[1]} ({int(run.sum())} of {len(run)} rows), where the "
             "others move: it was not logged there",
             f"log {name} there, or take these rows out",
-            partial(_without, run),
-            partial(_mend_run, np.flatnonzero(~run)),
+            partial(Scene.without, lost=run),
+            partial(Pair.each, change=partial(Sheet.rows, places=np.flatnonzero(~run))),
             SELDOM,
             between=True,
         )
@@ -113,14 +113,6 @@ def _longest_run(column: Array) -> tuple[int, int]:
     starts = np.flatnonzero(np.r_[True, np.diff(column) != 0.0, True])
     k = int(np.argmax(np.diff(starts)))
     return int(starts[k]), int(starts[k + 1]) - 1
-
-
-def _without(run: NDArray[np.bool_], scene: Scene) -> Scene:
-    return scene.without(run)
-
-
-def _mend_run(kept: NDArray[np.intp], pair: Pair) -> Pair:
-    return pair.each(lambda sheet: sheet.rows(kept))
 
 
 # -- Readings beside the wrong rows: shifted by some rows, or sorted by themselves
@@ -169,7 +161,7 @@ def _columns(rig: Rig) -> tuple[str, ...]:
     return tuple(n for s in rig.machine.sensors for n in s.columns)
 
 
-def _places(file: NDArray[np.int64], by: int) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+def _places(file: NDArray[np.int64], by: int) -> tuple[Index, Mask]:
     """For each row the row that its readings stand in, and which have none, file by file."""
     n = len(file)
     source = np.arange(n) + by
@@ -214,7 +206,7 @@ def _points(rig: Rig, scene: Scene) -> Array | None:
     return None
 
 
-def _assigned(rig: Rig, scene: Scene, points: Array) -> NDArray[np.intp] | None:
+def _assigned(rig: Rig, scene: Scene, points: Array) -> Index | None:
     """The row whose reading belongs to each row: the best of several attitudes, then with base and tool fitted."""
     here = rig.predictor.over(scene.rows)
     x, _ = rig.assembled(here, scene.p, scene)
@@ -237,7 +229,7 @@ def _assigned(rig: Rig, scene: Scene, points: Array) -> NDArray[np.intp] | None:
     return chosen
 
 
-def _in_turns(drawn: Array, points: Array, rotation: Array, shift: Array) -> tuple[float, NDArray[np.intp]]:
+def _in_turns(drawn: Array, points: Array, rotation: Array, shift: Array) -> tuple[float, Index]:
     """Assignment and rigid motion in turns, from an attitude; the sum of squares that it leaves, and the order."""
     order = np.arange(len(drawn))
     for _ in range(_ROUNDS):

@@ -7,9 +7,9 @@ from functools import partial
 from itertools import combinations, permutations, product
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose.arrays import Array
 from truepose.identification.leaves.check.pair import SELDOM, USUAL, Scene, Sheet, Slip
 from truepose.identification.leaves.check.rig import Rig
 from truepose.models.sensors.pose import Pose, Position
@@ -17,7 +17,6 @@ from truepose.models.sensors.targets import Targets
 from truepose.models.units import convert
 from truepose.wording import joined
 
-Array = NDArray[np.float64]
 _XYZ, _TURN = ("x", "y", "z"), ("rx", "ry", "rz")
 # -- Measured axes with another sign or in another order, and targets that were exchanged
 
@@ -159,12 +158,10 @@ def poses(rig: Rig, scene: Scene) -> Iterator[Slip]:
     """The inverse pose, the inverse rotation, and all orders of Euler's angles, about moving or fixed axes."""
     if not any(isinstance(sensor, Pose) for sensor in rig.machine.sensors):
         return
-    inverse, back = (
-        "give the pose of the tool in the measuring frame",
-        "give the rotation of the tool, not its inverse",
-    )
-    yield _slip(rig, _inverse, "poses of the measuring frame in the tool (inverse)", inverse)
-    yield _slip(rig, _turned_back, "rx, ry, rz of the inverse rotation", back)
+    says = "poses of the measuring frame in the tool (inverse)"
+    yield _slip(rig, _inverse, says, "give the pose of the tool in the measuring frame")
+    says = "rx, ry, rz of the inverse rotation"
+    yield _slip(rig, _turned_back, says, "give the rotation of the tool, not its inverse")
     last, first = "scalar last (x, y, z, w)", "scalar first (w, x, y, z)"
     vectors = "write rotation vectors (axis times angle)"
     for was, read, order in ((first, last, (1, 2, 3, 0)), (last, first, (3, 0, 1, 2))):

@@ -11,7 +11,7 @@ import numpy as np
 
 from truepose.identification.leaves.check.pair import RARE, SELDOM, USUAL, Field, Pair, Scene, Slip
 from truepose.identification.leaves.check.rig import Rig
-from truepose.models.units import UnitSystem, convert
+from truepose.models.units import convert
 from truepose.wording import joined, shortened
 
 LENGTHS = {"mm": USUAL, "m": USUAL, "inch": USUAL, "um": SELDOM, "cm": SELDOM, "nm": RARE, "ft": RARE}
@@ -32,14 +32,14 @@ def units(rig: Rig, scene: Scene) -> Iterator[Slip]:
 
 def _said(rig: Rig) -> dict[str, str]:
     """Return the unit that each column of joints and sensors is said to be in."""
-    joints = {a.reading: rig.machine.column_unit(a.reading) for a in rig.machine.mechanism.actuators}
+    joints = {a.reading: rig.machine.column_unit(a.reading) for a in rig.actuators}
     seen = {n: rig.machine.units.written(u) for s in rig.machine.sensors for n, u in s.columns.items()}
     return {**joints, **seen, **rig.recording.said}
 
 
 def _recorded(rig: Rig) -> Iterator[Slip]:
     """Yield other units for columns of a recording: all of them at once, all readings, all joints, and each joint."""
-    joints = {a.reading: a.reading_unit for a in rig.machine.mechanism.actuators}
+    joints = {a.reading: a.reading_unit for a in rig.actuators}
     seen = {n: unit for s in rig.machine.sensors for n, unit in s.columns.items()}
     for length, angle in product((None, *LENGTHS), (None, *ANGLES)):
         units = _in(rig, {**joints, **seen}, {"mm": length, "rad": angle})
@@ -84,19 +84,13 @@ def _in_units(rig: Rig, units: Mapping[str, str], says: str, odds: float, shown:
     headers = shortened([f"{n} [{u}]" for n, u in units.items()], shown)
     fix = f"write the unit{'s' * (shown > 3)} in the header: {headers}"
     change = partial(_scaled_columns, factors, size, width)
-    return Slip(kind, tuple(factors), says, fix, change, partial(_said_in, units), odds)
+    return Slip(kind, tuple(factors), says, fix, change, partial(Pair.in_unit, units=units), odds)
 
 
 def _scaled_columns(factors: Mapping[str, float], size: float, width: float, scene: Scene) -> Scene:
     seen = {n: f * scene.rows.observations[n] for n, f in factors.items() if n in scene.rows.observations}
     out = scene.with_columns(seen, size, width)
     return out.with_joints(out.rows.q * [factors.get(name, 1.0) for name in out.rows.joints])
-
-
-def _said_in(units: Mapping[str, str], pair: Pair) -> Pair:
-    for name, unit in units.items():
-        pair = pair.in_unit((name,), unit)
-    return pair
 
 
 def _others(known: Iterable[str], unit: str) -> list[tuple[str, float]]:
@@ -106,44 +100,24 @@ def _others(known: Iterable[str], unit: str) -> list[tuple[str, float]]:
 
 
 def file_lengths(rig: Rig, scene: Scene) -> Iterator[Slip]:
-    """Lengths of the mechanism alone, or of the whole file, in another unit."""
+    """Lengths of the mechanism alone, or of the whole file, in another unit; of a URDF, which has them in metres."""
     written, file = rig.machine.units, rig.machine.file
     own = {p.name for p in rig.machine.mechanism.parameters}
     every = np.flatnonzero(rig.lengths).tolist()
     drawn = [k for k in every if rig.names[k] in own]
-    if file is not None and file.mechanism.get("type") == "urdf":
-        yield from _description_lengths(drawn)
-        return
-    for unit, factor in _others(LENGTHS, written.length):
-        for places, whole in ((drawn, False), (every, True)):
-            where = ("units.length",) if whole else ("mechanism",)
-            yield Slip(
-                "unit-length",
-                where,
-                f"the {'machine file' if whole else 'mechanism'}'s lengths in {unit}",
-                f"state 'units: {{length: {unit}}}' in the machine file, and the unit in the headers of the recording"
-                if whole
-                else f"write the lengths of 'mechanism' in {written.length}",
-                partial(_redrawn, places, factor, whole),
-                partial(_file_in, rig.machine.units, unit, rig)
-                if whole
-                else partial(_mend_lengths, rig, factor),
-                LENGTHS[unit],
-            )
-
-
-def _description_lengths(places: Sequence[int]) -> Iterator[Slip]:
-    """Lengths of a URDF, which has them in metres, in another unit."""
-    for unit, factor in _others(LENGTHS, "m"):
-        yield Slip(
-            "unit-length",
-            ("mechanism.file",),
-            f"the URDF's lengths in {unit}",
-            "write the lengths of the URDF in m",
-            partial(_redrawn, places, factor, False),
-            partial(_redescribed, factor),
-            LENGTHS[unit],
+    is_urdf = file is not None and file.mechanism.get("type") == "urdf"
+    for unit, factor in _others(LENGTHS, "m" if is_urdf else written.length):
+        drawing, whole = partial(_redrawn, drawn, factor, False), partial(_redrawn, every, factor, True)
+        state = f"state 'units: {{length: {unit}}}' in the machine file, and the unit in the headers of the recording"
+        mechanism = f"write the lengths of 'mechanism' in {written.length}"
+        of_urdf = ("mechanism.file", "URDF", "write the lengths of the URDF in m", drawing, _redescribed)
+        of_file = (
+            ("mechanism", "mechanism", mechanism, drawing, partial(_mend_lengths, rig)),
+            ("units.length", "machine file", state, whole, partial(_file_in, rig, unit)),
         )
+        for where, whose, fix, change, mend in (of_urdf,) if is_urdf else of_file:
+            says, mended = f"the {whose}'s lengths in {unit}", partial(mend, factor)
+            yield Slip("unit-length", (where,), says, fix, change, mended, LENGTHS[unit])
 
 
 def _redescribed(factor: float, pair: Pair) -> Pair:
@@ -165,12 +139,12 @@ def _redrawn(places: Sequence[int], factor: float, whole: bool, scene: Scene) ->
     return replace(out, drawn=factor * scene.drawn, stated=stated, coarse=coarse)
 
 
-def _file_in(written: UnitSystem, unit: str, rig: Rig, pair: Pair) -> Pair:
+def _file_in(rig: Rig, unit: str, _: float, pair: Pair) -> Pair:
     """The file said to be in another unit; columns of the recording say that they are in the one assumed so far."""
-    long = [a.reading for a in rig.machine.mechanism.actuators if a.reading_unit == "mm"]
+    long = [a.reading for a in rig.actuators if a.reading_unit == "mm"]
     long += [n for s in rig.machine.sensors for n, inside in s.columns.items() if inside == "mm"]
     bare = pair.each(
-        lambda s: s.in_unit([n for n in long if n in s.units and s.units[n] is None], written.length)
+        lambda s: s.in_unit({n: rig.machine.units.length for n in long if s.units.get(n, "") is None})
     )
     return bare.with_field(("units", "length"), unit)
 
@@ -186,7 +160,7 @@ def _mend_lengths(rig: Rig, factor: float, pair: Pair) -> Pair:
 
 def _strokes(rig: Rig, pair: Pair) -> list[Field]:
     """Screw pitches, and ranges of slides: lengths of a mechanism that are no constants of its model."""
-    slides = {a.reading for a in rig.machine.mechanism.actuators if a.reading_unit == "mm"}
+    slides = {a.reading for a in rig.actuators if a.reading_unit == "mm"}
     places: list[Field] = [("mechanism", "limb_range"), ("mechanism", "screw_pitch")]
     for group in ("joints", "legs"):
         for k, row in enumerate(pair.get(("mechanism", group)) or []):
@@ -216,7 +190,7 @@ def _scaled_fields(pair: Pair, fields: Sequence[Field], factor: float) -> Pair:
 def _all_angles(rig: Rig) -> Iterator[Slip]:
     """Yield the whole file, and the columns that name no unit, with their angles in another unit than ``units`` says."""
     written, said = rig.machine.units.angle, rig.recording.said
-    turning = {a.reading for a in rig.machine.mechanism.actuators if a.reading_unit == "rad"}
+    turning = {a.reading for a in rig.actuators if a.reading_unit == "rad"}
     columns = turning | {n for s in rig.machine.sensors for n, unit in s.columns.items() if unit == "rad"}
     alike = [name for name in columns if said.get(name, written) == written]
     if not turning & set(alike):

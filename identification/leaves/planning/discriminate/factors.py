@@ -21,7 +21,7 @@ import numpy as np
 from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.diagnosis.result import UNNAMED
-from truepose.identification.identifiability.observability import Note
+from truepose.identification.identifiability.observability import Kind, Note
 from truepose.models.effect_text import parse_effect
 from truepose.models.effects.base import SERIES, PlacedEffect, effects
 from truepose.models.effects.common import OF_ROWS
@@ -80,7 +80,8 @@ class Explanation:
     def twin_of(self, other: Explanation) -> bool:
         """Whether both are the same function of the same joint by construction, whatever is measured."""
         pairs = ((self, other), (other, self))
-        return self.place == other.place and any(b.slug in _twins(a) for a, b in pairs)
+        same = any(b.slug in part.twins for a, b in pairs for part in a.forms[0])
+        return self.place == other.place and same
 
 
 @dataclass(frozen=True)
@@ -116,7 +117,8 @@ def explanation(text: str, machine: Machine) -> Explanation:
     if not named:
         known = _forms(machine, placed.effect.slug, placed.place)
         forms += [form for form in known if form[0].label != placed.label]
-    amplitude = _in_scales(forms[0], placed.amplitudes) if any(placed.amplitudes) else None
+    scales = [c.scale for c in placed.coefficients]
+    amplitude = np.asarray(placed.amplitudes, dtype=float) / scales if any(placed.amplitudes) else None
     return Explanation(placed.effect.slug, placed.place, tuple(forms), amplitude)
 
 
@@ -198,15 +200,6 @@ def _forms(machine: Machine, slug: str, place: tuple[str, ...]) -> list[Form]:
     ]
     short = [p for p in placed if len(p.coefficients) < SERIES] or placed
     return [(p,) for p in short]
-
-
-def _in_scales(form: Form, amplitudes: Sequence[float]) -> Array:
-    scales = [c.scale for part in form for c in part.coefficients]
-    return np.asarray(amplitudes, dtype=float) / scales
-
-
-def _twins(explanation: Explanation) -> set[str]:
-    return {slug for part in explanation.forms[0] for slug in part.twins}
 
 
 # -- What an experiment may vary beside the joints: payload, temperatures, sides of approach, time, sessions, speeds
@@ -306,11 +299,8 @@ def _column(name: str) -> str:
 def unplanned(parts: Iterable[PlacedEffect]) -> list[Note]:
     """What rows of an experiment do not vary although an explanation depends on it."""
     kinds = {part.effect.slug: {Driver.of(name).kind for name in part.drivers} for part in parts}
-    short = [slug for slug, read in kinds.items() if read & set(OF_THE_WAY)]
-    creeping = [slug for slug, read in kinds.items() if "creep" in read]
-    moving = [slug for slug, read in kinds.items() if STEP in read]
-    strokes, creep = [Note("strokes", slug) for slug in short], [Note("creep", slug) for slug in creeping]
-    return [*strokes, *creep, *(Note("motions", slug) for slug in moving)]
+    missed: dict[Kind, set[str]] = {"strokes": {*OF_THE_WAY}, "creep": {"creep"}, "motions": {STEP}}
+    return [Note(name, slug) for name, own in missed.items() for slug, read in kinds.items() if read & own]
 
 
 def _automatic(driver: str, nominal: float) -> tuple[float, ...]:
@@ -322,12 +312,8 @@ def _automatic(driver: str, nominal: float) -> tuple[float, ...]:
 
 
 def _check_driver(machine: Machine, driver: str, text: str, complete: bool) -> None:
-    known = [
-        "pressure",
-        "humidity",
-        *(Driver(VELOCITY, joint).name for joint in machine.mechanism.readings),
-        AIR,
-    ]
+    velocities = [Driver(VELOCITY, joint).name for joint in machine.mechanism.readings]
+    known = ["pressure", "humidity", *velocities, AIR]
     known += [Driver(TEMPERATURE, part).name for part in (*machine.mechanism.lengths, "tool")]
     known += machine.force_columns
     if not complete or (driver not in known and not Driver.of(driver).thermal):

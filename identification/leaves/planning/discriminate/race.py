@@ -75,12 +75,6 @@ class Rows:
         chosen = np.asarray(rows)
         return Rows(self.q[chosen], {name: values[chosen] for name, values in self.drivers.items()})
 
-    @classmethod
-    def crossed(cls, q: Array, names: Sequence[str], settings: Array) -> Rows:
-        """Every pose q (p, nq) with every setting (s, f) of the drivers ``names``."""
-        tiled = np.tile(settings, (len(q), 1))
-        return cls(np.repeat(q, len(settings), axis=0), {name: tiled[:, k] for k, name in enumerate(names)})
-
 
 class _Steady(Recording):
     """Rows with no past but their own: temperatures are held until bodies follow, so that a lagged driver is the driver
@@ -235,7 +229,9 @@ class Pool:
         q = q if candidates is not None else rounded(q, machine, STEP)
         every = settings(varied, rng)
         q = q[: max(LEAST_POSES, ROWS // len(every))]
-        rows = Rows.crossed(q, [factor.driver for factor in varied], every)
+        levels = np.tile(every, (len(q), 1)).T
+        drivers = {factor.driver: own for factor, own in zip(varied, levels, strict=True)}
+        rows = Rows(np.repeat(q, len(every), axis=0), drivers)
         still = [rows.drivers[factor.driver] == factor.nominal for factor in varied]
         return cls(rows, information.home, np.logical_and.reduce([np.ones(len(rows), dtype=bool), *still]))
 
@@ -346,7 +342,7 @@ class Race:
         return out
 
 
-def chosen(race: Race, n: int, *, exchange: bool = True) -> list[int]:
+def chosen(race: Race, n: int) -> list[int]:
     """``n`` rows by greedy addition, then by exchange as long as that gains.
 
     All rows are looked at again every few steps, in between those that promised most.
@@ -360,7 +356,7 @@ def chosen(race: Race, n: int, *, exchange: bool = True) -> list[int]:
         scores = race.adding(design, rows)
         design.append(int(rows[np.argmax(scores)]))
         some = rows[np.argsort(-scores)[:_SHORT]] if fresh else some
-    if not exchange or len(every) <= n:
+    if len(every) <= n:
         return design
     value = float(race.judged(race.values(design)))
     for step in range(n):
