@@ -295,9 +295,8 @@ def _scale(place: int, leg: _Leg, context: BuildContext) -> list[Parameter]:
 
 def _points(place: int, leg: _Leg, context: BuildContext) -> list[Parameter]:
     return [
-        context.parameter(name, "mm", value, ("legs", place, point, k))
-        for point, values in (("a", leg.a), ("b", leg.b))
-        for k, (name, value) in enumerate(zip(_names(leg.name, point), values, strict=True))
+        *context.vector(f"{leg.name}.a", leg.a, ("legs", place, "a")),
+        *context.vector(f"{leg.name}.b", leg.b, ("legs", place, "b")),
     ]
 
 

@@ -36,10 +36,15 @@ E = TypeVar("E", bound=type[Effect])
 
 
 def bundle(slug: str) -> Callable[[E], E]:
-    """Register the class that follows under its slug, with what ``catalogue.yaml`` says of it in words."""
+    """Register the class that follows under its slug, with what ``catalogue.yaml`` says of it in words.
+
+    It has no settings unless it states ``setting_ranges``.
+    """
 
     def describe(effect: E) -> E:
         effect.slug = slug
+        if effect.setting_ranges is None:
+            effect.setting_ranges = {}
         for field, words in _catalogue()[slug].items():
             setattr(effect, field, tuple(words) if isinstance(words, list) else words)
         effects.add(slug)(effect)

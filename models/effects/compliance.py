@@ -19,7 +19,7 @@ from truepose.models.effects.common import (
 )
 from truepose.models.file.driver import CURRENT, MEASURED_LOADS, Driver
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.placed import NO_SETTINGS, NOT_NEGATIVE, ORDER, ranges
+from truepose.models.machine.placed import NOT_NEGATIVE, ORDER, ranges
 
 PER_AMPERE = 10.0
 """N m (N) that an ampere of a geared motor holds, to a power of ten. Chosen."""
@@ -166,7 +166,6 @@ class LegCompliance(Effect):
     dl = c F, F the leg's force from the closed loops' statics, tension positive; one leg or all alike.
     """
 
-    setting_ranges = NO_SETTINGS
     needs_load = True
 
     def places(self, machine: Machine) -> Sequence[Place]:

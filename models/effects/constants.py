@@ -11,7 +11,6 @@ from truepose.models.effects.base import Coefficient, Effect, Place, Settings, S
 from truepose.models.effects.common import actuator_at, joint_unit, rails, singly, singly_and_together
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import Parameter, element_of
-from truepose.models.machine.placed import NO_SETTINGS
 
 
 @bundle("actuator-scale")
@@ -20,8 +19,6 @@ class ActuatorScale(Effect):
 
     The reading q becomes (1 + s) q before the offset is added; one joint, or all of a kind alike.
     """
-
-    setting_ranges = NO_SETTINGS
 
     def places(self, machine: Machine) -> Sequence[Place]:
         places = singly(machine.mechanism.readings)
@@ -61,7 +58,6 @@ class AxisCoupling(Effect):
     Place (driven, driving): the driven joint moves by k times what the other's reading moves it.
     """
 
-    setting_ranges = NO_SETTINGS
     driven_by = "coupling"
 
     def places(self, machine: Machine) -> Sequence[Place]:
@@ -95,7 +91,6 @@ class WrongConstant(Effect):
     One parameter far outside its tolerance; or the rails of all legs tilted alike along their own legs.
     """
 
-    setting_ranges = NO_SETTINGS
     driven_by = "constant"
 
     def places(self, machine: Machine) -> Sequence[Place]:

@@ -21,7 +21,7 @@ from truepose.models.effects.sights import (
     stretched,
 )
 from truepose.models.machine.machine import FRAMES, Machine
-from truepose.models.machine.placed import COUNT, NO_SETTINGS, NOT_NEGATIVE, ORDER, SWITCH, ranges
+from truepose.models.machine.placed import COUNT, NOT_NEGATIVE, ORDER, SWITCH, ranges
 from truepose.models.machine.sensor import Sensor
 from truepose.models.sensors.distance import Distance
 
@@ -37,7 +37,6 @@ class SensorScale(Effect):
     Where the origin stands does not matter as long as the base frame is free: another one moves all points alike.
     """
 
-    setting_ranges = NO_SETTINGS
     driven_by = "sensor"
 
     def places(self, machine: Machine) -> Sequence[Place]:
@@ -199,7 +198,6 @@ class TargetOffset(Effect):
     A constant in the tool's frame added to one target's point; of a single target, the tool frame's own error.
     """
 
-    setting_ranges = NO_SETTINGS
     driven_by = "constant"
 
     def places(self, machine: Machine) -> Sequence[Place]:

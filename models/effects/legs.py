@@ -11,7 +11,7 @@ from truepose.models.effects.base import Coefficient, Effect, Observed, Place, S
 from truepose.models.effects.common import centre_and_half, limb_at, singly_and_together
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import Actuator, Limb
-from truepose.models.machine.placed import NO_SETTINGS, NOT_NEGATIVE, ranges
+from truepose.models.machine.placed import NOT_NEGATIVE, ranges
 
 
 @bundle("flexure-shift")
@@ -23,8 +23,6 @@ class FlexureShift(Effect):
     A flexure of constant section and length l in pure bending has k = l / 12. Where the machine's model has bent
     flexures already (``model: beam``), k is what they deviate by. A notch may have either sign.
     """
-
-    setting_ranges = NO_SETTINGS
 
     def places(self, machine: Machine) -> Sequence[Place]:
         if machine.mechanism.loops != "exact":

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, bundle
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.placed import NO_SETTINGS
 
 
 class OfRows(Effect):
@@ -31,8 +30,6 @@ class Outliers(OfRows):
     Rows, not a place of the machine: it shifts no port, and the robust fit finds it.
     """
 
-    setting_ranges = NO_SETTINGS
-
 
 @bundle("fringe-miscount")
 class FringeMiscount(OfRows):
@@ -40,5 +37,3 @@ class FringeMiscount(OfRows):
 
     Rows, not a place of the machine: it shifts no port. ``identification.diagnosis.outliers`` finds it.
     """
-
-    setting_ranges = NO_SETTINGS

@@ -15,7 +15,7 @@ from truepose.models.file.driver import PAYLOAD
 from truepose.models.machine.assembly import placed_frame
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import BASE, Direction, Joint
-from truepose.models.machine.placed import NO_SETTINGS, SWITCH, ranges
+from truepose.models.machine.placed import SWITCH, ranges
 
 SOFTEST = {"base": 1e-5, "tool": 1e-4}
 """rad/(N m): a base on a stand or a table; a flange that carries a newton metre and turns by a tenth of a milliradian."""
@@ -31,7 +31,6 @@ class GravitySag(Effect):
     The mount turns by c times the moment of gravity (and measured forces) about its origin, equally about every axis.
     """
 
-    setting_ranges = NO_SETTINGS
     needs_load = True
     commonness = 0.3  # mounts are bolted down; joints turn in gears
 

@@ -7,7 +7,7 @@ from truepose.models.file.machine_file import MachineFile
 from truepose.models.file.sections import FrameSection, FrameToleranceSection
 from truepose.models.machine.builder import BuildContext
 from truepose.models.machine.machine import FRAMES, Mount, body_of
-from truepose.models.machine.mechanism import AXIS_UNITS, BASE, Mechanism, Parameter
+from truepose.models.machine.mechanism import BASE, Mechanism, Parameter
 from truepose.models.machine.sensor import TOOL, WORLD
 from truepose.wording import close_matches
 
@@ -19,10 +19,8 @@ def frame_parameters(file: MachineFile, mechanism: Mechanism) -> tuple[Parameter
     out: list[Parameter] = []
     for frame, section in frames.items():
         context, stated = BuildContext(file, ("frames", frame)), section.tolerance
-        values, known = (*section.xyz, *section.rpy), (*stated.xyz, *stated.rpy)
-        for k, (axis, unit) in enumerate(AXIS_UNITS.items()):
-            field = ("xyz" if k < 3 else "rpy", k % 3)
-            out.append(context.parameter(f"{frame}.{axis}", unit, values[k], field, "frame", known[k]))
+        known = (*stated.xyz, *stated.rpy)
+        out += context.vector(frame, (*section.xyz, *section.rpy), (), "frame", known)
     return tuple(out)
 
 
