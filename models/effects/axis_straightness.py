@@ -106,7 +106,7 @@ def _directions(machine: Machine, place: Place) -> dict[str, Array]:
     for rail in rails(machine):
         if rail.reading == actuator.reading and np.any(rail.across):
             return {TOWARDS: rail.across}
-    joint = next(joint for joint in machine.mechanism.joints if joint.name == actuator.drives)
+    joint = machine.mechanism.joint(actuator.drives)
     axis = nominal_axis(machine, joint.axis)
     out = {}
     for k in sorted(np.argsort(np.abs(axis), kind="stable")[:2]):

@@ -7,10 +7,11 @@ from typing import Any, TypeVar
 
 from truepose.models.file.driver import DriverKind
 from truepose.models.file.yaml_document import read_document
-from truepose.models.machine.effect import Effect, Site, effects
+from truepose.models.machine.effect import Site, effects
 from truepose.models.machine.placed import (
     SERIES,
     Coefficient,
+    Effect,
     Observed,
     Place,
     PlacedEffect,

@@ -139,7 +139,7 @@ def _column(machine: Machine, place: Place, kind: str) -> str:
 def _pulling(machine: Machine, place: Place) -> list[int]:
     """Load cases that pull at the joint: bodies beyond the one that it moves, whose origin lies on its own axis."""
     mechanism, drives = machine.mechanism, actuator_at(machine, place[0]).drives
-    moved = next(joint.child for joint in mechanism.tree if joint.name == drives)
+    moved = mechanism.joint(drives).child
     beyond: set[str] = set()
     for joint in mechanism.tree:  # parents come first
         if joint.parent == moved or joint.parent in beyond:

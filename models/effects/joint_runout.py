@@ -75,7 +75,7 @@ class JointRunout(Effect):
             u, v = ca.vertsplit(ca.SX(ca.DM(across)) @ now)
             grows = -(site.c["uu"] * u**2 + 2 * site.c["uv"] * u * v + site.c["vv"] * v**2) / 2
             return {limb_at(site.machine, site.machine.mechanism.rod_ends[name].name).length: grows}
-        joint = _joint(site.machine, name)
+        joint = site.machine.mechanism.joint(name)
         first = round(site.settings.get("first", 0.0))
         shift = _turned(joint, site) @ (_across(now, first) - _across(ca.SX(ca.DM(then)), first))
         return {
@@ -85,7 +85,7 @@ class JointRunout(Effect):
     def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
         if place[0] in machine.mechanism.rod_ends:
             return ({},)
-        kind = _joint(machine, place[0]).kind
+        kind = machine.mechanism.joint(place[0]).kind
         if kind == "revolute":
             return [{"order": float(n)} for n in LOBES]
         if kind == "universal":
@@ -110,7 +110,7 @@ class JointRunout(Effect):
 def _of_pin(site: Site) -> Shifts:
     """What a pin that is not round adds to the placement of its joint."""
     name, n = site.place[0], site.settings.get("order", LOBES[0])
-    joint = _joint(site.machine, name)
+    joint = site.machine.mechanism.joint(name)
     axis, angle, cross = _pin(site, joint)
     u, v = (ca.SX(ca.DM(w)) for w in across(axis))
     cosine, sine = ca.cos(n * angle), ca.sin(n * angle)
@@ -141,11 +141,7 @@ def _acts(machine: Machine, end: str) -> bool:
     """Whether the effect can be put there: a rod of a limb, or a joint with a placement of its own."""
     if end in machine.mechanism.rod_ends:
         return machine.mechanism.rod_ends[end].name in {limb.name for limb in machine.mechanism.limbs}
-    return tuple(step.kind for step in _joint(machine, end).placement[:3]) == _SHIFTS
-
-
-def _joint(machine: Machine, name: str) -> Joint:
-    return next(joint for joint in machine.mechanism.joints if joint.name == name)
+    return tuple(step.kind for step in machine.mechanism.joint(end).placement[:3]) == _SHIFTS
 
 
 def _across(direction: ca.SX, first: int) -> ca.SX:

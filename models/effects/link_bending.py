@@ -149,12 +149,7 @@ def _yielding(site: Site, link: _Link) -> dict[str, ca.SX]:
 def _links(machine: Machine) -> dict[str, _Link]:
     """Links on the way from base to flange, outside loops, by the body that moves with the joint."""
     mechanism, inside = machine.mechanism, looped(machine.mechanism)
-    above = {joint.child: joint for joint in mechanism.tree}
-    way: list[Joint] = []
-    body = mechanism.flange
-    while body in above:
-        way.insert(0, above[body])
-        body = above[body].parent
+    way = mechanism.way(mechanism.flange)
     driven = {a.drives for a in mechanism.actuators if drives_joint(machine, a)}
     driven |= {follower.joint for follower in mechanism.followers}
     nominal = {name: ca.SX(value) for name, value in machine.nominal_values.items()}

@@ -80,7 +80,7 @@ class Backlash(Effect):
 def _side(site: Site) -> ca.SX:
     """Sign of gravity's torque about the joint's axis; it changes over where the load is in balance."""
     name = actuator_at(site.machine, site.place[0]).drives
-    axis = next(joint.axis for joint in site.machine.mechanism.joints if joint.name == name)
+    axis = site.machine.mechanism.joint(name).axis
     assert not isinstance(axis, Direction)
     u, v = across(axis)
     centre = ca.DM(ca.cos(site.settings[LEAN]) * u + ca.sin(site.settings[LEAN]) * v)

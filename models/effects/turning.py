@@ -7,7 +7,6 @@ from math import hypot, pi
 
 import casadi as ca
 
-from truepose.arrays import Array
 from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, bundle
 from truepose.models.effects.common import (
     ARCSEC,
@@ -111,7 +110,8 @@ class AxisWobble(Effect):
 
     def shifts(self, site: Site) -> Shifts:
         actuator = actuator_at(site.machine, site.place[0])
-        u, v = _across(site.machine, actuator.drives)
+        joint = site.machine.mechanism.joint(actuator.drives)
+        u, v = across(nominal_axis(site.machine, joint.axis))
         q = site.displacement(actuator.reading)
         along_u, along_v = ca.SX(0), ca.SX(0)
         # the motion's frame has turned by q already: there the tilt turns that much further against it
@@ -123,7 +123,7 @@ class AxisWobble(Effect):
                     along_u += x * ca.cos(phase) - y * ca.sin(phase)
                     along_v += x * ca.sin(phase) + y * ca.cos(phase)
         tilt = ca.SX(ca.DM(u)) * along_u + ca.SX(ca.DM(v)) * along_v
-        offset = sum((site.values[name] for name in _offset(site.machine, actuator.drives)), ca.SX(0))
+        offset = sum((site.values[name] for name in own_offset(joint)), ca.SX(0))
         moved = ca.cross(tilt, ca.vertcat(0, 0, offset))
         motion = ca.vertsplit(ca.vertcat(moved, tilt))
         return {
@@ -139,13 +139,3 @@ class AxisWobble(Effect):
 
 def _orders(settings: Settings) -> int:
     return round(settings.get("orders", 1.0))
-
-
-def _offset(machine: Machine, name: str) -> tuple[str, ...]:
-    return own_offset(next(joint for joint in machine.mechanism.joints if joint.name == name))
-
-
-def _across(machine: Machine, name: str) -> tuple[Array, Array]:
-    """Two unit vectors (3,) across a joint's axis that make a right-handed frame with it."""
-    joint = next(joint for joint in machine.mechanism.joints if joint.name == name)
-    return across(nominal_axis(machine, joint.axis))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import takewhile
+
 from truepose.errors import InputError
 from truepose.models.file.machine_file import MachineFile
 from truepose.models.file.sections import FrameSection, FrameToleranceSection
@@ -56,11 +58,9 @@ def mounts(file: MachineFile, mechanism: Mechanism) -> tuple[Mount, ...]:
 
 def _check_tool(file: MachineFile, mechanism: Mechanism) -> None:
     """The tool hangs on the flange: its `in` may name that body, or one that does not move against it."""
-    said, above = file.frames.tool.in_ or "flange", {joint.child: joint for joint in mechanism.tree}
-    body, fixed = mechanism.flange, {mechanism.flange}
-    while body in above and above[body].kind == "fixed":
-        body = above[body].parent
-        fixed.add(body)
+    said, way = file.frames.tool.in_ or "flange", mechanism.way(mechanism.flange)
+    still = takewhile(lambda joint: joint.kind == "fixed", reversed(way))
+    fixed = {mechanism.flange, *(joint.parent for joint in still)}
     if said not in ("flange", *mechanism.table_frames) and body_of(mechanism, said) not in fixed:
         raise InputError(
             f"{file.path}: frames.tool.in: found {said!r}, expected flange, which is {mechanism.flange!r}; a frame of "
