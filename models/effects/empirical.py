@@ -291,13 +291,9 @@ class Empirical(Effect):
         names = [source.name for source in sources_of(machine, place, settings)]
         if self.reads_load(settings):
             return "load"
-        joints = machine.mechanism.readings
-        read = [
-            kind
-            for kind in (machine.drives(name) for name in names if name not in joints)
-            if kind is not None
-        ]
-        return read[0] if read else "position" if names == [place[0]] else "coupling"
+        kinds = (machine.drives(name) for name in names if name not in machine.mechanism.readings)
+        own: DriverKind = "position" if names == [place[0]] else "coupling"
+        return next((kind for kind in kinds if kind is not None), own)
 
     def shifts(self, site: Site) -> Shifts:
         """Chebyshev polynomials of one source, or a product of two; squares and products of coordinates."""

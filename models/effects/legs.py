@@ -40,10 +40,6 @@ class FlexureShift(Effect):
         limbs = [limb_at(site.machine, name) for name in site.place]
         return {limb.length: site.c["k"] * _squared_tilts(site, limb.name) for limb in limbs}
 
-    def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
-        legs = ", ".join(place)
-        return f"The flexures of {legs} shift their centres as they bend, with the square of the tilt."
-
     def found(self, values: Mapping[str, float], std: Mapping[str, float]) -> str:
         length = 12 * values["k"]
         beyond = "Beyond what the model has, the shift is that of flexures of constant section"

@@ -20,16 +20,6 @@ SEEN = ("from", "to")
 """Settings of a series: the ends of the arc over which it was fitted, rad."""
 
 
-def series_coefficients(
-    unit: str, scale: float, orders: int, decay: float, largest: float, first: int = 1
-) -> tuple[Coefficient, ...]:
-    """A periodic function as a Fourier series whose amplitudes are expected to fall as order^-decay from ``largest``."""
-    names = [
-        (f"{letter}{k}", min(largest, scale / k**decay)) for k in range(first, orders + 1) for letter in "ab"
-    ]
-    return tuple(Coefficient(name, unit, size) for name, size in names)
-
-
 def series(site: Site, angle: ca.SX) -> ca.SX:
     """sum a_k sin(k angle) + b_k cos(k angle) over the coefficients of a site, less its mean over the arc that was seen.
 
@@ -82,14 +72,6 @@ def _seen_share(angle: ca.SX, low: float, high: float) -> ca.SX:
     return 1.0 / (1.0 + (ca.fmax(0.0, away - half) / FADE) ** 2)
 
 
-def over_arc(place: Place, settings: Settings, seen: Mapping[str, tuple[float, float]]) -> Settings:
-    """Settings of a series with the arc over which its joint was seen, where that is less than a turn."""
-    low, high = seen.get(place[0], (0.0, 2 * np.pi))
-    if "orders" not in settings or high - low >= 2 * np.pi:
-        return settings
-    return {**settings, **{end: float(f"{value:.6g}") for end, value in zip(SEEN, (low, high), strict=True)}}
-
-
 HIGHEST_ORDER = 30
 SERIES = 60.0
 LARGEST = 6e-4
@@ -120,7 +102,11 @@ class TransmissionError(Effect):
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
         if "orders" in settings:
             first, last = (round(settings.get(end, 1.0)) for end in ("first", "orders"))
-            return series_coefficients("rad", 5e-3, last, DECAY, LARGEST, first)
+            return tuple(
+                Coefficient(f"{letter}{k}", "rad", min(LARGEST, 5e-3 / k**DECAY))
+                for k in range(first, last + 1)
+                for letter in "ab"
+            )
         return sine_coefficients("rad", 3e-3)
 
     def shifts(self, site: Site) -> Shifts:
@@ -143,8 +129,12 @@ class TransmissionError(Effect):
         return 10.0 if "orders" in settings else 1.0
 
     def within(self, place: Place, settings: Settings, seen: Mapping[str, tuple[float, float]]) -> Settings:
-        """A series says nothing beyond the arc that was seen."""
-        return over_arc(place, settings, seen)
+        """Add to a series the arc over which its joint was seen, where that is less than a turn."""
+        low, high = seen.get(place[0], (0.0, 2 * np.pi))
+        if "orders" not in settings or high - low >= 2 * np.pi:
+            return settings
+        arc = zip(SEEN, (low, high), strict=True)
+        return {**settings, **{end: float(f"{value:.6g}") for end, value in arc}}
 
     def told(self, settings: Settings) -> str:
         """Without the arc: terms of one place and as many orders are one term."""

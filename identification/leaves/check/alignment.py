@@ -95,7 +95,9 @@ def _read(machine: Machine, rows: Recording) -> Iterator[tuple[Sensor, Array, ND
 
 def _by_lengths(sensor: BallBar, flange: Array, length: Array, stated: Frames) -> Iterator[Frames]:
     """Yield bases, turned as stated, from which bars have lengths (n,), for some tools, and for these moved in turns."""
-    ball, centre = (np.array([p.nominal for p in part]) for part in (sensor.parameters[3:], sensor.parameters[:3]))
+    ball, centre = (
+        np.array([p.nominal for p in part]) for part in (sensor.parameters[3:], sensor.parameters[:3])
+    )
     turn = stated[0][:3, :3]
     for start in (stated[1], np.eye(4)):
         tool = start.copy()
