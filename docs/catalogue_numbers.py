@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from truepose.models.machine.effect import Effect
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.placed import Observed, Place, Settings
+from truepose.models.machine.placed import Effect, Observed, Place, Settings
 
 LIMITED: Final = 40
 """Places of a machine that are asked."""

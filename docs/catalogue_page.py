@@ -21,9 +21,9 @@ from catalogue_law import MACHINE
 from catalogue_numbers import placed, sizes, tried
 from truepose.models.file.driver import OF_THE_WAY, STEP, VELOCITY, Driver
 from truepose.models.load import load_machine
-from truepose.models.machine.effect import Effect, effects
+from truepose.models.machine.effect import effects
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.placed import Place, Settings
+from truepose.models.machine.placed import Effect, Place, Settings
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 PAGE: Final = ROOT / "docs/catalogue.md"

@@ -13,10 +13,10 @@ from truepose.models.file.driver import TIME, VELOCITY, Driver
 from truepose.models.file.effect_entry import EffectSpec
 from truepose.models.file.limits import LARGEST, within
 from truepose.models.load import place_effect, resolve_place
-from truepose.models.machine.effect import Effect, effects
+from truepose.models.machine.effect import effects
 from truepose.models.machine.kinematics import driver_default
 from truepose.models.machine.machine import Machine, MachineLike, as_machine
-from truepose.models.machine.placed import Coefficient, PlacedEffect
+from truepose.models.machine.placed import Coefficient, Effect, PlacedEffect
 from truepose.models.units import parse_unit
 from truepose.wording import close_matches
 

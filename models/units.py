@@ -15,13 +15,14 @@ import functools
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final, cast, overload
+from typing import Any, Final, TypeVar, cast
 
 import pint
 
 from truepose.arrays import Array
 from truepose.errors import InputError
 
+N = TypeVar("N", float, Array)
 INTERNAL: Final[Mapping[str, str]] = {
     "length": "mm", "angle": "rad", "time": "s", "temperature": "degC", "mass": "kg", "force": "N",
     "torque": "N*m", "stiffness": "N/mm", "pressure": "hPa", "number": "1",
@@ -137,11 +138,7 @@ def _scale(unit: str, to: str) -> float | None:
     return scale
 
 
-@overload
-def convert(value: float, unit: str, to: str, where: str = "") -> float: ...
-@overload
-def convert(value: Array, unit: str, to: str, where: str = "") -> Array: ...
-def convert(value: float | Array, unit: str, to: str, where: str = "") -> float | Array:
+def convert(value: N, unit: str, to: str, where: str = "") -> N:
     """A value or an array of any shape, given in `unit`, in the unit `to`.
 
     Raises InputError, opening with `where`, when the unit is unknown or of another dimension.
@@ -152,7 +149,7 @@ def convert(value: float | Array, unit: str, to: str, where: str = "") -> float 
     scale = _scale(unit, to)
     if scale is not None:
         return value * scale
-    converted: float | Array = _registry().Quantity(value, _unit(unit)).to(_unit(to)).magnitude
+    converted: N = _registry().Quantity(value, _unit(unit)).to(_unit(to)).magnitude
     return converted
 
 
@@ -196,18 +193,10 @@ class UnitSystem:
             return "1" if self.joint is None else f"{INTERNAL['length']}/{self.joint}"
         return INTERNAL[dimension]
 
-    @overload
-    def to_internal(self, value: float, dimension: str) -> float: ...
-    @overload
-    def to_internal(self, value: Array, dimension: str) -> Array: ...
-    def to_internal(self, value: float | Array, dimension: str) -> float | Array:
+    def to_internal(self, value: N, dimension: str) -> N:
         """A value of the file, or an array of any shape, in internal units."""
         return convert(value, self.of(dimension), self.internal(dimension))
 
-    @overload
-    def from_internal(self, value: float, dimension: str) -> float: ...
-    @overload
-    def from_internal(self, value: Array, dimension: str) -> Array: ...
-    def from_internal(self, value: float | Array, dimension: str) -> float | Array:
+    def from_internal(self, value: N, dimension: str) -> N:
         """A value in internal units, or an array of any shape, in the units of the file."""
         return convert(value, self.internal(dimension), self.of(dimension))

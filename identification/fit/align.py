@@ -202,7 +202,7 @@ def _by_directions(
     rows = rows & good
     here = np.linalg.inv(transform(at)) @ predictor.poses(p, x)[0][rows]
     read = np.column_stack([predictor.recording.observations[c][rows] for c in sensor.columns])
-    station = station_of(p[names.index(parameter.name)] for parameter in sensor.own)
+    station = station_of(p[names.index(parameter.name)] for parameter in sensor.parameters)
     found = base_of(sensor, here, read, station)
     if found is None:
         return None

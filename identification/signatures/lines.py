@@ -25,7 +25,7 @@ from truepose.identification.fit.estimated import Estimate
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.effects.transmission_error import HIGHEST_ORDER, SERIES, TransmissionError, over_arc
+from truepose.models.effects.transmission_error import HIGHEST_ORDER, SERIES, TransmissionError
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.placed import HARMONIC
 
@@ -143,7 +143,7 @@ def proposed(signatures: Signatures, fit: Estimate, cat: Catalogue) -> Catalogue
         arc = whole.moved[~whole.validation, signatures.machine.mechanism.readings.index(joint)]
         seen = {joint: (float(arc.min()), float(arc.max()))}
         effect = TransmissionError()
-        settings = [(s, over_arc((joint,), s, seen)) for s in (*lines, *series)]
+        settings = [(s, TransmissionError().within((joint,), s, seen)) for s in (*lines, *series)]
         made = [PlacedEffect.at(effect, signatures.machine, (joint,), own) for _, own in settings]
         share = [_share(found.finest, s) for s, _ in settings]
         new = [(m, w) for m, w in zip(made, share, strict=True) if m.label not in known]

@@ -278,12 +278,7 @@ def mechanism_of(parsed: Graph, context: BuildContext) -> Mechanism:
 def _parameters(
     place: int, joint: GraphJoint, others: Mapping[str, GraphJoint], context: BuildContext
 ) -> list[Parameter]:
-    values = (*joint.xyz, *joint.rpy)
-    out = []
-    for k, axis in enumerate(("x", "y", "z", "rx", "ry", "rz")):
-        unit, part = ("mm", "xyz") if k < 3 else ("rad", "rpy")
-        field = ("joints", place, part, k % 3)
-        out.append(context.parameter(f"{joint.name}.{axis}", unit, values[k], field))
+    out = [*context.vector(joint.name, (*joint.xyz, *joint.rpy), ("joints", place))]
     if joint.actuated or joint.carried:
         offset = context.file.units.to_internal(joint.offset, joint.dimension)
         out.append(context.parameter(f"{joint.name}.offset", joint.unit, offset, ("joints", place, "offset")))

@@ -204,64 +204,59 @@ def pus(section: Mapping[str, Any], context: BuildContext) -> Mechanism:
     ``model`` says what stands for the joints: see ``truepose.models.builders.hexapod``.
     """
     hexapod = context.parse(Pus, section)
-    _check([leg.name for leg in hexapod.legs], [leg.joint for leg in hexapod.legs], context)
-    parameters: list[Parameter] = []
-    joints, rods, actuators, limbs = [_platform(hexapod.home, context)], [], [], []
+    sliders, parameters, rods, limbs = [], list[Parameter](), [], []
     for k, leg in enumerate(hexapod.legs):
         own, axis = _rail(k, leg, context)
         parameters += _points(k, leg, context) + own
-        slider = f"{leg.name}.slider"
-        placement = tuple(Step(f"t{c}", f"{leg.name}.a.{c}") for c in _POINT)
-        joints.append(Joint(leg.joint, "prismatic", BASE, slider, placement, axis))
-        rods.append(
-            Rod(leg.name, slider, None, PLATFORM, _names(leg.name, "b"), f"{leg.name}.length", leg.length)
-        )
-        actuators.append(_actuator(leg, leg.joint, context))
-        limbs.append(
-            Limb(leg.name, leg.joint, _names(leg.name, "a"), _names(leg.name, "b"), f"{leg.name}.length")
-        )
-    mechanism = _mechanism(parameters, joints, rods, actuators, limbs)
-    return flexed(mechanism, hexapod, context)
+        a, b, slider, length = *_ends(leg), f"{leg.name}.slider", f"{leg.name}.length"
+        placement = tuple(Step(f"t{c}", name) for c, name in zip(_POINT, a, strict=True))
+        sliders.append(Joint(leg.joint, "prismatic", BASE, slider, placement, axis))
+        rods.append(Rod(leg.name, slider, None, PLATFORM, b, length, leg.length))
+        limbs.append(Limb(leg.name, leg.joint, a, b, length))
+    actuators = [_actuator(leg, leg.joint, context) for leg in hexapod.legs]
+    return flexed(_mechanism(hexapod, parameters, sliders, rods, actuators, limbs, context), hexapod, context)
 
 
 @builders.add("6-ups")
 def ups(section: Mapping[str, Any], context: BuildContext) -> Mechanism:
     """Leg length = offset + gain * reading, between a on the base and b on the platform."""
     hexapod = context.parse(Ups, section)
-    _check([leg.name for leg in hexapod.legs], [leg.joint for leg in hexapod.legs], context)
-    parameters: list[Parameter] = []
-    rods, actuators, limbs = [], [], []
+    parameters, rods, actuators, limbs = list[Parameter](), [], [], []
     for k, leg in enumerate(hexapod.legs):
         home = None if leg.range else (_home_length(leg, hexapod.home, context) - leg.offset) / leg.gain
-        actuator = _actuator(leg, leg.name, context, home)
+        actuators.append(_actuator(leg, leg.name, context, home))
         parameters += _points(k, leg, context) + _scale(k, leg, context)
-        a, b = _names(leg.name, "a"), _names(leg.name, "b")
+        a, b = _ends(leg)
         rods.append(Rod(leg.name, BASE, a, PLATFORM, b, None, leg.offset))
-        actuators.append(actuator)
-        limbs.append(Limb(leg.name, leg.joint, a, b, actuator.displacement))
-    return _mechanism(parameters, [_platform(hexapod.home, context)], rods, actuators, limbs)
+        limbs.append(Limb(leg.name, leg.joint, a, b, actuators[-1].displacement))
+    return _mechanism(hexapod, parameters, [], rods, actuators, limbs, context)
 
 
 def _mechanism(
-    parameters: list[Parameter],
-    joints: list[Joint],
-    rods: list[Rod],
-    actuators: list[Actuator],
-    limbs: list[Limb],
+    hexapod: Pus | Ups,
+    parameters: Sequence[Parameter],
+    sliders: Sequence[Joint],
+    rods: Sequence[Rod],
+    actuators: Sequence[Actuator],
+    limbs: Sequence[Limb],
+    context: BuildContext,
 ) -> Mechanism:
+    """Put the legs of a hexapod together. Raises InputError unless there are six, each with its own name and joint."""
+    names = [leg.name for leg in hexapod.legs]
+    if (
+        any(len(set(own)) != LEGS for own in (names, [leg.joint for leg in hexapod.legs]))
+        or len(names) != LEGS
+    ):
+        raise InputError(
+            f"{context.where}.legs: found {len(names)} legs {names}, expected {LEGS}, "
+            "each with its own name and joint"
+        )
     lengths = {BASE: tuple(p for limb in limbs for p in limb.base_point)}
     lengths[PLATFORM] = tuple(p for limb in limbs for p in limb.platform_point)
     lengths |= {limb.name: (limb.length,) for limb in limbs}
-    return Mechanism(
-        tuple(parameters),
-        tuple(joints),
-        tuple(actuators),
-        PLATFORM,
-        tuple(rods),
-        tuple(limbs),
-        lengths,
-        PLATFORM,
-    )
+    joints = (_platform(hexapod.home, context), *sliders)
+    parts = (tuple(parameters), joints, tuple(actuators), PLATFORM, tuple(rods), tuple(limbs))
+    return Mechanism(*parts, lengths, PLATFORM)
 
 
 def _rail(place: int, leg: PusLeg, context: BuildContext) -> tuple[list[Parameter], Direction]:
@@ -295,14 +290,14 @@ def _scale(place: int, leg: _Leg, context: BuildContext) -> list[Parameter]:
 
 def _points(place: int, leg: _Leg, context: BuildContext) -> list[Parameter]:
     return [
-        context.parameter(name, "mm", value, ("legs", place, point, k))
-        for point, values in (("a", leg.a), ("b", leg.b))
-        for k, (name, value) in enumerate(zip(_names(leg.name, point), values, strict=True))
+        *context.vector(f"{leg.name}.a", leg.a, ("legs", place, "a")),
+        *context.vector(f"{leg.name}.b", leg.b, ("legs", place, "b")),
     ]
 
 
-def _names(leg: str, point: str) -> tuple[str, str, str]:
-    return (f"{leg}.{point}.x", f"{leg}.{point}.y", f"{leg}.{point}.z")
+def _ends(leg: _Leg) -> list[tuple[str, str, str]]:
+    """Return the names of the coordinates of a leg's lower and upper joint."""
+    return [(f"{leg.name}.{end}.x", f"{leg.name}.{end}.y", f"{leg.name}.{end}.z") for end in "ab"]
 
 
 def _actuator(leg: _Leg, drives: str, context: BuildContext, home: float | None = None) -> Actuator:
@@ -331,11 +326,3 @@ def _platform(home: tuple[float, ...], context: BuildContext) -> Joint:
     angle = float(np.linalg.norm(turn))
     mrp = turn * (np.tan(angle / 4) / angle if angle else 0.0)
     return Joint(f"{PLATFORM}.pose", "free", BASE, PLATFORM, home=(*position.tolist(), *mrp.tolist()))
-
-
-def _check(names: list[str], joints: list[str], context: BuildContext) -> None:
-    if len(names) != LEGS or len(set(names)) != LEGS or len(set(joints)) != LEGS:
-        raise InputError(
-            f"{context.where}.legs: found {len(names)} legs {names}, expected {LEGS}, "
-            "each with its own name and joint"
-        )

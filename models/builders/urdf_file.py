@@ -55,11 +55,6 @@ def read_urdf(path: Path) -> ElementTree.Element:
         data = read_input(path)
     except OSError as exc:
         raise InputError(f"{path}: cannot read the URDF: {exc.strerror or exc}") from None
-    return parse_urdf(data, path)
-
-
-def parse_urdf(data: bytes, path: Path) -> ElementTree.Element:
-    """Return the element ``robot`` of what a file holds. Raises InputError as ``read_urdf``."""
     try:
         parser = ElementTree.XMLParser(target=_Tree(path))
         parser.feed(data)
@@ -101,12 +96,8 @@ class Robot:
 
     @classmethod
     def read(cls, path: Path) -> Robot:
-        """Read and check what all joints share. Raises InputError for a missing file and broken XML."""
-        return cls.of(read_urdf(path), path)
-
-    @classmethod
-    def of(cls, root: ElementTree.Element, path: Path) -> Robot:
-        """Check what all joints share in the element ``robot`` of a file. Raises InputError naming the element."""
+        """Read and check what all joints share. Raises InputError naming the file, and the element."""
+        root = read_urdf(path)
         links = [link.get("name", "") for link in root.findall("link")]
         joints = [joint.get("name", "") for joint in root.findall("joint")]
         _check_names(path, "link", links)

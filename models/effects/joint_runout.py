@@ -10,7 +10,7 @@ import numpy as np
 
 from truepose.errors import InputError
 from truepose.models import lie
-from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
+from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, bundle
 from truepose.models.effects.common import limb_at, singly
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import Direction, Joint
@@ -24,7 +24,7 @@ _TURNS = {"rx": lie.rot_x, "ry": lie.rot_y, "rz": lie.rot_z}
 _SHIFTS = ("tx", "ty", "tz")
 
 
-@effects.add("joint-runout")
+@bundle("joint-runout")
 class JointRunout(Effect):
     """Joints whose centre of rotation wanders as they turn: axes of a cross that do not meet, pins that are not round.
 
@@ -40,23 +40,8 @@ class JointRunout(Effect):
     which axis of a universal joint, 1 (x) or 2 (y of the cross).
     """
 
-    slug = "joint-runout"
     setting_ranges = ranges({"order": ORDER, "first": NOT_NEGATIVE, "pin": NOT_NEGATIVE})
     driven_by = "position-periodic"
-    title = "Joint whose centre wanders as it turns"
-    counted = True
-    formula = (
-        "centre of the joint shifts by e (c - c_home), c the unit vector of the leg across the first axis; a leg on "
-        "rods: dl = -(uu n_u^2 + 2 uv n_u n_v + vv n_v^2) / 2, n_u and n_v its direction across that of home; "
-        "a pin: (a + i b) exp(i n t) across it, t the joint's angle (i: 90 deg about the pin)"
-    )
-    size = "5 to 50 um (recalled)"
-    look_alikes = ("flexure-shift", "wrong-constant", "leg-compliance")
-    experiment = "take the joint out, put it back turned by a quarter turn about the leg, and repeat"
-    source = (
-        "loop of a cross with offset axes; modified Cardan joints break the spherical model of hexapods "
-        "(preprints 202512.0728, abstract); radial error motion of an axis of rotation by orders, ISO 230-7 (recalled)"
-    )
     settings_add = True
 
     def places(self, machine: Machine) -> Sequence[Place]:
@@ -90,7 +75,7 @@ class JointRunout(Effect):
             u, v = ca.vertsplit(ca.SX(ca.DM(across)) @ now)
             grows = -(site.c["uu"] * u**2 + 2 * site.c["uv"] * u * v + site.c["vv"] * v**2) / 2
             return {limb_at(site.machine, site.machine.mechanism.rod_ends[name].name).length: grows}
-        joint = _joint(site.machine, name)
+        joint = site.machine.mechanism.joint(name)
         first = round(site.settings.get("first", 0.0))
         shift = _turned(joint, site) @ (_across(now, first) - _across(ca.SX(ca.DM(then)), first))
         return {
@@ -100,7 +85,7 @@ class JointRunout(Effect):
     def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
         if place[0] in machine.mechanism.rod_ends:
             return ({},)
-        kind = _joint(machine, place[0]).kind
+        kind = machine.mechanism.joint(place[0]).kind
         if kind == "revolute":
             return [{"order": float(n)} for n in LOBES]
         if kind == "universal":
@@ -125,7 +110,7 @@ class JointRunout(Effect):
 def _of_pin(site: Site) -> Shifts:
     """What a pin that is not round adds to the placement of its joint."""
     name, n = site.place[0], site.settings.get("order", LOBES[0])
-    joint = _joint(site.machine, name)
+    joint = site.machine.mechanism.joint(name)
     axis, angle, cross = _pin(site, joint)
     u, v = (ca.SX(ca.DM(w)) for w in across(axis))
     cosine, sine = ca.cos(n * angle), ca.sin(n * angle)
@@ -156,11 +141,7 @@ def _acts(machine: Machine, end: str) -> bool:
     """Whether the effect can be put there: a rod of a limb, or a joint with a placement of its own."""
     if end in machine.mechanism.rod_ends:
         return machine.mechanism.rod_ends[end].name in {limb.name for limb in machine.mechanism.limbs}
-    return tuple(step.kind for step in _joint(machine, end).placement[:3]) == _SHIFTS
-
-
-def _joint(machine: Machine, name: str) -> Joint:
-    return next(joint for joint in machine.mechanism.joints if joint.name == name)
+    return tuple(step.kind for step in machine.mechanism.joint(end).placement[:3]) == _SHIFTS
 
 
 def _across(direction: ca.SX, first: int) -> ca.SX:

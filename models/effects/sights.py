@@ -100,7 +100,7 @@ def bent_up(site: Site, sensor: Sensor, lift: Callable[[ca.SX], ca.SX]) -> dict[
     assert isinstance(sensor, Direction)
     gravity = np.array(site.machine.gravity, dtype=float)
     zenith = frame_of(site.values, "base")[:3, :3] @ ca.DM(-gravity / np.linalg.norm(gravity))
-    at = [site.values[parameter.name] for parameter in sensor.own[3:]]
+    at = [site.values[parameter.name] for parameter in sensor.parameters[3:]]
     zenith = lie.rpy_transform([ca.SX(0)] * 3, at)[:3, :3].T @ zenith if at else zenith
     seen = ca.vertcat(*(site.seen(column) for column in sensor.columns))
     along = sensor.meant(seen)

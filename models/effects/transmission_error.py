@@ -9,7 +9,7 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
-from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
+from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, bundle
 from truepose.models.effects.common import ARCSEC, actuator_at, sine_coefficients, sine_pair, singly
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.placed import ANY, HARMONIC, ORDER, ranges
@@ -18,16 +18,6 @@ FADE = 0.035
 """Angle in which a series of many orders fades beyond what was seen, rad: it knows nothing of the next few degrees."""
 SEEN = ("from", "to")
 """Settings of a series: the ends of the arc over which it was fitted, rad."""
-
-
-def series_coefficients(
-    unit: str, scale: float, orders: int, decay: float, largest: float, first: int = 1
-) -> tuple[Coefficient, ...]:
-    """A periodic function as a Fourier series whose amplitudes are expected to fall as order^-decay from ``largest``."""
-    names = [
-        (f"{letter}{k}", min(largest, scale / k**decay)) for k in range(first, orders + 1) for letter in "ab"
-    ]
-    return tuple(Coefficient(name, unit, size) for name, size in names)
 
 
 def series(site: Site, angle: ca.SX) -> ca.SX:
@@ -82,14 +72,6 @@ def _seen_share(angle: ca.SX, low: float, high: float) -> ca.SX:
     return 1.0 / (1.0 + (ca.fmax(0.0, away - half) / FADE) ** 2)
 
 
-def over_arc(place: Place, settings: Settings, seen: Mapping[str, tuple[float, float]]) -> Settings:
-    """Settings of a series with the arc over which its joint was seen, where that is less than a turn."""
-    low, high = seen.get(place[0], (0.0, 2 * np.pi))
-    if "orders" not in settings or high - low >= 2 * np.pi:
-        return settings
-    return {**settings, **{end: float(f"{value:.6g}") for end, value in zip(SEEN, (low, high), strict=True)}}
-
-
 HIGHEST_ORDER = 30
 SERIES = 60.0
 LARGEST = 6e-4
@@ -98,7 +80,7 @@ DECAY = 1.5
 """Amplitudes of a smooth gear error fall about as order^-1.5; the size is weighed against the data."""
 
 
-@effects.add("transmission-error")
+@bundle("transmission-error")
 class TransmissionError(Effect):
     """Gears that do not turn evenly: a joint error that repeats a whole number of times per turn.
 
@@ -108,25 +90,8 @@ class TransmissionError(Effect):
     series is a series of its own, with a size of its own.
     """
 
-    slug = "transmission-error"
     setting_ranges = ranges({"order": ORDER, "first": HARMONIC, "orders": HARMONIC, "from": ANY, "to": ANY})
     driven_by = "position-periodic"
-    title = "Transmission error of a geared joint"
-    counted = True
-    sentence = "The gear of joint {0} turns unevenly: its error repeats several times per turn."
-    formula = (
-        "dq = a sin(k q) + b cos(k q), k cycles per turn of the joint; or the sum over k = 1 ... 60, "
-        "less its mean over the arc from ... to that was seen, beyond which it fades"
-    )
-    size = "strain wave gears 0.5 to 2 arcmin (1.5e-4 to 6e-4 rad)"
-    look_alikes = ("encoder-eccentricity", "axis-wobble", "actuator-scale")
-    experiment = (
-        "sweep this joint alone in fine, unevenly spaced steps over a few periods; repeat with the gear "
-        "coupled at another tooth: gear errors stay with the gear, encoder errors with the encoder"
-    )
-    source = (
-        "Judd and Knasinski 1990, A technique to calibrate industrial robots with experimental verification"
-    )
     settings_add = True
     # any function of the joint's angle may come from the gear or from the encoder that reads the angle
     twins: ClassVar = {"orders": {"encoder-eccentricity": 0.2}}
@@ -137,7 +102,11 @@ class TransmissionError(Effect):
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
         if "orders" in settings:
             first, last = (round(settings.get(end, 1.0)) for end in ("first", "orders"))
-            return series_coefficients("rad", 5e-3, last, DECAY, LARGEST, first)
+            return tuple(
+                Coefficient(f"{letter}{k}", "rad", min(LARGEST, 5e-3 / k**DECAY))
+                for k in range(first, last + 1)
+                for letter in "ab"
+            )
         return sine_coefficients("rad", 3e-3)
 
     def shifts(self, site: Site) -> Shifts:
@@ -160,8 +129,12 @@ class TransmissionError(Effect):
         return 10.0 if "orders" in settings else 1.0
 
     def within(self, place: Place, settings: Settings, seen: Mapping[str, tuple[float, float]]) -> Settings:
-        """A series says nothing beyond the arc that was seen."""
-        return over_arc(place, settings, seen)
+        """Add to a series the arc over which its joint was seen, where that is less than a turn."""
+        low, high = seen.get(place[0], (0.0, 2 * np.pi))
+        if "orders" not in settings or high - low >= 2 * np.pi:
+            return settings
+        arc = zip(SEEN, (low, high), strict=True)
+        return {**settings, **{end: float(f"{value:.6g}") for end, value in arc}}
 
     def told(self, settings: Settings) -> str:
         """Without the arc: terms of one place and as many orders are one term."""

@@ -50,7 +50,9 @@ class Formula:
         """Raises InputError, which opens with ``where``, for what is no formula of the ``known`` names."""
         tree = _tree(text, where)
         try:
-            _Value(text, {name: ca.SX.sym(name) for name in known}, _BY_NAME, angle, where).visit(tree)
+            _Value(text.strip(), {name: ca.SX.sym(name) for name in known}, _BY_NAME, angle, where).visit(
+                tree
+            )
         except RecursionError:
             raise InputError(
                 f"{where}: found {text!r}, expected a shorter one, or fewer brackets in brackets"
@@ -65,7 +67,7 @@ class Formula:
         bounded: roots and arcs of what has none are those of the nearest that has, so that a step out there finds back.
         """
         known = {name: _bounded(name) if bounded else function for name, function in _BY_NAME.items()}
-        return _Value(self.text, at, known, self.angle, "formula").visit(_tree(self.text, "formula"))
+        return _Value(self.text.strip(), at, known, self.angle, "formula").visit(_tree(self.text, "formula"))
 
 
 @dataclass(frozen=True)
@@ -106,19 +108,15 @@ def _tree(text: str, where: str) -> ast.Expression:
         raise InputError(f"{where}: found {text!r}, expected a formula such as 90 - q2 - q3") from None
 
 
+@dataclass(frozen=True)
 class _Value(ast.NodeVisitor):
     """The value of a formula, node by node; refuses all that is not arithmetic of known names."""
 
-    def __init__(
-        self, text: str, at: Mapping[str, ca.SX], functions: Functions, angle: float, where: str
-    ) -> None:
-        self._text, self._at, self._functions, self._angle, self._where = (
-            text.strip(),
-            at,
-            functions,
-            angle,
-            where,
-        )
+    text: str
+    at: Mapping[str, ca.SX]
+    functions: Functions
+    angle: float
+    where: str
 
     def visit(self, node: ast.AST) -> ca.SX:
         value: ca.SX = super().visit(node)
@@ -148,14 +146,14 @@ class _Value(ast.NodeVisitor):
         if node.keywords or len(node.args) != count:
             raise self._bad(node, f"{name} of {count} {'values' if count > 1 else 'value'}")
         arguments = [self.visit(argument) for argument in node.args]
-        out: ca.SX = self._functions[name](*(a * self._angle if name in _OF_ANGLES else a for a in arguments))
-        return out / self._angle if name in _TO_ANGLES else out
+        out: ca.SX = self.functions[name](*(a * self.angle if name in _OF_ANGLES else a for a in arguments))
+        return out / self.angle if name in _TO_ANGLES else out
 
     def visit_Name(self, node: ast.Name) -> ca.SX:
-        if node.id not in self._at:
-            hint = close_matches(node.id, self._at)
+        if node.id not in self.at:
+            hint = close_matches(node.id, self.at)
             raise self._bad(node, f"a driven joint or a length of this joint; {hint}")
-        return self._at[node.id]
+        return self.at[node.id]
 
     def visit_Constant(self, node: ast.Constant) -> ca.SX:
         number = as_number(node.value)
@@ -167,5 +165,5 @@ class _Value(ast.NodeVisitor):
         raise self._bad(node, f"numbers, joints, + - * / **, brackets and {', '.join(FUNCTIONS)}")
 
     def _bad(self, node: ast.AST, expected: str) -> InputError:
-        found = ast.get_source_segment(self._text, node) or self._text
-        return InputError(f"{self._where}: found {found!r} in {self._text!r}, expected {expected}")
+        found = ast.get_source_segment(self.text, node) or self.text
+        return InputError(f"{self.where}: found {found!r} in {self.text!r}, expected {expected}")

@@ -172,7 +172,7 @@ class Assembly:
     def _in_world(self, name: str, values: Mapping[str, ca.SX]) -> ca.SX:
         if name in self.carried:
             return frame_of(values, BASE) @ self.carried[name]
-        return _motion(values, name) @ frame_of(values, name)
+        return motion_of(values, name) @ frame_of(values, name)
 
 
 def assemble(
@@ -195,7 +195,7 @@ def assemble(
         size = COORDINATES[joint.kind]
         passive[joint.name] = x[offset : offset + size]
         offset += size
-    bodies = {BASE: _motion(values, "base")}
+    bodies = {BASE: motion_of(values, "base")}
     for joint in mechanism.tree:
         if joint.child in given:
             bodies[joint.child] = given[joint.child]
@@ -203,7 +203,7 @@ def assemble(
             bodies[joint.child] = bodies[joint.parent] @ _joint(joint, values, displacement, passive)
     closure = [_closing(joint, bodies, values, displacement) for joint in mechanism.closing]
     closure += [_rod(rod, bodies, values, displacement) for rod in mechanism.rods]
-    tool = ca.mtimes([bodies[mechanism.flange], _motion(values, "tool"), frame_of(values, "tool")])
+    tool = ca.mtimes([bodies[mechanism.flange], motion_of(values, "tool"), frame_of(values, "tool")])
     gap = ca.vertcat(*closure) if closure else ca.SX(0, 1)
     square = _least_squares(gap, x) if gap.numel() > x.numel() else gap
     carried = _carried(machine, bodies, tool, values)
@@ -220,13 +220,13 @@ def _carried(
         if mount.body == WORLD:
             continue
         body = tool if mount.body == TOOL else bodies[mount.body]
-        out[mount.name] = ca.mtimes([body, _motion(values, mount.name), frame_of(values, mount.name)])
+        out[mount.name] = ca.mtimes([body, motion_of(values, mount.name), frame_of(values, mount.name)])
     return out
 
 
 def tool_on_flange(values: Mapping[str, ca.SX]) -> ca.SX:
     """Pose (4, 4) of the tool in the flange's frame."""
-    return _motion(values, "tool") @ frame_of(values, "tool")
+    return motion_of(values, "tool") @ frame_of(values, "tool")
 
 
 def rod_ends(rod: Rod, bodies: Mapping[str, ca.SX], values: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX]:
@@ -289,7 +289,7 @@ def _joint(
     out = _placed(joint, values)
     if joint.name in displacement:
         return ca.mtimes(
-            [out, moved_by(joint, displacement[joint.name], values), _motion(values, joint.name)]
+            [out, moved_by(joint, displacement[joint.name], values), motion_of(values, joint.name)]
         )
     if joint.name in passive:
         return out @ moved_by(joint, passive[joint.name], values)
@@ -383,7 +383,7 @@ def _step(kind: str, value: ca.SX) -> ca.SX:
     return lie.translation(*(value if k == at else ca.SX(0) for k in range(3)))
 
 
-def _motion(values: Mapping[str, ca.SX], frame: str) -> ca.SX:
+def motion_of(values: Mapping[str, ca.SX], frame: str) -> ca.SX:
     """Small error motion of a frame; smooth at zero, where it is the identity."""
     if f"{frame}.motion.x" not in values:
         return ca.SX.eye(4)

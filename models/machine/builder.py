@@ -6,7 +6,7 @@ To add one, write a file in ``truepose.models.builders`` (or a plugin) with a fu
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from truepose.models.file.fields import Section, input_error
 from truepose.models.file.machine_file import MachineFile
-from truepose.models.machine.mechanism import Mechanism, Parameter
+from truepose.models.machine.mechanism import AXES, AXIS_UNITS, Mechanism, Parameter
 from truepose.models.registry import Registry
 
 S = TypeVar("S", bound=Section)
@@ -67,6 +67,27 @@ class BuildContext:
             tolerance = self.file.tolerances.length if unit == "mm" else self.file.tolerances.angle
         part = part or ("length" if unit == "mm" else "angle")
         return Parameter(name, unit, float(nominal), float(tolerance), part, (*self.path, *field))
+
+    def vector(
+        self,
+        name: str,
+        values: Sequence[float],
+        field: tuple[str | int, ...],
+        part: str | None = None,
+        defaults: Sequence[float | None] | None = None,
+    ) -> tuple[Parameter, ...]:
+        """Return the parameters NAME.x, NAME.y and NAME.z of a point (3,), mm, or all six of a frame (6,), mm and rad.
+
+        ``field`` is that of a point, or of the frame that holds ``xyz`` and ``rpy``; the rest is as in ``parameter``.
+        """
+        parts: list[tuple[str | int, ...]] = [(half, k) for half in ("xyz", "rpy") for k in range(3)]
+        places = parts if len(values) == len(AXES) else [(k,) for k in range(3)]
+        known: Sequence[float | None] = defaults or [None] * len(values)
+        rows = zip(AXIS_UNITS.items(), values, places, known, strict=False)
+        return tuple(
+            self.parameter(f"{name}.{axis}", unit, value, (*field, *place), part, default)
+            for (axis, unit), value, place, default in rows
+        )
 
 
 Builder = Callable[[Mapping[str, Any], BuildContext], Mechanism]

@@ -8,8 +8,7 @@ prediction and the generated C follow from it. At zero coefficients the machine 
 from __future__ import annotations
 
 import difflib
-from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -18,7 +17,7 @@ from truepose.errors import InputError
 from truepose.models.machine.assembly import displacement_of
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import recorded_reading
-from truepose.models.machine.placed import Physics, Place, Settings
+from truepose.models.machine.placed import Effect, Place, Settings
 from truepose.models.registry import Registry
 
 
@@ -101,18 +100,6 @@ class Site:
             near = ", ".join(close) or "none"
             raise InputError(f"effect {who}: found no port {port!r} on {self.machine.name}; close: {near}")
         return port
-
-
-class Effect(Physics):
-    """A physics term that knows where on a machine it may act."""
-
-    @abstractmethod
-    def places(self, machine: Machine) -> Sequence[Place]:
-        """Where on this machine the effect may act."""
-
-    def screened(self, machine: Machine, place: Place) -> bool:
-        """Whether a diagnosis should look for it there; where not, a user may still state it."""
-        return True
 
 
 effects: Registry[type[Effect]] = Registry("effect", "truepose.models.effects", Effect)

@@ -29,12 +29,10 @@ from truepose.models.machine.placed import PlacedEffect
 from truepose.models.machine.sensor import TOOL_IN_WORLD, View
 from truepose.models.machine.states import (
     AXIS,
-    Present,
     Variables,
     joint_ends,
     put_in_place,
     reading_shifts,
-    state_names,
 )
 
 _STARTS = ("start", f"from.{TIME}")
@@ -136,56 +134,24 @@ def symbolic_model(
     Raises InputError when an effect asks for a port or a load that this machine has not.
     """
     drivers = driver_names(machine, effects, loads=ports)
-    model = _model(_Woven.of(Variables.of(machine, effects, drivers, ports=ports), weighed=weighed))
+    variables = Variables.of(machine, effects, drivers, ports=ports, weighed=weighed)
+    statics = _statics(variables)
+    model = _model(variables, variables.in_place(_shifted(variables, statics)), statics)
     return replace(model, home=assembled_home(model)) if len(model.home) else model
 
 
-@dataclass(frozen=True)
-class _Woven:
-    """Effects woven into a machine: ``present`` without them, ``shifted`` values of parameters and ports with them.
-
-    ``statics`` balances the weights where an effect asks for loads.
-    """
-
-    variables: Variables
-    present: Present
-    shifted: Mapping[str, ca.SX]
-    statics: Statics | None
-
-    @classmethod
-    def of(cls, variables: Variables, *, weighed: bool) -> _Woven:
-        """Every effect's shifts added at its ports."""
-        machine, q, z = variables.machine, variables.moved, variables.z
-        values, (passive, _) = variables.values(weighed=weighed), variables.now_and_home
-        statics = _statics(machine, variables.effects, values, q, z, passive)
-        loads = statics.loads(values) if statics else {}
-        marks = symbols("state.", state_names(machine))
-        sites = [
-            Site(machine, effect.place, effect.settings_map, own, q, z, values, loads, marks)
-            for effect, own in zip(variables.effects, variables.c, strict=True)
-        ]
-        present = Present(machine, values, q, z, passive, marks)
-        return cls(variables, present, present.in_place(_shifted(values, variables.effects, sites)), statics)
-
-    def unknowns(self, closure: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """(nx,) unknowns and what determines them: the loops' closure, then the balance of forces."""
-        if self.statics is None:
-            return self.variables.x, closure
-        balance = self.statics.balance(self.shifted)
-        return ca.vertcat(self.variables.x, self.statics.forces), ca.vertcat(closure, balance)
-
-
-def _model(woven: _Woven) -> SymbolicModel:
-    """The bodies placed, and what sensors see of them."""
-    own, present, shifted = woven.variables, woven.present, woven.shifted
+def _model(own: Variables, shifted: Mapping[str, ca.SX], statics: Statics | None) -> SymbolicModel:
+    """Place the bodies, and what sensors see of them, for values of parameters and ports with the effects' shifts."""
     machine, (passive, x_home) = own.machine, own.now_and_home
     stance = Stance(shifted, own.moved, passive, tuple(own.q.values()))
     assembly = (
         near_home(machine, stance, x_home, own.z) if x_home.numel() else stance.assembled(machine, own.z)
     )
-    x, closure = woven.unknowns(assembly.closure)
+    x, closure = own.x, assembly.closure
+    if statics is not None:
+        x, closure = ca.vertcat(x, statics.forces), ca.vertcat(closure, statics.balance(shifted))
     worlds = {view: assembly.seen(view, shifted) for view in machine.views}
-    shift, seen = reading_shifts(machine, worlds, present.values, shifted, own.moved)
+    shift, seen = reading_shifts(machine, worlds, own.values, shifted, own.moved)
     return SymbolicModel(
         machine=machine,
         effects=own.effects,
@@ -205,10 +171,10 @@ def _model(woven: _Woven) -> SymbolicModel:
         worlds=worlds,
         energies=assembly.energies,
         still=assembly.still,
-        reading_shift=ca.vertcat(*put_in_place(ca.vertsplit(shift), present.marks, seen)) if seen else shift,
-        states=(present.directions() if own.bare else {}) | seen,
+        reading_shift=ca.vertcat(*put_in_place(ca.vertsplit(shift), own.marks, seen)) if seen else shift,
+        states=(own.directions() if own.bare else {}) | seen,
         values=shifted,
-        held=None if own.x.numel() or len(worlds) > 1 else _held(present, shifted, stance),
+        held=None if own.x.numel() or len(worlds) > 1 else _held(own, shifted, stance),
     )
 
 
@@ -257,49 +223,42 @@ def driver_default(machine: Machine, name: str, effects: Sequence[PlacedEffect] 
     return next(masses, Driver.of(name).default)
 
 
-def _shifted(
-    values: Mapping[str, ca.SX], effects: Sequence[PlacedEffect], sites: Sequence[Site]
-) -> dict[str, ca.SX]:
+def _shifted(own: Variables, statics: Statics | None) -> dict[str, ca.SX]:
     """Values of all ports with every effect's shifts added."""
-    out = dict(values)
-    for placed, site in zip(effects, sites, strict=True):
+    out, loads = dict(own.values), statics.loads(own.values) if statics else {}
+    for placed, c in zip(own.effects, own.c, strict=True):
+        known = (placed.place, placed.settings_map, c, own.moved, own.z, own.values, loads, own.marks)
+        site = Site(own.machine, *known)
         for port, shift in placed.effect.shifts(site).items():
             out[port] = out[site.checked(port, placed)] + shift
     return out
 
 
-def _held(present: Present, shifted: Mapping[str, ca.SX], stance: Stance) -> Held:
-    machine, read = present.machine, present.machine.ports_of("reading")
-    moved = [name for name, v in shifted.items() if v is not present.values[name] and name not in read]
+def _held(own: Variables, shifted: Mapping[str, ca.SX], stance: Stance) -> Held:
+    machine, read = own.machine, own.machine.ports_of("reading")
+    moved = [name for name, v in shifted.items() if v is not own.values[name] and name not in read]
     ports = symbols("port.", moved)
     values = dict(shifted) | ports
-    assembly = replace(stance, values=values).assembled(machine, present.z)
+    assembly = replace(stance, values=values).assembled(machine, own.z)
     world = assembly.seen(TOOL_IN_WORLD, values)
-    shift, seen = reading_shifts(machine, {TOOL_IN_WORLD: world}, present.values, values, present.q)
-    put = ca.vertcat(*put_in_place(ca.vertsplit(shift), present.marks, seen)) if seen else shift
+    shift, seen = reading_shifts(machine, {TOOL_IN_WORLD: world}, own.values, values, own.moved)
+    put = ca.vertcat(*put_in_place(ca.vertsplit(shift), own.marks, seen)) if seen else shift
     if not moved:
         return Held(ca.SX(0, 1), ca.SX(0, 1), world, put)
     return Held(ca.vertcat(*ports.values()), ca.vertcat(*(shifted[name] for name in moved)), world, put)
 
 
-def _statics(
-    machine: Machine,
-    effects: Sequence[PlacedEffect],
-    values: Mapping[str, ca.SX],
-    q: Mapping[str, ca.SX],
-    z: Mapping[str, ca.SX],
-    x: ca.SX,
-) -> Statics | None:
+def _statics(own: Variables) -> Statics | None:
     """Gravity's loads where an effect asks for them; those of ball joints where the closure is linear."""
-    asking = [effect for effect in effects if effect.needs_load]
+    asking = [effect for effect in own.effects if effect.needs_load]
     if not asking:
         return None
-    if machine.mechanism.loops == "elastic":
+    if own.machine.mechanism.loops == "elastic":
         raise InputError(
             f"effect {asking[0]}: found a machine whose legs are elastic (model: stiffness), which balances its "
             "weight already; expected model: spherical, linear or beam for an effect of loads"
         )
-    return Statics.of(machine, values, q, z, x)
+    return Statics.of(own.machine, own.values, own.moved, own.z, own.now_and_home[0])
 
 
 def home_directions(

@@ -71,10 +71,7 @@ def mass_of(
             "the table in the modified convention, whose links have the frames of their joints"
         )
     weight = context.parameter(f"{name}.kg", "kg", mass.kg, ("kg",), "mass", known.kg)
-    centre = (
-        context.parameter(f"{name}.{axis}", "mm", com[k], ("com", k), "centre", known.com[k])
-        for k, axis in enumerate("xyz")
-    )
+    centre = context.vector(name, com, ("com",), "centre", known.com)
     return Mass(name, mass.kg, com, body, (weight, *centre))
 
 

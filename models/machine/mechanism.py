@@ -10,6 +10,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import casadi as ca
@@ -295,7 +296,7 @@ class Mechanism:
     table_frames: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     followers: tuple[Follower, ...] = ()
 
-    @property
+    @cached_property
     def tree(self) -> tuple[Joint, ...]:
         """Joints that give a body its pose, in an order in which parents come first."""
         placed, pending, order = {BASE}, list(self.joints), []
@@ -358,6 +359,18 @@ class Mechanism:
                 return actuator
         raise InputError(f"found no joint {reading!r}, expected one of {', '.join(self.readings)}")
 
+    def joint(self, name: str) -> Joint:
+        """Return the joint of a name, which is there."""
+        return next(joint for joint in self.joints if joint.name == name)
+
+    def way(self, body: str) -> list[Joint]:
+        """Return the joints of the tree from the base to a body."""
+        above, out = {joint.child: joint for joint in self.tree}, list[Joint]()
+        while body in above:
+            out.insert(0, above[body])
+            body = above[body].parent
+        return out
+
 
 @dataclass(frozen=True)
 class Part:
@@ -372,18 +385,10 @@ def looped(mechanism: Mechanism) -> frozenset[str]:
 
     They lie on the ways from both ends of a closing joint, or of a rod, to the body where the ways meet.
     """
-    above = {joint.child: joint for joint in mechanism.tree}
-
-    def way(body: str) -> set[str]:
-        out = set()
-        while body in above:
-            out.add(above[body].name)
-            body = above[body].parent
-        return out
-
     ends = [(joint.parent, joint.child) for joint in mechanism.closing]
     ends += [(rod.body_a, rod.body_b) for rod in mechanism.rods]
-    inside = {name for one, two in ends for name in way(one) ^ way(two)}
+    ways = [[{joint.name for joint in mechanism.way(body)} for body in pair] for pair in ends]
+    inside = {name for one, two in ways for name in one ^ two}
     return frozenset(inside | {joint.name for joint in mechanism.closing})
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import takewhile
+
 from truepose.errors import InputError
 from truepose.models.file.machine_file import MachineFile
 from truepose.models.file.sections import FrameSection, FrameToleranceSection
 from truepose.models.machine.builder import BuildContext
 from truepose.models.machine.machine import FRAMES, Mount, body_of
-from truepose.models.machine.mechanism import AXIS_UNITS, BASE, Mechanism, Parameter
+from truepose.models.machine.mechanism import BASE, Mechanism, Parameter
 from truepose.models.machine.sensor import TOOL, WORLD
 from truepose.wording import close_matches
 
@@ -19,10 +21,8 @@ def frame_parameters(file: MachineFile, mechanism: Mechanism) -> tuple[Parameter
     out: list[Parameter] = []
     for frame, section in frames.items():
         context, stated = BuildContext(file, ("frames", frame)), section.tolerance
-        values, known = (*section.xyz, *section.rpy), (*stated.xyz, *stated.rpy)
-        for k, (axis, unit) in enumerate(AXIS_UNITS.items()):
-            field = ("xyz" if k < 3 else "rpy", k % 3)
-            out.append(context.parameter(f"{frame}.{axis}", unit, values[k], field, "frame", known[k]))
+        known = (*stated.xyz, *stated.rpy)
+        out += context.vector(frame, (*section.xyz, *section.rpy), (), "frame", known)
     return tuple(out)
 
 
@@ -58,11 +58,9 @@ def mounts(file: MachineFile, mechanism: Mechanism) -> tuple[Mount, ...]:
 
 def _check_tool(file: MachineFile, mechanism: Mechanism) -> None:
     """The tool hangs on the flange: its `in` may name that body, or one that does not move against it."""
-    said, above = file.frames.tool.in_ or "flange", {joint.child: joint for joint in mechanism.tree}
-    body, fixed = mechanism.flange, {mechanism.flange}
-    while body in above and above[body].kind == "fixed":
-        body = above[body].parent
-        fixed.add(body)
+    said, way = file.frames.tool.in_ or "flange", mechanism.way(mechanism.flange)
+    still = takewhile(lambda joint: joint.kind == "fixed", reversed(way))
+    fixed = {mechanism.flange, *(joint.parent for joint in still)}
     if said not in ("flange", *mechanism.table_frames) and body_of(mechanism, said) not in fixed:
         raise InputError(
             f"{file.path}: frames.tool.in: found {said!r}, expected flange, which is {mechanism.flange!r}; a frame of "

@@ -19,7 +19,7 @@ Motions are small all the same: rotations add as vectors. Forces N, lengths mm, 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -32,60 +32,31 @@ from truepose.models.machine.closure import coordinate_scale, home_readings
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import Rod
 
-
-@dataclass(frozen=True)
-class Segment:
-    """One straight piece of a chain: ``length`` (mm), bending EI (N mm^2), tension EA (N), torsion GJ (N mm^2)."""
-
-    length: ca.SX
-    bending: ca.SX
-    tension: ca.SX
-    torsion: ca.SX
+Segment = tuple[ca.SX, ...]
+"""One straight piece of a chain: length (mm), bending EI (N mm^2), tension EA (N), torsion GJ (N mm^2)."""
 
 
-@dataclass(frozen=True)
-class Flexibility:
-    """The far end of a clamped chain under unit loads: ``stretch`` mm/N, ``twist`` rad/(N mm), and across the chain.
+def chain_energy(segments: Sequence[Segment], along: ca.SX, shift: ca.SX, turned: ca.SX) -> ca.SX:
+    """N mm of ``shift`` (3,) and small rotation ``turned`` (3,) of a clamped chain's far end, ``along`` its unit vector.
 
-    ``tip`` (mm/N) is the deflection by a force, ``slope`` (rad/N) the turn by it, ``turn`` (rad/(N mm)) the turn by a
-    moment.
+    Cantilever formulae of each segment are carried to the far end and added: how far it goes by unit loads along the chain
+    (``stretch`` mm/N, ``twist`` rad/(N mm)), and across it by a force (``tip`` mm/N, ``slope`` rad/N) and a moment (``turn``
+    rad/(N mm)).
     """
-
-    stretch: ca.SX
-    twist: ca.SX
-    tip: ca.SX
-    slope: ca.SX
-    turn: ca.SX
-
-    @classmethod
-    def of(cls, segments: list[Segment]) -> Flexibility:
-        """Cantilever formulae of each segment, carried to the far end and added."""
-        zero = ca.SX(0)
-        stretch = twist = tip = slope = turn = zero
-        beyond = zero  # from a segment's end to the far end
-        for s in reversed(segments):
-            own_tip, own_slope, own_turn = (
-                s.length**3 / (3 * s.bending),
-                s.length**2 / (2 * s.bending),
-                s.length / s.bending,
-            )
-            tip += own_tip + 2 * beyond * own_slope + beyond**2 * own_turn
-            slope += own_slope + beyond * own_turn
-            turn += own_turn
-            stretch += s.length / s.tension
-            twist += s.length / s.torsion
-            beyond += s.length
-        return cls(stretch, twist, tip, slope, turn)
-
-    def energy(self, along: ca.SX, shift: ca.SX, turned: ca.SX) -> ca.SX:
-        """N mm of ``shift`` (3,) and small rotation ``turned`` (3,) of the far end, the chain ``along`` a unit vector."""
-        drawn, screwed = ca.dot(along, shift), ca.dot(along, turned)
-        across, lean = shift - drawn * along, ca.cross(turned, along)
-        determinant = self.tip * self.turn - self.slope**2
-        bent = (
-            self.turn * ca.sumsqr(across) - 2 * self.slope * ca.dot(across, lean) + self.tip * ca.sumsqr(lean)
-        )
-        return (drawn**2 / self.stretch + screwed**2 / self.twist + bent / determinant) / 2
+    stretch = twist = tip = slope = turn = beyond = ca.SX(0)  # beyond: from a segment's end to the far end
+    for length, bending, tension, torsion in reversed(segments):
+        own_slope, own_turn = length**2 / (2 * bending), length / bending
+        tip += length**3 / (3 * bending) + 2 * beyond * own_slope + beyond**2 * own_turn
+        slope += own_slope + beyond * own_turn
+        turn += own_turn
+        stretch += length / tension
+        twist += length / torsion
+        beyond += length
+    drawn, screwed = ca.dot(along, shift), ca.dot(along, turned)
+    across, lean = shift - drawn * along, ca.cross(turned, along)
+    determinant = tip * turn - slope**2
+    bent = turn * ca.sumsqr(across) - 2 * slope * ca.dot(across, lean) + tip * ca.sumsqr(lean)
+    return (drawn**2 / stretch + screwed**2 / twist + bent / determinant) / 2
 
 
 def _moved(home: ca.SX, now: ca.SX, shift: ca.SX, beyond: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -185,11 +156,10 @@ def strain_energy(rod: Rod, home: tuple[Stance, Assembly], now: tuple[Stance, As
     shift_a, turn_a = _moved(was[rod.body_a], bodies[rod.body_a], now_a - home_a, -half)
     shift_b, turn_b = _moved(was[rod.body_b], bodies[rod.body_b], now_b - home_b, half)
     carried = shift_a + ca.cross(turn_a, (length + flexure) * along)
-    joint = Segment(flexure, *(values[name] for name in chain.flexure))
-    bar = Segment(length - flexure, *(values[name] for name in chain.bar))
+    joint, bar = (tuple(values[name] for name in part) for part in (chain.flexure, chain.bar))
     shift = shift_b - carried
     if chain.follows:
         apart = ca.norm_2(now_b - now_a) - ca.norm_2(home_b - home_a)
         shift += (apart - ca.dot(along, shift)) * along
-    chained = Flexibility.of([joint, bar, joint])
-    return chained.energy(along, shift - (grown - length) * along, turn_b - turn_a)
+    segments = [(flexure, *joint), (length - flexure, *bar), (flexure, *joint)]
+    return chain_energy(segments, along, shift - (grown - length) * along, turn_b - turn_a)

@@ -58,9 +58,6 @@ def ranges(known: Mapping[str, Allowed]) -> SettingRanges:
     return MappingProxyType(dict(known))
 
 
-NO_SETTINGS: Final = ranges({})
-
-
 def check_settings(effect: str, known: SettingRanges, settings: Mapping[str, float], where: str) -> None:
     """Refuse settings that an effect does not have, or that are out of range. Raises InputError."""
     for name, value in settings.items():
@@ -108,8 +105,8 @@ class Observed(Protocol):
     def inferred(self, name: str) -> bool: ...
 
 
-class Physics(ABC):
-    """A physics term. Class fields describe it to users; methods define it.
+class Effect(ABC):
+    """A physics term that knows where on a machine it may act. Class fields describe it to users; methods define it.
 
     ``machine`` is a ``Machine`` (``models/machine/machine.py``) and ``site`` a ``Site`` (``effect.py``). Both hold placed
     effects, so that their types have no name down here.
@@ -148,6 +145,14 @@ class Physics(ABC):
     that is on."""
     unvaried: ClassVar[str] = ""
     """Why a recording cannot speak of the effect where ``settings`` offers nothing; empty for the usual reasons."""
+
+    @abstractmethod
+    def places(self, machine: Any) -> Sequence[Place]:
+        """Where on this machine the effect may act."""
+
+    def screened(self, machine: Any, place: Place) -> bool:
+        """Whether a diagnosis should look for it there; where not, a user may still state it."""
+        return True
 
     @abstractmethod
     def coefficients(self, machine: Any, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
@@ -223,7 +228,7 @@ class Physics(ABC):
 class PlacedEffect:
     """An effect at a place with its settings and coefficient values."""
 
-    effect: Physics
+    effect: Effect
     place: Place
     settings: tuple[tuple[str, float], ...] = ()
     coefficients: tuple[Coefficient, ...] = ()
@@ -236,7 +241,7 @@ class PlacedEffect:
     @classmethod
     def at(
         cls,
-        effect: Physics,
+        effect: Effect,
         machine: Any,
         place: Place,
         settings: Settings | None = None,

@@ -144,6 +144,8 @@ class Sensor(ABC):
 
     type: ClassVar[str]
     view: View = TOOL_IN_WORLD
+    parameters: tuple[Parameter, ...] = ()
+    """Constants of the instrument; none where the tool frame says where its target is."""
     opens_columns: ClassVar[bool] = False
     """Whether the sensor's `name` opens those of its columns: `NAME.x`."""
     differs_from_row: ClassVar[bool] = False
@@ -198,11 +200,6 @@ class Sensor(ABC):
         """Read the section ``sensor`` of the machine file."""
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Constants of the instrument; none where the tool frame says where its target is."""
-        return ()
-
-    @property
     @abstractmethod
     def columns(self) -> Mapping[str, str]:
         """Recording columns and their internal unit."""
@@ -240,9 +237,9 @@ TOOL_POSE = tuple(f"tool.{axis}" for axis in AXES)
 
 def flange_of(world: ca.SX, s: Mapping[str, ca.SX]) -> ca.SX:
     """Pose of the flange from that of the tool, for sensors that read the parameters of ``TOOL_POSE``."""
-    tool = lie.rpy_transform([s[name] for name in TOOL_POSE[:3]], [s[name] for name in TOOL_POSE[3:]])
-    turn = tool[:3, :3].T
-    return world @ lie.transform(turn, -turn @ tool[:3, 3])
+    return world @ lie.inverse(
+        lie.rpy_transform([s[n] for n in TOOL_POSE[:3]], [s[n] for n in TOOL_POSE[3:]])
+    )
 
 
 sensors: Registry[type[Sensor]] = Registry("sensor type", "truepose.models.sensors", Sensor)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -165,6 +166,8 @@ class Variables:
     c               coefficients, of each effect
     bare            ports, where these are variables too
     x (nx,)         passive coordinates, then those at home where loops close about home only
+    marks           placeholders of the states that effects may ask for
+    weighed         whether the payload's mass is recorded row by row, so that its constant plays no part
     """
 
     machine: Machine
@@ -175,10 +178,18 @@ class Variables:
     c: tuple[Mapping[str, ca.SX], ...]
     bare: Mapping[str, ca.SX]
     x: ca.SX
+    marks: Mapping[str, ca.SX]
+    weighed: bool
 
     @classmethod
     def of(
-        cls, machine: Machine, effects: Sequence[PlacedEffect], drivers: Sequence[str], *, ports: bool
+        cls,
+        machine: Machine,
+        effects: Sequence[PlacedEffect],
+        drivers: Sequence[str],
+        *,
+        ports: bool,
+        weighed: bool,
     ) -> Variables:
         """New symbols; with ``ports`` for every port too."""
         size = sum(COORDINATES[joint.kind] for joint in machine.mechanism.unknown)
@@ -191,9 +202,11 @@ class Variables:
             c=tuple(symbols(f"c{k}_", list(effect.values)) for k, effect in enumerate(effects)),
             bare=symbols("", [*machine.ports] if ports else []),
             x=ca.SX.sym("x", size) if size else ca.SX(0, 1),
+            marks=symbols("state.", state_names(machine)),
+            weighed=weighed,
         )
 
-    @property
+    @cached_property
     def moved(self) -> dict[str, ca.SX]:
         """Own motions of the joints by name, in the units of their readings."""
         return own_motions(self.machine.mechanism, self.q)
@@ -223,35 +236,24 @@ class Variables:
         unknown = self.machine.mechanism.unknown
         return np.array([v for j in unknown for v in j.home or (0.0,) * COORDINATES[j.kind]], dtype=float)
 
-    @property
+    @cached_property
     def now_and_home(self) -> tuple[ca.SX, ca.SX]:
         """Passive coordinates, and those of the assembly at home where the closure refers to it (else none)."""
         n = sum(COORDINATES[joint.kind] for joint in self.machine.mechanism.passive)
         return self.x[:n], self.x[n:]
 
-    def values(self, *, weighed: bool) -> dict[str, ca.SX]:
+    @cached_property
+    def values(self) -> dict[str, ca.SX]:
         """Values of parameters and ports without effects, by name; the payload's mass is constant where it is ``weighed``."""
         machine, mass = self.machine, f"{PAYLOAD}.kg"
         values = {**self.theta, **{name: self.bare.get(name, ca.SX(0)) for name in machine.ports}}
-        if weighed and mass in values:
+        if self.weighed and mass in values:
             values[mass] = ca.SX(machine.geometry[mass].nominal)
         return with_own_tools(machine, values, self.z)
 
-
-@dataclass(frozen=True)
-class Present:
-    """The state of the machine without effects, where they ask for it."""
-
-    machine: Machine
-    values: Mapping[str, ca.SX]
-    q: Mapping[str, ca.SX]
-    z: Mapping[str, ca.SX]
-    x: ca.SX
-    marks: Mapping[str, ca.SX]
-
     def directions(self) -> dict[str, ca.SX]:
-        """The states ``axis.*``."""
-        placed = assemble(self.machine, self.values, self.q, self.z, self.x)
+        """The states ``axis.*`` and ``turn.*`` of the machine without effects."""
+        placed = assemble(self.machine, self.values, self.moved, self.z, self.now_and_home[0])
         return directions(self.machine, placed.bodies, self.values)
 
     def in_place(self, shifted: Mapping[str, ca.SX]) -> dict[str, ca.SX]:

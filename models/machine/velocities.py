@@ -114,7 +114,7 @@ def _sparse(moves: Sequence[Move]) -> list[Move]:
 def _motions(model: SymbolicModel) -> list[_Motion]:
     values, machine = model.values, model.machine
     out = _frame(model, "base.motion")
-    for joint in _path(machine.mechanism.tree, machine.mechanism.flange):
+    for joint in machine.mechanism.way(machine.mechanism.flange):
         out += [_motion(step.kind, values[step.parameter]) for step in joint.placement]
         out += _joint(model, joint)
         out += _frame(model, f"{joint.name}.motion")
@@ -160,17 +160,6 @@ def _from_z(axis: tuple[float, float, float]) -> Array:
         if axis == unit:
             return np.roll(np.eye(3), k + 1, axis=0)
     return np.column_stack([*across(axis), axis])
-
-
-def _path(tree: Sequence[Joint], flange: str) -> list[Joint]:
-    """Joints from the base to the flange."""
-    parent = {joint.child: joint for joint in tree}
-    out: list[Joint] = []
-    body = flange
-    while body != BASE:
-        out.insert(0, parent[body])
-        body = parent[body].parent
-    return out
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
 import casadi as ca
@@ -67,7 +67,7 @@ class Angle(Sensor):
 
     name: str
     actuators: tuple[Actuator, ...]
-    own: tuple[Parameter, ...]
+    parameters: tuple[Parameter, ...] = field()
     sigma: Mapping[str, float]
     type = "angle"
 
@@ -88,11 +88,6 @@ class Angle(Sensor):
                 )
         sigma = {unit: value for unit, value in stated.items() if value is not None}
         return cls(parsed.name, chosen, tuple(_zero(parsed, a, context) for a in chosen), sigma)
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """NAME.zero.J, mm or rad."""
-        return self.own
 
     @property
     def joints(self) -> Mapping[str, str]:
@@ -116,7 +111,7 @@ class Angle(Sensor):
 
     def predict(self, world: ca.SX, s: Mapping[str, ca.SX]) -> ca.SX:
         """The zeros; the model adds the joints' ways (see ``joints``)."""
-        return ca.vertcat(*(s[zero.name] for zero in self.own))
+        return ca.vertcat(*(s[zero.name] for zero in self.parameters))
 
     def residual(self, world: ca.SX, s: Mapping[str, ca.SX], reading: ca.SX) -> ca.SX:
         """Prediction less reading; of angles without whole turns, which one disc does not tell apart."""
@@ -135,11 +130,11 @@ def _chosen(parsed: _AngleSection, mechanism: Mechanism, where: str) -> tuple[Ac
         raise InputError(
             f"{where}.joints: found {joined(names) or 'none'}, expected some joints, each of them once"
         )
-    for field, mentioned, among in (("joints", names, known), ("zero", parsed.zero, names)):
+    for key, mentioned, among in (("joints", names, known), ("zero", parsed.zero, names)):
         strange = next((name for name in mentioned if name not in among), None)
         if strange is not None:
             raise InputError(
-                f"{where}.{field}: found {strange!r}, expected among {', '.join(among)}; {close_matches(strange, among)}"
+                f"{where}.{key}: found {strange!r}, expected among {', '.join(among)}; {close_matches(strange, among)}"
             )
     return tuple(mechanism.actuator(name) for name in names)
 

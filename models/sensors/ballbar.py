@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import casadi as ca
@@ -14,7 +14,6 @@ from truepose.models.machine.mechanism import Parameter
 from truepose.models.machine.sensor import TOOL_IN_WORLD, Channel, Sensor, View, ViewSection, sensors
 from truepose.models.machine.sensor import prefix as opening
 
-_XYZ = ("x", "y", "z")
 _NOWHERE = (0.0, 0.0, 0.0)
 
 
@@ -53,7 +52,7 @@ class BallBar(Sensor):
     ``prefix`` tells several bars apart: it opens the names of the column and of the parameters.
     """
 
-    own: tuple[Parameter, ...]
+    parameters: tuple[Parameter, ...] = field()
     sigma: float
     prefix: str = ""
     view: View = TOOL_IN_WORLD
@@ -65,21 +64,12 @@ class BallBar(Sensor):
         """From ``centre``, ``ball``, ``sigma: {distance}``, ``tolerance: {centre, ball}``, ``tip``, ``in`` and ``name``."""
         parsed = context.parse(_BallBarSection, section)
         prefix = opening(parsed.name)
-        ends = (
-            ("centre", parsed.centre, parsed.tolerance.centre),
-            ("ball", parsed.ball, parsed.tolerance.ball),
-        )
-        own = tuple(
-            context.parameter(f"{prefix}{end}.{axis}", "mm", at[k], (end, k), "sensor", tolerance[k])
-            for end, at, tolerance in ends
-            for k, axis in enumerate(_XYZ)
+        known = parsed.tolerance
+        own = (
+            *context.vector(f"{prefix}centre", parsed.centre, ("centre",), "sensor", known.centre),
+            *context.vector(f"{prefix}ball", parsed.ball, ("ball",), "sensor", known.ball),
         )
         return cls(own, parsed.sigma.distance, prefix, parsed.view(context))
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """centre.x centre.y centre.z ball.x ball.y ball.z, mm."""
-        return self.own
 
     @property
     def columns(self) -> Mapping[str, str]:
@@ -94,5 +84,7 @@ class BallBar(Sensor):
 
     def predict(self, world: ca.SX, s: Mapping[str, ca.SX]) -> ca.SX:
         """|world * ball - centre|, mm."""
-        centre, ball = (ca.vertcat(*(s[p.name] for p in part)) for part in (self.own[:3], self.own[3:]))
+        centre, ball = (
+            ca.vertcat(*(s[p.name] for p in part)) for part in (self.parameters[:3], self.parameters[3:])
+        )
         return ca.norm_2(world[:3, :3] @ ball + world[:3, 3] - centre)

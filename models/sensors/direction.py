@@ -22,7 +22,7 @@ from truepose.models.file.fields import (
     bad_value,
 )
 from truepose.models.machine.builder import BuildContext
-from truepose.models.machine.mechanism import AXES, AXIS_UNITS, Parameter
+from truepose.models.machine.mechanism import Parameter
 from truepose.models.machine.sensor import Channel, Sensor, sensors
 
 ORIGIN = "origin"
@@ -83,7 +83,7 @@ class Direction(Sensor):
     """A direction as two angles or as a unit vector; the residual is the two small angles across the line of sight, rad.
 
     ``of``: the axis of the tool frame that points there, or its origin, seen from the station. ``sense`` is -1 where
-    the first angle grows clockwise. ``own``: the six parameters of the station, none where it is the sensor's frame.
+    the first angle grows clockwise. ``parameters``: the six parameters of the station, none where it is the sensor's frame.
     """
 
     of: str
@@ -91,7 +91,7 @@ class Direction(Sensor):
     names: tuple[str, ...]
     sense: float
     sigma: float
-    own: tuple[Parameter, ...] = ()
+    parameters: tuple[Parameter, ...] = ()
     type = "direction"
     opens_columns = True
 
@@ -105,11 +105,6 @@ class Direction(Sensor):
         sense = -1.0 if parsed.turn == "clockwise" else 1.0
         own = _station(parsed.station, prefix, context) if parsed.station else ()
         return cls(parsed.of, as_vector, tuple(f"{prefix}{n}" for n in names), sense, parsed.sigma.angle, own)
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """station.x ... station.rz, where the instrument has a frame of its own."""
-        return self.own
 
     @property
     def pointed(self) -> str:
@@ -138,7 +133,7 @@ class Direction(Sensor):
 
     def seen(self, world: ca.SX, s: Mapping[str, ca.SX]) -> ca.SX:
         """(3,) unit vector of what is seen, in the station's frame."""
-        at = [s[parameter.name] for parameter in self.own]
+        at = [s[parameter.name] for parameter in self.parameters]
         if self.of == ORIGIN:
             along = world[:3, 3] - (ca.vertcat(*at[:3]) if at else 0)
             along = along / ca.norm_2(along)
@@ -192,14 +187,4 @@ class Direction(Sensor):
 def _station(station: _Station, prefix: str, context: BuildContext) -> tuple[Parameter, ...]:
     values = (*station.xyz, *station.rpy)
     known = (*station.tolerance.xyz, *station.tolerance.rpy)
-    return tuple(
-        context.parameter(
-            f"{prefix}station.{axis}",
-            AXIS_UNITS[axis],
-            values[k],
-            ("station", "xyz" if k < 3 else "rpy", k % 3),
-            "sensor",
-            known[k],
-        )
-        for k, axis in enumerate(AXES)
-    )
+    return context.vector(f"{prefix}station", values, ("station",), "sensor", known)

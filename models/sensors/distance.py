@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
 import casadi as ca
@@ -93,7 +93,7 @@ class Distance(Sensor):
     ``wavelength`` of the light in mm, None where the machine file does not say it.
     """
 
-    own: tuple[Parameter, ...]
+    parameters: tuple[Parameter, ...] = field()
     sigma: float
     on_flange: bool
     wavelength: float | None
@@ -110,11 +110,6 @@ class Distance(Sensor):
             parsed.mirror.in_ == "flange",
             parsed.wavelength,
         )
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """beam.x beam.y beam.z beam.rx beam.rz mirror.z mirror.rx mirror.ry."""
-        return self.own
 
     @property
     def columns(self) -> Mapping[str, str]:
@@ -155,9 +150,7 @@ def cavity_parameters(section: CavitySection, context: BuildContext) -> tuple[Pa
     def own(name: str, unit: str, value: float, tolerance: float, *field: str | int) -> Parameter:
         return context.parameter(name, unit, value, field, "sensor", tolerance)
 
-    point = [
-        own(f"beam.{a}", "mm", beam.xyz[k], tol.beam_xyz[k], "beam", "xyz", k) for k, a in enumerate("xyz")
-    ]
+    point = context.vector("beam", beam.xyz, ("beam", "xyz"), "sensor", tol.beam_xyz)
     turns = (("beam", "rx", beam.rx), ("beam", "rz", beam.rz))
     light = [own(f"{at}.{a}", "rad", v, tol.beam_angle, at, a) for at, a, v in turns]
     height = own("mirror.z", "mm", mirror.z, tol.mirror_z, "mirror", "z")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
 import casadi as ca
@@ -28,7 +28,6 @@ from truepose.models.machine.sensor import (
 )
 from truepose.models.machine.sensor import prefix as opening
 
-_XYZ = ("x", "y", "z")
 SET, PLACEMENT, SOCKET = "set", "placement", "socket"
 
 
@@ -68,7 +67,7 @@ class Socket(Sensor):
     are those that were recorded with this ball, all when empty: another sensor has the ball of the others.
     """
 
-    ball: tuple[Parameter, ...]
+    parameters: tuple[Parameter, ...] = field()
     sigma: float
     spacing: float | None = None
     sets: tuple[str, ...] = ()
@@ -85,18 +84,8 @@ class Socket(Sensor):
         """
         parsed = context.parse(_SocketSection, section)
         prefix = opening(parsed.name)
-        ball = tuple(
-            context.parameter(
-                f"{prefix}ball.{axis}", "mm", parsed.ball[k], ("ball", k), "sensor", parsed.tolerance.ball[k]
-            )
-            for k, axis in enumerate(_XYZ)
-        )
+        ball = context.vector(f"{prefix}ball", parsed.ball, ("ball",), "sensor", parsed.tolerance.ball)
         return cls(ball, parsed.sigma.xyz, parsed.spacing, parsed.sets, parsed.view(context))
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """ball.x ball.y ball.z, mm."""
-        return self.ball
 
     @property
     def columns(self) -> Mapping[str, str]:
@@ -106,7 +95,7 @@ class Socket(Sensor):
     @property
     def channels(self) -> tuple[Channel, ...]:
         """Three lengths from the ball to its socket."""
-        return tuple(Channel(p.name, "mm", self.sigma, "position", "ball") for p in self.ball)
+        return tuple(Channel(p.name, "mm", self.sigma, "position", "ball") for p in self.parameters)
 
     @property
     def compares(self) -> bool:
@@ -120,7 +109,7 @@ class Socket(Sensor):
 
     def predict(self, world: ca.SX, s: Mapping[str, ca.SX]) -> ca.SX:
         """Position (3,) of the ball, mm, sensor frame; ``comparison`` turns it into distances from the sockets."""
-        return world[:3, :3] @ ca.vertcat(*(s[p.name] for p in self.ball)) + world[:3, 3]
+        return world[:3, :3] @ ca.vertcat(*(s[p.name] for p in self.parameters)) + world[:3, 3]
 
     def noisy(self, values: Array, rng: np.random.Generator) -> Array:
         """The values (n, 0) themselves: nothing is read, so that nothing is noisy."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import casadi as ca
@@ -13,8 +13,6 @@ from truepose.models.file.fields import LengthSigma, LengthTolerance, LengthVect
 from truepose.models.machine.builder import BuildContext
 from truepose.models.machine.mechanism import Parameter, vector_of
 from truepose.models.machine.sensor import TOOL_IN_WORLD, Channel, Sensor, View, ViewSection, sensors
-
-_XYZ = ("x", "y", "z")
 
 
 class _Sigma(Section):
@@ -43,7 +41,7 @@ class _TargetsSection(ViewSection):
 class Targets(Sensor):
     """Points P1, P2 ... in the tool frame, read as P1.x P1.y P1.z ... in the sensor frame."""
 
-    points: tuple[Parameter, ...]
+    parameters: tuple[Parameter, ...] = field()
     sigma_xyz: float
     view: View = TOOL_IN_WORLD
     type = "targets"
@@ -54,35 +52,29 @@ class Targets(Sensor):
         parsed = context.parse(_TargetsSection, section)
         if not parsed.points:
             raise InputError(f"{context.where}.points: found no point, expected at least one")
+        known = 3 * (parsed.tolerance.points,)
         points = tuple(
-            context.parameter(
-                f"{name}.{axis}", "mm", point[k], ("points", name, k), "target", parsed.tolerance.points
-            )
+            parameter
             for name, point in parsed.points.items()
-            for k, axis in enumerate(_XYZ)
+            for parameter in context.vector(name, point, ("points", name), "target", known)
         )
         return cls(points, parsed.sigma.xyz, parsed.view(context))
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Coordinates of the points in the tool frame, mm."""
-        return self.points
-
-    @property
     def columns(self) -> Mapping[str, str]:
         """P1.x P1.y P1.z ..., mm."""
-        return {p.name: "mm" for p in self.points}
+        return {p.name: "mm" for p in self.parameters}
 
     @property
     def channels(self) -> tuple[Channel, ...]:
         """Three lengths a point."""
         return tuple(
-            Channel(p.name, "mm", self.sigma_xyz, "position", vector_of(p.name)) for p in self.points
+            Channel(p.name, "mm", self.sigma_xyz, "position", vector_of(p.name)) for p in self.parameters
         )
 
     def predict(self, world: ca.SX, s: Mapping[str, ca.SX]) -> ca.SX:
         """world * point for every point, mm."""
-        names = [p.name for p in self.points]
+        names = [p.name for p in self.parameters]
         triples = [names[k : k + 3] for k in range(0, len(names), 3)]
         return ca.vertcat(
             *(world[:3, :3] @ ca.vertcat(*(s[n] for n in triple)) + world[:3, 3] for triple in triples)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import casadi as ca
@@ -57,7 +57,7 @@ class Tilt(Sensor):
 
     name: str
     up: tuple[float, float, float]
-    own: tuple[Parameter, ...]
+    parameters: tuple[Parameter, ...] = field()
     sigma: float
     type = "tilt"
 
@@ -78,11 +78,6 @@ class Tilt(Sensor):
             for axis, value in (("x", parsed.zero.x), ("y", parsed.zero.y))
         )
         return cls(parsed.name, (float(up[0]), float(up[1]), float(up[2])), own, parsed.sigma.angle)
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """tilt.zero.x tilt.zero.y, rad."""
-        return self.own
 
     @property
     def columns(self) -> Mapping[str, str]:
@@ -110,5 +105,8 @@ class Tilt(Sensor):
         up = world[:3, :3].T @ (base @ ca.DM(self.up))
         level = ca.vertcat(ca.sumsqr(up[1:]), up[0] ** 2 + up[2] ** 2)
         return ca.vertcat(
-            *(s[zero.name] + ca.atan2(up[k], ca.sqrt(level[k] + _LEVEL)) for k, zero in enumerate(self.own))
+            *(
+                s[zero.name] + ca.atan2(up[k], ca.sqrt(level[k] + _LEVEL))
+                for k, zero in enumerate(self.parameters)
+            )
         )

@@ -94,7 +94,9 @@ def _read(machine: Machine, rows: Recording) -> Iterator[tuple[Sensor, Array, Ma
 
 def _by_lengths(sensor: BallBar, flange: Array, length: Array, stated: Frames) -> Iterator[Frames]:
     """Yield bases, turned as stated, from which bars have lengths (n,), for some tools, and for these moved in turns."""
-    ball, centre = (np.array([p.nominal for p in part]) for part in (sensor.own[3:], sensor.own[:3]))
+    ball, centre = (
+        np.array([p.nominal for p in part]) for part in (sensor.parameters[3:], sensor.parameters[:3])
+    )
     turn = stated[0][:3, :3]
     for start in (stated[1], np.eye(4)):
         tool = start.copy()
@@ -139,7 +141,7 @@ def _far_tools(drawn: Array, read: Array) -> Iterator[Array]:
 
 def _by_directions(sensor: Direction, tool: Array, read: Array, stated: Frames) -> Iterator[Frames]:
     """The base that turns poses (n, 4, 4) of the tool to the directions (n, k) read."""
-    found = base_of(sensor, tool, read, station_of(p.nominal for p in sensor.own))
+    found = base_of(sensor, tool, read, station_of(p.nominal for p in sensor.parameters))
     if found is not None:
         base = found[0]
         if sensor.of != ORIGIN:

@@ -15,9 +15,9 @@ from scipy.spatial.transform import Rotation
 from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models import lie
-from truepose.models.machine.assembly import displacements, frame_of, placed_frame
+from truepose.models.machine.assembly import axis_of, displacements, frame_of, motion_of, placed_frame
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.mechanism import AXES, BASE, COORDINATES, Actuator, Direction, Joint
+from truepose.models.machine.mechanism import BASE, COORDINATES, Actuator
 
 MM_PER_M = 1000.0
 _NOISE = 1e-15
@@ -129,7 +129,7 @@ def tree_of(machine: Machine, values: Mapping[str, float], what: str) -> Tree:
     still = dict.fromkeys(mechanism.readings, ca.SX(0))
     zero = {name: float(value) for name, value in displacements(machine, symbols, still).items()}
     follows = {f.joint: (f.terms[0][0], values[f.terms[0][1]]) for f in mechanism.followers if f.terms}
-    offsets = {BASE: _motion(symbols, BASE)}
+    offsets = {BASE: _number(motion_of(symbols, BASE))}
     joints = []
     for joint in mechanism.tree:
         placement = _number(placed_frame(joint, {joint.parent: ca.SX.eye(4)}, symbols))
@@ -137,15 +137,16 @@ def tree_of(machine: Machine, values: Mapping[str, float], what: str) -> Tree:
         offsets[joint.child] = np.eye(4)
         axis, limits, name, kind = np.array([0.0, 0.0, 1.0]), None, joint.name, "fixed"
         if joint.name in zero:
-            axis, kind = _axis(joint, values), joint.kind
+            axis, kind = _number(axis_of(joint, symbols)).ravel(), joint.kind
             if joint.name in drives:
                 limits, name = drives[joint.name].range, drives[joint.name].reading
             start = TreeJoint(name, kind, joint.parent, joint.child, origin, axis)
             origin = origin @ motion(start, zero[joint.name])
-            offsets[joint.child] = _motion(symbols, joint.name)
+            offsets[joint.child] = _number(motion_of(symbols, joint.name))
         led = follows.get(joint.name)
         joints.append(TreeJoint(name, kind, joint.parent, joint.child, origin, axis, limits, led))
-    at_flange = offsets[mechanism.flange] @ _motion(symbols, "tool") @ _number(frame_of(symbols, "tool"))
+    moved = offsets[mechanism.flange] @ _number(motion_of(symbols, "tool"))
+    at_flange = moved @ _number(frame_of(symbols, "tool"))
     world = _number(frame_of(symbols, "base"))
     return Tree(machine.name, tuple(joints), offsets, mechanism.flange, at_flange, world)
 
@@ -219,21 +220,6 @@ def check_uncoupled(machine: Machine, actuator: Actuator, what: str) -> None:
             f"{machine.name}: joint {actuator.reading!r}: found readings coupled to {', '.join(actuator.coupled)}, expected "
             f"the joint's own motion for {what}"
         )
-
-
-def _axis(joint: Joint, values: Mapping[str, float]) -> Array:
-    if not isinstance(joint.axis, Direction):
-        return np.array(joint.axis)
-    known = [0.0 if name is None else values[name] for name in joint.axis.components]
-    third = joint.axis.sign * np.sqrt(1.0 - np.sum(np.square(known)))
-    pairs = zip(known, joint.axis.components, strict=True)
-    return np.array([third if name is None else value for value, name in pairs])
-
-
-def _motion(symbols: Mapping[str, ca.SX], frame: str) -> Array:
-    """(4, 4) error motion of a joint, of the base or of the tool's mount."""
-    xyz_rpy = [symbols[f"{frame}.motion.{axis}"] for axis in AXES]
-    return _number(lie.rpy_transform(xyz_rpy[:3], xyz_rpy[3:]))
 
 
 def _number(expression: ca.SX) -> Array:

@@ -24,7 +24,7 @@ from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.near_home import Flexibility, Segment
+from truepose.models.machine.near_home import chain_energy
 
 Array = NDArray[np.float64]
 
@@ -34,13 +34,18 @@ Array = NDArray[np.float64]
 
 def test_a_chain_of_equal_pieces_is_a_cantilever() -> None:
     ei, ea, gj, length = 3e6, 5e5, 2e6, 120.0
-    piece = [Segment(ca.SX(v), ca.SX(ei), ca.SX(ea), ca.SX(gj)) for v in (20.0, 70.0, 30.0)]
-    found = Flexibility.of(piece)
-    assert number(found.tip) == pytest.approx(length**3 / (3 * ei), rel=1e-12)
-    assert number(found.slope) == pytest.approx(length**2 / (2 * ei), rel=1e-12)
-    assert number(found.turn) == pytest.approx(length / ei, rel=1e-12)
-    assert number(found.stretch) == pytest.approx(length / ea, rel=1e-12)
-    assert number(found.twist) == pytest.approx(length / gj, rel=1e-12)
+    pieces = [(ca.SX(v), ca.SX(ei), ca.SX(ea), ca.SX(gj)) for v in (20.0, 70.0, 30.0)]
+    along, side, up, still = ca.SX([1, 0, 0]), ca.SX([0, 1, 0]), ca.SX([0, 0, 1]), ca.SX.zeros(3)
+
+    def stiffness(shift: ca.SX, turned: ca.SX) -> float:
+        return 2 * number(chain_energy(pieces, along, shift, turned))
+
+    assert stiffness(along, still) == pytest.approx(ea / length, rel=1e-12)
+    assert stiffness(still, along) == pytest.approx(gj / length, rel=1e-12)
+    assert stiffness(side, still) == pytest.approx(12 * ei / length**3, rel=1e-12)
+    assert stiffness(still, up) == pytest.approx(4 * ei / length, rel=1e-12)
+    both = 12 * ei / length**3 - 12 * ei / length**2 + 4 * ei / length
+    assert stiffness(side, up) == pytest.approx(both, rel=1e-12)
 
 
 # -- six legs ------------------------------------------------------------------------------------------
