@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from support.closed_kinematics import readings
 from support.moving_machines import FRAMED, HEAD, POSE, PUS, UPS
 from support.pushed_arm import COLUMNS, RANGES, SENSOR, TOOL, placed, sensor_turn, text, torques
+from support.simulated import machine_from
 from support.telescope_models import LOADED, TRAVEL
 from support.telescope_models import machine_of as machine_of_telescope
 from truepose.errors import InputError
@@ -26,9 +27,7 @@ GRAVITY = np.array([0.5, -0.3, -9.8])
 
 
 def machine_of(folder: Path, written: str) -> Machine:
-    path = folder / "pushed.yaml"
-    path.write_text(written, encoding="utf-8")
-    return load_machine(path)
+    return machine_from(folder, written, "pushed")
 
 
 def drawn(n: int, seed: int = 3) -> tuple[Array, Array]:

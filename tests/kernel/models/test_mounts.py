@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from support.simulated import machine_from
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
@@ -90,8 +91,7 @@ ALT_AZ: dict[str, Law] = {
 def _machine(folder: Path, kind: str) -> Machine:
     first, second = AXES[kind]
     text = FILE.format(kind=kind, first=first, second=second)
-    (folder / "mount.yaml").write_text(text + (OF_FORKS if kind == "equatorial" else ""))
-    return load_machine(folder / "mount.yaml")
+    return machine_from(folder, text + (OF_FORKS if kind == "equatorial" else ""), "mount")
 
 
 def _angles(kind: str) -> Array:
@@ -162,7 +162,6 @@ def test_play_is_closed_by_the_side_that_is_heavy(tmp_path: Path, lean: float) -
 
 def test_an_equatorial_mount_needs_its_latitude_for_weight(tmp_path: Path) -> None:
     text = FILE.partition("effects:")[0].format(kind="equatorial").replace(", latitude: 39", "")
-    (tmp_path / "mount.yaml").write_text(text)
-    machine = load_machine(tmp_path / "mount.yaml")
+    machine = machine_from(tmp_path, text, "mount")
     assert machine.gravity is None
     assert not machine.masses
