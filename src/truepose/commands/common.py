@@ -103,7 +103,7 @@ def gated(
     tried: Sequence[str] | None = None,
     shuffled: bool = False,
 ) -> tuple[Machine, Recording, Caution]:
-    """Load and check files (``identification/gate.py``). Raises InputError where the check is certain of a mistake.
+    """Load and check files (``truepose.identification.load.load_checked``). Raises InputError where the check is certain of a mistake.
 
     With ``anyway`` what was found stands above the result; a file without a sensor is refused all the same.
     """
