@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from support.plain_kinematics import frame
+from support.simulated import machine_from
 from truepose.errors import InputError
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import write_calibrated
@@ -54,11 +55,7 @@ def machine_of(folder: Path, rows: Sequence[Row], convention: str, more: str = "
     named = [{"name": f"q{k}", **row} for k, row in enumerate(rows, start=1)]
     mechanism = {"type": "serial", "convention": convention, "joints": named}
     text = yaml.safe_dump({"schema": "truepose/machine/1", "name": "arm", "mechanism": mechanism})
-    path = folder / "arm.yaml"
-    path.write_text(
-        f"{text}sensor: {{type: pose, sigma: {{xyz: 0.02, rot: 0.01}}}}\n{more}", encoding="utf-8"
-    )
-    return load_machine(path)
+    return machine_from(folder, f"{text}sensor: {{type: pose, sigma: {{xyz: 0.02, rot: 0.01}}}}\n{more}")
 
 
 def product(rows: Sequence[Row], q: Sequence[float], convention: str) -> Array:

@@ -18,7 +18,6 @@ from truepose.errors import InputError
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.models.effects.base import PlacedEffect, effects
-from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
@@ -150,9 +149,8 @@ def _without_payload(written: str) -> str:
 
 def _pair(folder: Path, written: str) -> tuple[Machine, Machine]:
     """A machine with a payload of 2 kg at [50, -20, 40] of the tool, and the same without it, pushed at."""
-    folder.joinpath("hung.yaml").write_text(written, encoding="utf-8")
-    folder.joinpath("pushed.yaml").write_text(_without_payload(written) + PUSHED, encoding="utf-8")
-    return load_machine(folder / "hung.yaml"), load_machine(folder / "pushed.yaml")
+    pushed = _without_payload(written) + PUSHED
+    return machine_from(folder, written, "hung"), machine_from(folder, pushed, "pushed")
 
 
 @pytest.mark.parametrize("form", [PUS, UPS], ids=["6-pus", "6-ups"])

@@ -18,6 +18,7 @@ from scipy.stats import binom, kstest
 
 from support.reports import diagnosis_lines
 from support.shifting_bench import Bench, clock, the_only
+from support.simulated import machine_from
 from truepose.api import diagnose
 from truepose.arrays import Array
 from truepose.identification.diagnosis import alarms
@@ -30,7 +31,6 @@ from truepose.identification.report.finding_words import form_words
 from truepose.identification.report.results import diagnosis_json
 from truepose.identification.signatures.candidates import catalogue
 from truepose.identification.signatures.signatures import Signatures
-from truepose.models.load import load_machine
 
 Benches = Callable[[str, int], Bench]
 
@@ -309,8 +309,7 @@ def recorded(n: int, seed: int = 2) -> pd.DataFrame:
 
 def test_twins_are_known_together(tmp_path: Path) -> None:
     """An upright first joint's bearings and the floor below it yield alike; that one of them does is certain."""
-    (tmp_path / "arm.yaml").write_text(ARM, encoding="utf-8")
-    found = diagnose(load_machine(tmp_path / "arm.yaml"), recorded(60))
+    found = diagnose(machine_from(tmp_path, ARM), recorded(60))
     assert not any(f.probability > 0.9 for f in found.findings)
     (one,) = [t for t in found.together if t.driver == "load"]
     assert {"base", "link1"} <= set(one.places)

@@ -132,10 +132,8 @@ def test_beyond_its_range_a_form_stays_where_it_ended(arm: Machine, text: str) -
     ],
 )
 def test_what_cannot_be_meant_is_refused(tmp_path: Path, entry: str, message: str) -> None:
-    path = tmp_path / "arm.yaml"
-    path.write_text(DRIVEN + f"effects: [{{effect: empirical, {entry}}}]\n")
     with pytest.raises(InputError, match=message):
-        load_machine(path)
+        machine_from(tmp_path, DRIVEN + f"effects: [{{effect: empirical, {entry}}}]\n")
 
 
 # -- how sure it is ------------------------------------------------------------------------------------

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from support.effects import Campaign, with_effect
 from support.examples import examples
+from support.simulated import machine_from
 from support.telescope_legs import leg_rows
 from support.tool_pose import HEAD, pose
 from truepose.identification.recording.history import creep_sum, stop_operator
 from truepose.models.effects.base import PlacedEffect, Shifts, Site, effects
-from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.states import hinges
 
@@ -64,11 +64,8 @@ SEEN = SLIDE.replace(
 @pytest.fixture(scope="module")
 def machine(tmp_path_factory: pytest.TempPathFactory) -> Named:
     folder: Path = tmp_path_factory.mktemp("machines")
-    known = {}
     texts = {"arm": ARM, "slide": SLIDE, "robot": ROBOT, "hexapod": HEXAPOD, "seen": SEEN}
-    for name, text in texts.items():
-        (folder / f"{name}.yaml").write_text(HEAD.format(name=name) + text)
-        known[name] = load_machine(folder / f"{name}.yaml")
+    known = {name: machine_from(folder, HEAD.format(name=name) + text, name) for name, text in texts.items()}
     return known.__getitem__
 
 

@@ -15,7 +15,6 @@ from support.simulated import machine_from
 from support.structures import G, structure, turn_between
 from support.tool_pose import HEAD, pose
 from truepose.errors import InputError
-from truepose.models.load import load_machine
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine, Mass
 
@@ -99,10 +98,8 @@ def test_a_load_beside_a_link_twists_it_as_a_round_tube(
 @pytest.mark.parametrize("offset", [-150.0, 0.0, 250.0])
 def test_a_link_ends_where_the_next_joint_starts_not_at_its_offset(tmp_path: Path, offset: float) -> None:
     """A level link of 600 mm, the next axis upright at its end: how far up that axis the load stands bends no more."""
-    name = "upright"
-    path = tmp_path / f"{name}.yaml"
-    path.write_text(HEAD.format(name=name) + UPRIGHT.format(offset=offset))
-    machine, c, length, force = load_machine(path), 1e-12, 600.0, 10 * G
+    machine = machine_from(tmp_path, HEAD.format(name="upright") + UPRIGHT.format(offset=offset))
+    c, length, force = 1e-12, 600.0, 10 * G
     still, bent = (
         pose(machine, [0.0, 0.3], *t) for t in ((), (with_effect(machine, "link-bending", ("link1",), c=c),))
     )

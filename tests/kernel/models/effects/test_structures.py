@@ -14,13 +14,12 @@ from scipy.spatial.transform import Rotation
 
 from support.effect_machines import Machines
 from support.effects import with_effect
-from support.simulated import recorded
+from support.simulated import machine_from, recorded
 from support.structures import TEXTS, G, structure, turn_between
 from support.tool_pose import HEAD, pose
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect, Settings, effects
-from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import Mechanism
 
@@ -121,14 +120,12 @@ def crossed(folder: Path, centre: Array, e: float) -> Machine:
         f"    - {{name: u1x, kind: revolute, parent: arm1, child: cross, {frame}, axis: [1, 0, 0]}}",
         f"    - {{name: u1y, kind: revolute, parent: cross, child: rod1a, xyz: [0, 0, {e}], axis: [0, 1, 0]}}",
     ]
-    path = folder / "crossed.yaml"
     text = (
         TEXTS["delta"]
         .replace(line, "\n".join(axes))
         .replace("bodies: [ground,", "bodies: [ground, cross,", 1)
     )
-    path.write_text(HEAD.format(name="crossed") + text)
-    return load_machine(path)
+    return machine_from(folder, HEAD.format(name="crossed") + text)
 
 
 CENTRE = np.array([250.0, 40.0, 0.0])

@@ -125,13 +125,11 @@ def test_jacobians_are_those_of_the_residuals(tmp_path: Path, sensor: str) -> No
 
 def test_a_level_needs_gravity(tmp_path: Path) -> None:
     text = ARM.format(sensor=SENSORS["tilt"]).replace("gravity: [0, 0, -9.81]\n", "")
-    (tmp_path / "arm.yaml").write_text(text)
     with pytest.raises(InputError, match="inclinometer reads which way is down"):
-        load_machine(tmp_path / "arm.yaml")
+        machine_from(tmp_path, text)
 
 
 def test_two_angles_of_one_name_are_refused(tmp_path: Path) -> None:
     sensor = "  {type: direction, angles: [a, a], sigma: {angle: 1 arcsec}}"
-    (tmp_path / "arm.yaml").write_text(ARM.format(sensor=sensor))
     with pytest.raises(InputError, match="two names that differ"):
-        load_machine(tmp_path / "arm.yaml")
+        machine_from(tmp_path, ARM.format(sensor=sensor))
