@@ -85,6 +85,16 @@ def smooth_step(t: Array, start: float, duration: float) -> Array:
     return np.asarray(u**3 * (10.0 - 15.0 * u + 6.0 * u * u))
 
 
+def ramp(t: Array, start: float, duration: float, blend: float) -> Array:
+    """From 0 to 1 at constant speed, with parabolic blends of ``blend`` s at both ends."""
+    u = np.clip(t - start, 0.0, duration)
+    speed = 1.0 / (duration - blend)
+    rising = np.minimum(u, blend)
+    falling = np.clip(u - (duration - blend), 0.0, blend)
+    cruise = np.clip(u - blend, 0.0, duration - 2.0 * blend)
+    return np.asarray(speed * (rising**2 / (2.0 * blend) + cruise + falling - falling**2 / (2.0 * blend)))
+
+
 def displacement(t: Array, rest: float, moves: Sequence[tuple[float, float, float]]) -> Array:
     """Sum of smooth moves (distance, start after the rest, duration): overlapping ones make turning points."""
     total = np.zeros_like(t)
