@@ -7,7 +7,7 @@ derivative of both. What depends on parameters and drivers alone is computed onc
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import groupby
@@ -59,14 +59,9 @@ def rolled(blocks: Sequence[Sequence[str]]) -> list[str]:
     Alike are blocks that read other entries of p, each as far from its first one, and fill k + N, N being evenly spaced.
     """
     out: list[str] = []
-    for group in _alike(blocks):
+    for group in (list(alike) for _, alike in groupby(blocks, key=_form)):
         out += _loop(group) if len(group) > 1 else group[0]
     return out
-
-
-def _alike(blocks: Sequence[Sequence[str]]) -> Iterator[list[Sequence[str]]]:
-    for _, group in groupby(blocks, key=_form):
-        yield list(group)
 
 
 def _first(block: Sequence[str]) -> int:

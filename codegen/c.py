@@ -22,14 +22,12 @@ import numpy as np
 from truepose.arrays import Array
 from truepose.codegen.blocks import blocks_of, driver_units, entries, offered
 from truepose.codegen.chain import six_joints
-from truepose.codegen.features import ALL, Features
+from truepose.codegen.features import ALL, Features, left_out, left_out_words
 from truepose.codegen.layout import Layout, layout_of
-from truepose.codegen.left_out import left_out, left_out_words
 from truepose.codegen.loop_blocks import easing_context, task_context
 from truepose.codegen.printer import Real, literal, trigonometry
-from truepose.codegen.pruning import pruned
 from truepose.codegen.reference import Reference, slopes_of, strain_of
-from truepose.codegen.texts import environment, wrappers
+from truepose.codegen.texts import environment, pruned, wrappers
 from truepose.errors import InputError
 from truepose.files import atomic_directory
 from truepose.models.file.names import check_machine_name

@@ -41,7 +41,7 @@ class Graph:
         names, work = list(inputs), dict[int, int]()
         results = [[0] * output.numel() for output in outputs]
         for k in range(function.n_instructions()):
-            op, into = _operation(function.instruction_id(k)), function.instruction_output(k)
+            op, into = _operations()[function.instruction_id(k)], function.instruction_output(k)
             arguments = function.instruction_input(k)
             if op == "OUTPUT":
                 results[into[0]][into[1]] = work[arguments[0]]
@@ -117,10 +117,6 @@ class Graph:
             self.nodes.append(node)
             self._is_fixed.append(fixed)
         return self._places[node]
-
-
-def _operation(code: int) -> str:
-    return _operations()[code]
 
 
 @cache

@@ -1,4 +1,6 @@
-"""What the generated C offers: everything by default, or what a list names.
+"""What the generated C offers, and what it leaves out of a machine file's physics.
+
+It offers everything by default, or what a list names.
 
 A list also asks for small code: what is not the way from a nearby guess is compiled for size on controllers, and what
 nothing calls is left out.
@@ -10,7 +12,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
+from truepose.codegen.memory import followed
 from truepose.errors import InputError
+from truepose.models.file.driver import STEP, Driver
+from truepose.models.machine.controllability import free_joints, machine_task
+from truepose.models.machine.kinematics import driver_default, driver_names, symbolic_model
+from truepose.models.machine.machine import Machine
+from truepose.models.machine.placed import PlacedEffect
+from truepose.models.task import WHOLE, Task
 from truepose.wording import joined, meant
 
 FEATURES: Final[Mapping[str, str]] = {
@@ -56,3 +65,99 @@ class Features:
 
 
 ALL: Final = Features()
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """calibrated: whether the file came from a fit; stated: whether it has effects; sensor: labels of effects that move no
+    tool; memory: labels of effects that depend on what was before, which is not followed; frames: further ones of the
+    machine; drivers: value and unit where the controller gives none; followed: those of them that ``NAME_state`` works out;
+    task: which components of a pose its inverse meets; near: whether it has commands next to singular poses."""
+
+    calibrated: bool
+    stated: bool
+    sensor: tuple[str, ...]
+    memory: tuple[str, ...]
+    frames: tuple[str, ...]
+    drivers: Mapping[str, tuple[float, str]]
+    followed: tuple[str, ...] = ()
+    task: Task = WHOLE
+    near: bool = False
+
+
+def left_out(machine: Machine, features: Features = ALL) -> LeftOut:
+    """What the C of a machine holds and leaves out."""
+    sensor = [e.label for e in machine.effects if e.kind == "sensor" or _of_the_moment(e)]
+    memory = [
+        e.label
+        for e in machine.effects
+        if any(Driver.of(name).numbers for name in e.drivers) and e.label not in sensor and not features.state
+    ]
+    names = driver_names(machine, machine.effects)
+    readings = machine.mechanism.readings
+    own = [name for name in names if features.state and followed(Driver.of(name), readings)]
+    drivers = {name: (driver_default(machine, name), machine.driver_unit(name) or "1") for name in names}
+    calibrated = machine.file is not None and bool(machine.file.nominal)
+    frames = tuple(mount.name for mount in machine.mounts)
+    stated, task = bool(machine.effects), machine_task(machine)
+    near = not task.is_whole and bool(free_joints(symbolic_model(machine, machine.effects), task))
+    return LeftOut(calibrated, stated, tuple(sensor), tuple(memory), frames, drivers, tuple(own), task, near)
+
+
+def left_out_words(found: LeftOut) -> list[str]:
+    """The same in sentences, for README.md and the terminal."""
+    if found.calibrated:
+        said = ["The machine file was calibrated: without p the code has its values."]
+    else:
+        what = "the effects that the file states" if found.stated else "corrects nothing"
+        said = [f"The machine file was not calibrated: the code has the drawing's constants and {what}."]
+    if not found.task.is_whole:
+        said.append(
+            f"Of a pose ik and compensate meet {found.task.words}; code 0 says nothing of the rest."
+            + (" Next to a singular pose a joint may move far for it." if found.task.position else "")
+        )
+    if found.near:
+        said.append(
+            "There compensate returns 1; compensate_near meets the position, and says how much of the turn is left."
+        )
+    if found.sensor:
+        said.append(f"Left out, because it moves no tool: {joined(found.sensor)}.")
+    if found.memory:
+        said.append(
+            f"Memory is left out: {joined(found.memory)} depends on what was before, which the code does not follow; the"
+            " controller gives its state in z, else it rests."
+        )
+    if found.frames:
+        said.append(
+            f"Poses are those of the tool on the flange; the code has no other frame ({joined(found.frames)})."
+        )
+    if found.followed:
+        said.append(
+            f"Depends on what was before: {joined(found.followed)}. The code's _state works it out from every motion and what"
+            " is sensed; without it, it rests."
+        )
+    held = [_held(name, *value) for name, value in found.drivers.items() if name not in found.followed]
+    if held:
+        said.append(f"Held still unless z gives it: {joined(held)}.")
+    return said
+
+
+def _held(name: str, value: float, unit: str) -> str:
+    return f"{name} at {value:.12g}" + ("" if unit == "1" else f" {unit}")
+
+
+def _of_the_moment(effect: PlacedEffect) -> bool:
+    """Whether it tells of readings before the machine stood: standing, the tool is where it should be."""
+    return any(Driver.of(name).kind == STEP for name in effect.drivers)
+
+
+def left_out_json(found: LeftOut) -> dict[str, object]:
+    """The same as data."""
+    drivers = {name: {"value": value, "unit": unit} for name, (value, unit) in found.drivers.items()}
+    return {
+        "sensor": list(found.sensor),
+        "memory": list(found.memory),
+        "frames": list(found.frames),
+        "drivers": drivers,
+        "followed": list(found.followed),
+    }

@@ -6,13 +6,22 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from truepose.codegen.expressions import Graph, Node
-from truepose.codegen.printer import INFIX, LONGEST_INLINE, TESTS, Printer, Real, bare, literal, trigonometry
+from truepose.codegen.printer import (
+    INFIX,
+    LONGEST_INLINE,
+    TESTS,
+    Printer,
+    Real,
+    bare,
+    literal,
+    plain_forms,
+    trigonometry,
+)
 from truepose.codegen.texts import environment
 
 UNARY: tuple[str, ...] = ("SQRT", "EXP", "LOG", "TAN", "ASIN", "ACOS", "ATAN", "SINH", "COSH", "TANH")
@@ -86,6 +95,10 @@ class LanePrinter(Printer):
             leaf = node.op == "CONST" or (node.op == "INPUT" and node.leaf.split("[")[0] in names)
             self._shared[k] = leaf or (bool(node.args) and all(self._shared[a] for a in node.args))
         self.helpers: set[str] = set()
+        self._lines: list[Statement] = []
+        self._texts: dict[int, _Text] = {}
+        self._turns_of: dict[int, str] = {}
+        self._count = 0
 
     def statements(self, targets: Sequence[tuple[str, int]]) -> list[str]:
         """``place = expression;`` for every pair of a C place (of ``lanes``) and a node."""
@@ -95,26 +108,35 @@ class LanePrinter(Printer):
         """The statements one by one; with ``shared`` the places are of ``real``, as are their nodes."""
         ends = [node for _, node in targets]
         order = self._graph.reachable(ends, self._given)
-        written = _Written(self, self._uses(order, ends))
+        self._lines, self._texts, self._turns_of, self._count = [], {}, {}, 0
+        uses = self._uses(order, ends)
         for node in order:
-            written.add(node)
+            self._texts[node] = self._stated(node, uses[node])
         for place, node in targets:
-            end = written.texts[node]
+            end = self._texts[node]
             text = end.text if shared or not end.shared else f"LANES_OF({end.text})"
-            written.lines.append(Statement(f"{place} = {text};", reads=end.reads))
-        return written.lines
+            self._lines.append(Statement(f"{place} = {text};", reads=end.reads))
+        return self._lines
 
-    def leaf(self, node: int) -> _Text:
-        """A given node, an input or a constant."""
-        named = node in self._given or self._graph.nodes[node].op == "INPUT"
-        return _Text(self._leaf(node), frozenset(), self._shared[node], named)
+    def _stated(self, node: int, uses: int) -> _Text:
+        """Return how a node is written, after the statements that it needs; its arguments are written already."""
+        entry, shared = self._graph.nodes[node], self._shared[node]
+        if node in self._given or not entry.args:
+            named = node in self._given or entry.op == "INPUT"
+            return _Text(self._leaf(node), frozenset(), shared, named)
+        if entry.op in _TURNS and not shared:
+            return self._turned_lanes(entry)
+        if entry.op in (*_CALLS, "CEIL") and not shared:
+            return self._called(entry)
+        plain = entry.op in INFIX or entry.op in ("NEG", "TWICE", "INV") or shared
+        args = [self._texts[a] if plain or self._texts[a].shared else self._pointed(a) for a in entry.args]
+        text = self._written(entry, args)
+        reads = frozenset[str]().union(*(a.reads for a in args))
+        if plain and uses <= 1 and len(text) <= LONGEST_INLINE:
+            return _Text(text, reads, shared, False)
+        return self._named(f"const {'real' if shared else 'lanes'} {{}} = {bare(text)};", reads, shared)
 
-    def entry(self, node: int) -> Node | None:
-        """The operation that a node is, None for a leaf."""
-        entry = self._graph.nodes[node]
-        return entry if entry.args and node not in self._given else None
-
-    def written(self, entry: Node, args: Sequence[_Text]) -> str:
+    def _written(self, entry: Node, args: Sequence[_Text]) -> str:
         """An operation as an expression of its arguments' texts."""
         if all(a.shared for a in args):
             if entry.op in _TURNS:
@@ -131,10 +153,7 @@ class LanePrinter(Printer):
         one, two, zero = (literal(v, self._real) for v in (1.0, 2.0, 0.0))
         of_zero, of_one = f"LANES_OF({zero})", f"LANES_OF({one})"
         forms = {
-            "NEG": f"(-{a})",
-            "SQ": f"({a} * {a})",
-            "TWICE": f"({two} * {a})",
-            "INV": f"({one} / {a})",
+            **plain_forms(a, one, two),
             "FABS": f"LANES_ABS({a})",
             "COPYSIGN": f"LANES_SIGNED({a}, {b})",
             "NOT": f"LANES_TEST({a} == {of_zero})",
@@ -151,53 +170,19 @@ class LanePrinter(Printer):
             return forms[op]
         raise NotImplementedError(f"found CasADi's operation {op}, which has no counterpart in lanes here")
 
-
-class _Written:
-    """Statements as they come about, and how each node so far is written."""
-
-    def __init__(self, printer: LanePrinter, uses: Counter[int]) -> None:
-        self._printer, self._uses = printer, uses
-        self.texts: dict[int, _Text] = {}
-        self.lines: list[Statement] = []
-        self._turns: dict[int, str] = {}
-        self._count = 0
-
-    def add(self, node: int) -> None:
-        """Write one node; its arguments are written already."""
-        entry = self._printer.entry(node)
-        if entry is None:
-            self.texts[node] = self._printer.leaf(node)
-            return
-        shared = self._printer._shared[node]
-        if entry.op in _TURNS and not shared:
-            self.texts[node] = self._turned(entry)
-        elif entry.op in (*_CALLS, "CEIL") and not shared:
-            self.texts[node] = self._called(entry)
-        else:
-            self.texts[node] = self._expressed(node, entry, shared)
-
-    def _expressed(self, node: int, entry: Node, shared: bool) -> _Text:
-        plain = entry.op in INFIX or entry.op in ("NEG", "TWICE", "INV") or shared
-        args = [self.texts[a] if plain or self.texts[a].shared else self._pointed(a) for a in entry.args]
-        text = self._printer.written(entry, args)
-        reads = frozenset[str]().union(*(a.reads for a in args))
-        if plain and self._uses[node] <= 1 and len(text) <= LONGEST_INLINE:
-            return _Text(text, reads, shared, False)
-        return self._named(f"const {'real' if shared else 'lanes'} {{}} = {bare(text)};", reads, shared)
-
     def _named(self, form: str, reads: frozenset[str], shared: bool = False) -> _Text:
         name = f"a{self._count}"
         self._count += 1
-        self.lines.append(Statement(form.format(name), name, reads, shared))
+        self._lines.append(Statement(form.format(name), name, reads, shared))
         return _Text(name, frozenset({name}), shared, True)
 
     def _pointed(self, node: int) -> _Text:
         """A node of lanes that has a name: it can be pointed at, and be read twice."""
-        here = self.texts[node]
+        here = self._texts[node]
         if here.shared:
             here = self._named(f"const lanes {{}} = LANES_OF({here.text});", here.reads)
         elif not here.named:
-            here = self.texts[node] = self._named(f"const lanes {{}} = {bare(here.text)};", here.reads)
+            here = self._texts[node] = self._named(f"const lanes {{}} = {bare(here.text)};", here.reads)
         return here
 
     def _called(self, entry: Node) -> _Text:
@@ -210,20 +195,20 @@ class _Written:
         return self._call(_CALLS[entry.op], [self._pointed(k) for k in entry.args])
 
     def _call(self, name: str, args: Sequence[_Text]) -> _Text:
-        self._printer.helpers.add(name)
+        self.helpers.add(name)
         pointers = ", ".join(f"&{a.text}" for a in args)
         reads = frozenset[str]().union(*(a.reads for a in args))
         return self._named(f"lanes {{0}}; lanes_{name}({pointers}, &{{0}});", reads)
 
-    def _turned(self, entry: Node) -> _Text:
+    def _turned_lanes(self, entry: Node) -> _Text:
         """A sine or cosine, computed with its fellow where their argument is met first."""
         (angle,) = entry.args
-        if angle not in self._turns:
+        if angle not in self._turns_of:
             a = self._pointed(angle)
-            self._printer.helpers.add("sincos")
-            k = self._turns[angle] = str(self._count)
+            self.helpers.add("sincos")
+            k = self._turns_of[angle] = str(self._count)
             self._count += 1
             text = f"lanes s{k}, c{k}; lanes_sincos(&{a.text}, &s{k}, &c{k});"
-            self.lines.append(Statement(text, f"s{k} c{k}", a.reads))
-        name = _TURNS[entry.op] + self._turns[angle]
+            self._lines.append(Statement(text, f"s{k} c{k}", a.reads))
+        name = _TURNS[entry.op] + self._turns_of[angle]
         return _Text(name, frozenset({name}), False, True)

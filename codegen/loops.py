@@ -90,27 +90,21 @@ def factors_of(matrix: ca.SX, pivots: Pivots) -> Factors:
             factor = multipliers[r, i] = entries.pop((r, j)) * inverse
             for c in (c for (row, c) in list(entries) if row == i and c != j):
                 entries[r, c] = entries.get((r, c), ca.SX(0)) - factor * entries[i, c]
-    stored = _Stored(inverses)
-    upper = {key: entry if entry is own.get(key) else stored.read(entry) for key, entry in entries.items()}
-    lower = {key: stored.read(factor) for key, factor in multipliers.items()}
-    right = ca.SX.sym("r", n)
-    solution = _solved(pivots.order, stored.symbols[: len(inverses)], lower, upper, right)
-    return Factors(pivots, ca.vertcat(*stored.values), ca.vertcat(*stored.symbols), right, solution)
+    values, symbols = list(inverses), [ca.SX.sym(f"F{k}") for k in range(n)]
 
-
-class _Stored:
-    """Values that are kept between elimination and solution, each with its symbol."""
-
-    def __init__(self, inverses: Sequence[ca.SX]) -> None:
-        self.values, self.symbols = list(inverses), [ca.SX.sym(f"F{k}") for k in range(len(inverses))]
-
-    def read(self, value: ca.SX) -> ca.SX:
-        """The symbol of a value, or the value where it is constant."""
+    def stored(value: ca.SX) -> ca.SX:
+        """Return the symbol of a value that is kept for the solution, or the value where it is constant."""
         if value.is_constant():
             return value
-        self.values.append(value)
-        self.symbols.append(ca.SX.sym(f"F{len(self.symbols)}"))
-        return self.symbols[-1]
+        values.append(value)
+        symbols.append(ca.SX.sym(f"F{len(symbols)}"))
+        return symbols[-1]
+
+    upper = {key: entry if entry is own.get(key) else stored(entry) for key, entry in entries.items()}
+    lower = {key: stored(factor) for key, factor in multipliers.items()}
+    right = ca.SX.sym("r", n)
+    solution = _solved(pivots.order, symbols[:n], lower, upper, right)
+    return Factors(pivots, ca.vertcat(*values), ca.vertcat(*symbols), right, solution)
 
 
 def _solved(

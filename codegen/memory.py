@@ -8,9 +8,9 @@ between the end of a move and its row (``creep.J~t0~d``) are updates of their ow
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 from truepose.codegen.layout import Layout, sample_ranges
 from truepose.models.file.driver import APPROACH, STEP, Driver
@@ -132,27 +132,25 @@ def memory_of(model: SymbolicModel, layout: Layout) -> Memory:
 
 def _collected(model: SymbolicModel, driver: Driver, found: dict[str, list[_Key]]) -> _Key | None:
     """Key of a driver, noted under its kind with what it follows before it; None where it rests."""
-    key = _key(model, driver, lambda other: _collected(model, other, found))
-    if key is not None and key not in found[key[0]]:
-        found[key[0]].append(key)
-    return key
-
-
-def _key(model: SymbolicModel, driver: Driver, of: Callable[[Driver], _Key | None]) -> _Key | None:
-    readings = model.readings
+    readings, key = model.readings, cast("_Key", ("sensed", driver.name))
     if driver.kind == STEP:
         return None
-    if not followed(driver, readings):
-        return ("sensed", driver.name)
-    if driver.kind == "creep":
-        return ("creep", readings.index(driver.place), driver.numbers[0])
-    if driver.kind in _WAY:
-        return ("stop", readings.index(driver.place), driver.numbers[0], *_line(driver))
-    if driver.numbers:
-        *before, seconds = driver.numbers
-        inner = of(replace(driver, numbers=tuple(before)))
-        return inner if inner is None or seconds <= 0.0 else ("lag", inner, seconds)
-    return ("arrival", readings.index(driver.place))
+    if followed(driver, readings):
+        if driver.kind == "creep":
+            key = ("creep", readings.index(driver.place), driver.numbers[0])
+        elif driver.kind in _WAY:
+            key = ("stop", readings.index(driver.place), driver.numbers[0], *_line(driver))
+        elif driver.numbers:
+            *before, seconds = driver.numbers
+            inner = _collected(model, replace(driver, numbers=tuple(before)), found)
+            if inner is None or seconds <= 0.0:
+                return inner
+            key = ("lag", inner, seconds)
+        else:
+            key = ("arrival", readings.index(driver.place))
+    if key not in found[key[0]]:
+        found[key[0]].append(key)
+    return key
 
 
 def _line(driver: Driver) -> tuple[float, float]:

@@ -15,15 +15,12 @@ Real = Literal["double", "float"]
 LONGEST_INLINE = 56
 INFIX = {"ADD": "+", "SUB": "-", "MUL": "*", "DIV": "/"}
 TESTS = {"LT": "<", "LE": "<=", "EQ": "==", "NE": "!="}
-_CALLS = {
-    **{op: op.lower() for op in ("EXP", "LOG", "POW", "SQRT", "TAN", "ASIN", "ACOS", "ATAN", "ATAN2")},
-    **{
-        op: op.lower()
-        for op in ("SINH", "COSH", "TANH", "ASINH", "ACOSH", "ATANH", "FLOOR", "CEIL", "FMOD", "FABS")
-    },
-    **{op: op.lower() for op in ("COPYSIGN", "ERF", "FMIN", "FMAX", "LOG1P", "EXPM1", "HYPOT", "REMAINDER")},
-    "CONSTPOW": "pow",
-}
+_CALLED = (
+    "EXP LOG POW SQRT TAN ASIN ACOS ATAN ATAN2 SINH COSH TANH ASINH ACOSH ATANH FLOOR CEIL FMOD FABS COPYSIGN ERF FMIN FMAX"
+    " LOG1P EXPM1 HYPOT REMAINDER"
+)
+_CALLS = {op: op.lower() for op in _CALLED.split()} | {"CONSTPOW": "pow"}
+"""Functions of the C library by CasADi's operations."""
 
 
 def literal(value: float, real: Real) -> str:
@@ -121,10 +118,7 @@ class Printer:
         b = args[1] if len(args) > 1 else ""
         one, two, zero = (literal(v, self._real) for v in (1.0, 2.0, 0.0))
         special = {
-            "NEG": f"(-{a})",
-            "SQ": f"({a} * {a})",
-            "TWICE": f"({two} * {a})",
-            "INV": f"({one} / {a})",
+            **plain_forms(a, one, two),
             "NOT": f"(({a} == {zero}) ? {one} : {zero})",
             "SIGN": f"((real)(({a} > {zero}) - ({a} < {zero})))",
             "IF_ELSE_ZERO": f"(({a} != {zero}) ? {b} : {zero})",
@@ -144,6 +138,11 @@ class Printer:
         if op in special:
             return special[op]
         raise NotImplementedError(f"found CasADi's operation {op}, which has no C99 counterpart here")
+
+
+def plain_forms(a: str, one: str, two: str) -> dict[str, str]:
+    """Return what C needs no function for, of a scalar as of lanes, by CasADi's operations; constants as C writes them."""
+    return {"NEG": f"(-{a})", "SQ": f"({a} * {a})", "TWICE": f"({two} * {a})", "INV": f"({one} / {a})"}
 
 
 def bare(text: str) -> str:

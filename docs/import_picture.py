@@ -36,7 +36,7 @@ FOLDERS = {
 FLOORS = (
     ("arrays", "leaves"),
     ("errors", "wording", "version"),
-    ("files", "threads", "pool", "bounded"),
+    ("files", "threads", "pool"),
     ("shown",),
     ("models",),
     ("models.file",),

@@ -13,27 +13,30 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from truepose.arrays import Array, Index, Mask
 from truepose.errors import InputError
-from truepose.identification.compensation.inverse import MET, base_frame, in_ranges, loop_scales, pose_gap
+from truepose.identification.compensation.inverse import (
+    MET,
+    base_frame,
+    in_ranges,
+    loop_scales,
+    pose_gap,
+    sizes_of,
+)
 from truepose.identification.compensation.singular import Easing, Problem, solve_rows
 from truepose.identification.prediction.predict import predictor_for
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
 from truepose.models.file.driver import STEP, Driver
-from truepose.models.machine.closure import coordinate_scale
 from truepose.models.machine.controllability import free_joints, task_of
 from truepose.models.machine.kinematics import SymbolicModel
 from truepose.models.machine.machine import Machine
 from truepose.models.task import WHOLE, Task
-from truepose.shown.result import Shown, frame
-
-if TYPE_CHECKING:
-    import pandas as pd
+from truepose.shown.result import Shown
 
 Method = Literal["exact", "first-order"]
 METHODS: tuple[Method, ...] = ("exact", "first-order")
@@ -51,6 +54,8 @@ class Compensation(Shown):
     where the calibrated machine stands with nominal commands, and with the corrected ones; of them what ``task`` asks for.
     not_asked (n, 6): the rest of the twist with the corrected commands. eased (n,): rows next to a singular pose, where a turn
     would make a joint swing; there the position is met, and turns nearly.
+    ``to_frame()``: commands, one row for each of the path: the joints, ``<joint>.nominal``, then ``before.position``,
+    ``before.rotation``, ``after.position``, ``after.rotation`` (errors, mm and rad).
     """
 
     readings: tuple[str, ...]
@@ -62,12 +67,6 @@ class Compensation(Shown):
     task: Task = WHOLE
     not_asked: Array = field(default_factory=lambda: np.zeros((0, 6)))
     eased: Mask = field(default_factory=lambda: np.zeros(0, dtype=bool))
-
-    def to_frame(self) -> pd.DataFrame:
-        """Commands, one row for each of the path: the joints, ``<joint>.nominal``, then ``before.position``,
-        ``before.rotation``, ``after.position``, ``after.rotation`` (errors, mm and rad).
-        """
-        return frame(self)
 
 
 def ideal_constants(machine: Machine, model: SymbolicModel) -> Array:
@@ -100,12 +99,10 @@ class _Follower:
         # a tool that follows a path is not read before it stands: early readings are no errors of it
         self.z[:, [Driver.of(name).kind == STEP for name in model.drivers]] = 0.0
         self.real, self.ideal = model.p_home, ideal_constants(machine, model)
-        scale = coordinate_scale(machine, len(model.home), model.gap.numel())
-        lengths = [abs(p.nominal) for p in machine.parameters if p.unit == "mm"]
-        self.size = max([1.0, *lengths, *scale.size])
+        self.size, gap = sizes_of(machine, model)
         share, unknown = loop_scales(machine, model, self.size)
         self._unit = np.array([*self._reach(), *unknown])
-        self._closed = max(scale.gap if np.isfinite(scale.gap) else 0.0, MET * self.size)
+        self._closed = max(gap, MET * self.size)
         self.task = task_of(model)
         self._base = base_frame(machine)[:3, :3]
         self._gap = pose_gap(model, self.task, self.size, share, rows=VISITS * len(path))

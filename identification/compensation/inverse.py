@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -29,7 +28,7 @@ from truepose.models.machine.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine.machine import Machine, MachineLike, as_machine
 from truepose.models.machine.mechanism import turns_freely
 from truepose.models.task import Task
-from truepose.shown.result import Shown, frame
+from truepose.shown.result import Shown
 
 
 def base_frame(machine: Machine) -> Array:
@@ -38,9 +37,6 @@ def base_frame(machine: Machine) -> Array:
     xyz, rpy = ([value[f"base.{of}{axis}"] for axis in "xyz"] for of in ("", "r"))
     return lie.pose_of(lie.rpy_matrix(rpy), xyz)
 
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 System = Callable[[Array, Index], tuple[Array, Array]]
 """Unknowns (k, nu) of the rows named (k,) to residuals (k, m) and their derivative (k, m, nu), all scaled."""
@@ -70,6 +66,8 @@ class Inverse(Shown):
     ``position`` (n,) mm and ``rotation`` (n,) rad are what is left to the pose, in the components of the task. Where
     joints would have to leave their range q is what it would take, and ``beyond`` (n, nq) says which; where the pose is
     out of reach q is the nearest found.
+    ``to_frame()``: one row for each pose: the joints (mm, rad or the column's own unit), ``status``, and what is left to
+    the pose in ``position`` (mm) and ``rotation`` (rad).
     """
 
     readings: tuple[str, ...]
@@ -84,12 +82,6 @@ class Inverse(Shown):
     def solved(self) -> Mask:
         """(n,) poses met with every joint in its range."""
         return np.asarray(self.status == Reach.SOLVED)
-
-    def to_frame(self) -> pd.DataFrame:
-        """One row for each pose: the joints (mm, rad or the column's own unit), ``status``, and what is left to the pose in
-        ``position`` (mm) and ``rotation`` (rad).
-        """
-        return frame(self)
 
     def saturated(self, row: int) -> tuple[str, ...]:
         """Joints that the pose of a row asks to leave their range."""
@@ -117,13 +109,10 @@ class PoseSolver:
         self.machine = machine
         self.p = model.p_home if p is None else np.asarray(p, dtype=float)
         self.z = model.z_home
-        scale = coordinate_scale(machine, len(model.home), model.gap.numel())
-        lengths = [abs(p.nominal) for p in machine.parameters if p.unit == "mm"]
-        self.size = max([1.0, *lengths, *scale.size])
+        self.size, self._gap = sizes_of(machine, model)
         share, unit = loop_scales(machine, model, self.size)
         readings = [self.size if a.reading_unit == "mm" else 1.0 for a in machine.mechanism.actuators]
         self._unit = np.array([*readings, *unit])
-        self._gap = scale.gap if np.isfinite(scale.gap) else MET * self.size
         self._pose = BatchFunction("pose", [model.q, model.x, model.z, model.p], [model.world])
         self.task = task_of(model) if task is None else task
         self._to_pose = pose_gap(model, self.task, self.size, share)
@@ -200,6 +189,13 @@ def in_ranges(machine: Machine, q: Array) -> Mask:
     low, high = np.array([a.range or (-np.inf, np.inf) for a in machine.mechanism.actuators]).T
     slack = MET * np.where(np.isfinite(high - low), high - low, 0.0)
     return np.asarray((q >= low - slack) & (q <= high + slack))
+
+
+def sizes_of(machine: Machine, model: SymbolicModel) -> tuple[float, float]:
+    """Return the size of a machine, and the largest gap of closed loops, mm."""
+    scale = coordinate_scale(machine, len(model.home), model.gap.numel())
+    size = max([1.0, *(abs(p.nominal) for p in machine.parameters if p.unit == "mm"), *scale.size])
+    return size, scale.gap if np.isfinite(scale.gap) else MET * size
 
 
 def loop_scales(machine: Machine, model: SymbolicModel, size: float) -> tuple[Array, Array]:

@@ -89,7 +89,7 @@ def commands(table: Table, machine: Machine, found: Compensation) -> pd.DataFram
         commanded = convert(table.numbers(joint.name), unit, joint.unit)
         turns = whole_turns(joint, commanded - found.nominal[:, k])
         corrected[joint.name] = convert(found.command[:, k] + turns, joint.unit, unit)
-    headers = {c.name: c.name if c.unit is None else f"{c.name} [{c.unit}]" for c in table.columns}
+    headers = {c.name: c.header for c in table.columns}
     cells = {n: corrected[n] if n in corrected else list(table.cells[n]) for n in headers}
     return pd.DataFrame({header: cells[name] for name, header in headers.items()})
 

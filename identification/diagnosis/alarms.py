@@ -352,7 +352,7 @@ def projector(fit: Estimate, recording: Recording) -> Callable[[Array], Array]:
         return lambda noise: noise
     predictor = Predictor(fit.nominal, recording, fit.effects)
     # of A = J'J + prior one factor serves all draws; the fit's own factor has J'J
-    root = fit.known.step_root
+    root = fit.step_root
     rows = [fit.by_steps(block)[fit.used[block.rows]] for block in predictor.blocks(fit.p, fit.x, fit.used)]
     slopes = np.concatenate(rows).reshape(-1, len(root))
 

@@ -80,7 +80,7 @@ def _studentised(fit: Estimate, recording: Recording, rows: Index) -> Array:
     if not len(rows) or any(sensor.compares for sensor in fit.nominal.sensors):
         return np.asarray(np.sum(residual**2, axis=1))
     predictor, out = Predictor(fit.nominal, recording, fit.effects).of_rows(rows), list[Array]()
-    root = fit.known.step_root
+    root = fit.step_root
     for block in predictor.blocks(fit.p, fit.x[rows], fit.weights[rows]):
         own = residual[block.rows]
         turned = fit.by_steps(block) @ root * np.sqrt(fit.weights[rows][block.rows])[:, None, None]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from truepose.identification.fit.estimated import Estimate, Fitted
 from truepose.identification.fit.summary import FitSummary
@@ -19,7 +19,7 @@ from truepose.models.effects.empirical import Empirical
 from truepose.models.file.driver import DriverKind
 from truepose.models.file.sections import NO_WORSE
 from truepose.models.machine.machine import Machine
-from truepose.shown.result import Shown, Written, frame
+from truepose.shown.result import Shown, Written
 
 RAISED = 0.01
 """p below which an alarm is raised."""
@@ -38,10 +38,6 @@ class Alarm:
     def raised(self) -> bool:
         """p below 1 %."""
         return self.p < RAISED
-
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -122,6 +118,7 @@ class Finding(Shown):
     explanation, experiment: what its entry of the catalogue says. family: the effect, where it was found at all its places
     under one size; replication: None where the halves hold too little. levels: what is known of where it is and what drives
     it; ``probability`` is that of its law, 0 for ``empirical``, which has none; tested: whether the law's form could be.
+    ``to_frame()``: its coefficients, one a row: ``coefficient``, ``value``, ``std`` (1-sigma), ``unit``.
     """
 
     effect: str
@@ -149,10 +146,6 @@ class Finding(Shown):
     def prior_dependent(self) -> bool:
         """Whether tolerances that are wider would do without the name."""
         return self.flip_lambda is not None
-
-    def to_frame(self) -> pd.DataFrame:
-        """Its coefficients, one a row: ``coefficient``, ``value``, ``std`` (1-sigma), ``unit``."""
-        return frame(self)
 
 
 @dataclass(frozen=True)
@@ -287,6 +280,9 @@ class Diagnosis(Written, Fitted):
     It stands for its ``machine``, the improved one, in every function that takes a machine.
     ``report(path)`` writes the report, ``save(directory)`` ``diagnosis.json``, ``improved.yaml`` and ``report.html``; the
     constants are in ``after.to_frame()``.
+    ``to_frame()``: findings, one a row: ``effect``, ``place``, ``probability`` (of the law; NaN where none is known),
+    ``place_probability``, ``driver`` (what it varies with), ``driver_probability``, ``or_else`` (explanations that are as
+    good), ``amplitudes`` (with 1-sigma and unit), ``explanation``, ``experiment`` (that would separate it).
     """
 
     nominal: Machine
@@ -327,10 +323,3 @@ class Diagnosis(Written, Fitted):
     def structure(self) -> Alarm:
         """What residuals still follow: the driver and the share of them that it explains."""
         return self.alarms_after["structure"]
-
-    def to_frame(self) -> pd.DataFrame:
-        """Findings, one a row: ``effect``, ``place``, ``probability`` (of the law; NaN where none is known),
-        ``place_probability``, ``driver`` (what it varies with), ``driver_probability``, ``or_else`` (explanations that are
-        as good), ``amplitudes`` (with 1-sigma and unit), ``explanation``, ``experiment`` (that would separate it).
-        """
-        return frame(self)

@@ -132,21 +132,15 @@ def bounds_of(machine: Machine, effects: Sequence[PlacedEffect] = ()) -> Bounds:
 
     Raises InputError naming file and field for a name that means nothing and for bounds that are empty.
     """
-    names = [p.name for p in machine.parameters]
-    units = [p.unit for p in machine.parameters]
-    low = np.full(len(names), -np.inf)
-    high = np.full(len(names), np.inf)
+    names = [*(p.name for p in machine.parameters), *(n for e in effects for n in e.parameter_names)]
+    units = [*(p.unit for p in machine.parameters), *(c.unit for e in effects for c in e.coefficients)]
+    low, high = coefficient_bounds(machine, effects)
     for rod in machine.mechanism.rods:
         if rod.length in names:
             low[names.index(rod.length)] = 0.0
     for direction in directions(machine):
         for name in direction:
             low[names.index(name)], high[names.index(name)] = -1.0, 1.0
-    for effect in effects:
-        names += effect.parameter_names
-        units += [c.unit for c in effect.coefficients]
-        low = np.append(low, [c.lower for c in effect.coefficients])
-        high = np.append(high, [c.upper for c in effect.coefficients])
     stated = np.zeros(len(names), dtype=bool)
     for name, given in (machine.file.bounds if machine.file else {}).items():
         k = _place(name, names, machine)

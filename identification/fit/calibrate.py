@@ -15,7 +15,7 @@ import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -31,16 +31,15 @@ from truepose.identification.fit.reading_errors import estimate_reading_errors
 from truepose.identification.fit.relinearised import linear_estimators, relinearised
 from truepose.identification.fit.set_ups import held_but, kept_covariance, prior_but, with_set_ups, with_zeros
 from truepose.identification.fit.summary import Judgement, judged
+from truepose.identification.fit.tool_pose import calibrated_pose
 from truepose.identification.prediction.covariance import Covariance
 from truepose.identification.prediction.predictor import FIT, Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.leaves import modules_named
+from truepose.models.file.sections import ExpectedPose
 from truepose.models.machine.machine import Machine
-from truepose.shown.result import Written, frame
+from truepose.shown.result import Written
 from truepose.wording import meant
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 DAMPING = {"gn": 0.0, "lm": 1e-4}
 """Initial damping."""
@@ -57,6 +56,7 @@ class Calibration(Written, Fitted):
 
     It stands for its ``machine``, the calibrated one, in every function that takes a machine. ``report(path)`` writes the
     report, ``save(directory)`` ``calibrated.yaml``, ``fit.json`` and ``report.html``.
+    ``to_frame()``: the constants of the fit, with the columns of ``Estimate.to_frame``.
     """
 
     fit: Estimate
@@ -71,19 +71,15 @@ class Calibration(Written, Fitted):
         """Whether it may be called a calibration."""
         return judged(self.fit)
 
+    @cached_property
+    def pose(self) -> ExpectedPose | None:
+        """What the fit is worth to the tool, against what stood in the machine file; None where that is not judged."""
+        return calibrated_pose(self.fit, self.recording, "the machine file" if self.only else "the drawing")
+
     @property
     def only(self) -> str:
         """What alone was fitted, in words; empty where everything was that is not exactly known."""
         return self.method.get("only", "")
-
-    @property
-    def began(self) -> str:
-        """What the fit is compared with: what stood in the machine file."""
-        return "the machine file" if self.only else "the drawing"
-
-    def to_frame(self) -> pd.DataFrame:
-        """The constants of the fit, with the columns of ``Estimate.to_frame``."""
-        return frame(self)
 
 
 def calibrate(

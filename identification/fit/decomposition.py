@@ -156,11 +156,6 @@ class Decomposition:
         return np.asarray(basis @ solve_triangular(triangle, solve_triangular(triangle, moved.T, trans="T")))
 
     @property
-    def step_root(self) -> Array:
-        """(steps, k) ``root`` by the steps that were solved for: these."""
-        return self.root
-
-    @property
     def effective(self) -> float:
         """Degrees of freedom that the readings use: trace of their share of the information."""
         return float(np.sum(self._posterior[1] ** 2))

@@ -24,7 +24,7 @@ from truepose.identification.recording.load import Sources
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine.machine import Machine
-from truepose.shown.result import Declared, Shown, frame
+from truepose.shown.result import Declared, Shown
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -69,6 +69,9 @@ class Estimate(Fitted):
     assembled), used (n,) rows that were fitted, weights (n,) of the robust loss, factor: triangular factor of [J r] of the
     readings, columns scaled by ``prior.scale`` and restricted to ``prior.free``, or by the fewer steps of long series that
     were solved for (``turn``).
+    ``to_frame()``: free constants, one a row: ``parameter``, ``value``, ``std`` (1-sigma), ``nominal`` (of the drawing),
+    ``unit``, ``tolerance``, ``in_tolerances`` ((value - nominal) / tolerance), ``identifiable``. mm, rad; coefficients of
+    effects follow in their own units. std is inf where neither readings nor tolerances hold.
     """
 
     nominal: Machine
@@ -125,8 +128,14 @@ class Estimate(Fitted):
         """Whose root and unknown directions are this estimate's: readings and prior, or a biased estimator."""
         return self.decomposition if self.shrunk is None else self.shrunk
 
+    @property
+    def step_root(self) -> Array:
+        """(steps, k) ``known.root`` by the steps that were solved for: of a long series as much of it as readings see."""
+        known = self.known
+        return known.own.root if isinstance(known, Turned) else known.root
+
     def by_steps(self, block: Block) -> Array:
-        """(n, m, k) derivative of a block's residuals by the steps that were solved for; times ``known.step_root`` it is that
+        """(n, m, k) derivative of a block's residuals by the steps that were solved for; times ``step_root`` it is that
         by independent unknowns of 1-sigma one."""
         free, scale = self.prior.free, self.prior.scale
         if self.turn is None:
@@ -243,14 +252,6 @@ class Estimate(Fitted):
     def worst_parameter_sigma(self) -> float:
         """Largest |estimate - nominal| / tolerance."""
         return float(np.max(np.abs(self.in_tolerances), initial=0.0))
-
-    def to_frame(self) -> pd.DataFrame:
-        """Free constants, one a row: ``parameter``, ``value``, ``std`` (1-sigma), ``nominal`` (of the drawing), ``unit``,
-        ``tolerance``, ``in_tolerances`` ((value - nominal) / tolerance), ``identifiable``.
-
-        mm, rad; coefficients of effects follow in their own units. std is inf where neither readings nor tolerances hold.
-        """
-        return frame(self)
 
     def fitted_effects(self) -> tuple[PlacedEffect, ...]:
         """The effects with their estimated coefficients."""

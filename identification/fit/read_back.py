@@ -12,7 +12,7 @@ import numpy as np
 from truepose.arrays import Array, Mask
 from truepose.errors import InputError, ReadBackError
 from truepose.identification.fit.estimated import Estimate
-from truepose.identification.prediction.covariance import Covariance
+from truepose.identification.prediction.covariance import Covariance, covariance_of_file
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.file.machine_file import checked_machine
@@ -84,10 +84,13 @@ def _close(a: object, b: object) -> bool:
 
 
 def _same_covariance(machine: Machine, known: Covariance) -> bool:
-    if machine.file is None or machine.file.covariance is None:
-        return False
-    found = Covariance.read(machine.file.covariance, f"{machine.file.path}: covariance")
-    if found.names != known.names or found.unexplained != known.unexplained or found.seen != known.seen:
+    found = covariance_of_file(machine)
+    if (
+        found is None
+        or found.names != known.names
+        or found.unexplained != known.unexplained
+        or found.seen != known.seen
+    ):
         return False
     size = PACKED * np.linalg.norm(known.factor, axis=1, keepdims=True)
     return bool((np.abs(found.factor - known.factor) <= size).all()) and _close(found.unknown, known.unknown)

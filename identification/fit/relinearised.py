@@ -143,11 +143,6 @@ class Shrunk:
     effective: float
     tuning: float
 
-    @property
-    def step_root(self) -> Array:
-        """(n_free, k) ``root`` by the steps that were solved for: these."""
-        return self.root
-
 
 def linear_estimators() -> dict[str, tuple[str, Linear]]:
     """Return what each linear estimator is tuned by, and the estimator, by name; the biased ones are of a leaf."""

@@ -21,7 +21,7 @@ import numpy as np
 
 from truepose.errors import InputError
 from truepose.identification.fit.problem import Prior
-from truepose.identification.prediction.covariance import Covariance
+from truepose.identification.prediction.covariance import Covariance, covariance_of_file
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.sessions import ANEW, FrameShift
 from truepose.models.file.driver import Driver
@@ -97,9 +97,9 @@ def prior_but(prior: Prior, machine: Machine, only: Sequence[str]) -> Prior:
 
 def kept_covariance(machine: Machine, prior: Prior) -> Covariance | None:
     """What the file's covariance says of what ``prior`` holds; None where it says nothing."""
-    if machine.file is None or machine.file.covariance is None:
+    known = covariance_of_file(machine)
+    if known is None:
         return None
-    known = Covariance.read(machine.file.covariance, f"{machine.file.path}: covariance")
     held = {name for name, sigma in zip(prior.names, prior.sigma, strict=True) if sigma == 0.0}
     return known.of_names([name for name in known.names if name in held])
 

@@ -198,11 +198,6 @@ class Turned(Decomposition):
         return np.hstack([self.turn.matrix @ root, (self.turn.rest.multiply(free[:, None])).toarray()])
 
     @property
-    def step_root(self) -> Array:
-        """(steps, k) ``root`` by the steps that were solved for: as much of it as readings see."""
-        return self.own.root
-
-    @property
     def effective(self) -> float:
         """Degrees of freedom that the readings use."""
         return self.own.effective

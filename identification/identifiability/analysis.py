@@ -12,7 +12,6 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -39,7 +38,7 @@ from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import coupling_matrix
-from truepose.shown.result import Shown, frame
+from truepose.shown.result import Shown
 
 SEED = 20
 
@@ -131,9 +130,6 @@ class Seen:
         return cls(triangular(rows(), len(free)), used, count)
 
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 DRAWN_POSES = 100
 DRAWN_MACHINES = 4
 UNTOUCHED = 0.9
@@ -174,6 +170,9 @@ class Identifiability(Shown):
     unseen: never seen, and what they mean together; unseen_at_drawing: seen on machines as built only,
     where the readings see the best of them to ``as_built_size`` sigmas a tolerance; nearly: seen worse than the
     tolerances say; subset: parameters that can be told apart.
+    ``to_frame()``: free constants, one a row: ``parameter``, ``unit``, ``tolerance``, ``std`` (to expect after the
+    measurement, rms over machines as built), ``std_at_drawing``, ``status``, ``trades_with`` (names). mm, rad or an
+    effect's own unit.
     """
 
     machine: str
@@ -193,12 +192,6 @@ class Identifiability(Shown):
     subset: Subset
     known: Knowledge
     notes: tuple[Note, ...] = ()
-
-    def to_frame(self) -> pd.DataFrame:
-        """Free constants, one a row: ``parameter``, ``unit``, ``tolerance``, ``std`` (to expect after the measurement, rms over
-        machines as built), ``std_at_drawing``, ``status``, ``trades_with`` (names). mm, rad or an effect's own unit.
-        """
-        return frame(self)
 
 
 def identifiability(

@@ -17,6 +17,7 @@ import numpy as np
 from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models.file.yaml_document import LongText
+from truepose.models.machine.machine import Machine
 
 Quantity = tuple[float, str]
 """A value in mm or rad, and which of the two."""
@@ -125,6 +126,13 @@ class Covariance:
             seen = np.linalg.norm(jacobian @ unit.T, axis=-1) > UNSEEN * size
             out = np.where(seen, np.inf, out)
         return out
+
+
+def covariance_of_file(machine: Machine) -> Covariance | None:
+    """Return what the machine's file says is known of its constants; None where it says nothing. Raises InputError."""
+    if machine.file is None or machine.file.covariance is None:
+        return None
+    return Covariance.read(machine.file.covariance, f"{machine.file.path}: covariance")
 
 
 def _range(item: Sequence[float]) -> tuple[float, float]:

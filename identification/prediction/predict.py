@@ -23,7 +23,7 @@ import pandas as pd
 
 from truepose.arrays import Array, Index, Mask
 from truepose.errors import InputError
-from truepose.identification.prediction.covariance import Covariance
+from truepose.identification.prediction.covariance import Covariance, covariance_of_file
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.sensor_rows import TOGETHER
 from truepose.identification.prior import FORM_ERROR
@@ -52,7 +52,7 @@ def column_std(predictor: Predictor, values: Array, jacobian: Array) -> Array:
     left = np.flatnonzero(p_sigma > 0)
     coefficients = [c.scale for e in machine.effects for c in e.coefficients]
     scales = np.array([*(p.scale for p in machine.parameters), *coefficients])
-    known = _covariance(machine)
+    known = covariance_of_file(machine)
     if known is not None:
         missing = [name for name in known.names if name not in names]
         if missing:
@@ -66,12 +66,6 @@ def column_std(predictor: Predictor, values: Array, jacobian: Array) -> Array:
         left = np.setdiff1d(left, at)
     stated = Covariance.of_tolerances([names[k] for k in left], p_sigma[left])
     return np.asarray(np.sqrt(variance + stated.std(jacobian[..., left], scales[left]) ** 2))
-
-
-def _covariance(machine: Machine) -> Covariance | None:
-    if machine.file is None or machine.file.covariance is None:
-        return None
-    return Covariance.read(machine.file.covariance, f"{machine.file.path}: covariance")
 
 
 def _unexplained(machine: Machine, known: Covariance) -> Array:
@@ -103,7 +97,7 @@ def _beyond(predictor: Predictor, values: Array, jacobian: Array) -> Array:
     columns = [name for sensor in machine.sensors for name in sensor.columns]
     at |= dict(zip(columns, values.T, strict=True))
     out, first = np.zeros(values.shape), len(machine.parameters)
-    known = _covariance(machine)
+    known = covariance_of_file(machine)
     seen = {} if known is None else known.seen
     for effect in machine.effects:
         own = slice(first, first + len(effect.coefficients))
@@ -253,10 +247,10 @@ def unheard(machine: Machine, recording: Recording) -> list[str]:
 
 def _is_the_fitted(machine: Machine, recording: Recording) -> bool:
     """Whether rows without a clock may be those that the file was fitted to: there are as many. Others come later."""
-    if machine.file is None or machine.file.covariance is None:
+    known = covariance_of_file(machine)
+    if known is None:
         return True
-    seen = Covariance.read(machine.file.covariance, f"{machine.file.path}: covariance").seen.get(ROW)
-    place = recording.whole.driver(ROW)
+    seen, place = known.seen.get(ROW), recording.whole.driver(ROW)
     return place is not None and (seen is None or float(np.min(place)) == seen[0])
 
 
@@ -330,6 +324,5 @@ def with_inputs(table: Table, simulated: pd.DataFrame) -> pd.DataFrame:
     kept = {}
     for column in table.columns:
         if column.name not in simulated:
-            header = column.name if column.unit is None else f"{column.name} [{column.unit}]"
-            kept[header] = list(table.cells[column.name])
+            kept[column.header] = list(table.cells[column.name])
     return pd.concat([pd.DataFrame(kept), simulated], axis=1)

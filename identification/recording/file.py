@@ -92,7 +92,10 @@ def read_part(
     readings = {name: unit for name, unit in present.items() if unit != LABEL}
     said = {j.name: column_unit(table, j, units) for j in joints}
     said |= {name: table.unit(name, units.written(unit), unit) for name, unit in readings.items()}
-    observations = {n: _reading(table, n, said[n], unit) for n, unit in readings.items()}
+    observations = {}
+    for name, unit in readings.items():
+        read = table.readings(name)
+        observations[name] = sized(table, name, convert(read, said[name], unit, table.where(name)), read)
     times = read_times(table) if "time" in table else None
     time = None if times is None else sized(table, "time", times.seconds, largest=LATEST)
     pose = table.integers("pose") if "pose" in table else None
@@ -186,11 +189,6 @@ def _converted(table: Table, name: str, default: str, internal: str) -> Array:
     values = table.numbers(name)
     converted = convert(values, table.unit(name, default, internal), internal, table.where(name))
     return sized(table, name, converted, values, LATEST)
-
-
-def _reading(table: Table, name: str, unit: str, internal: str) -> Array:
-    recorded = table.readings(name)
-    return sized(table, name, convert(recorded, unit, internal, table.where(name)), recorded)
 
 
 def _drivers(

@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import Any, Final, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -42,10 +42,7 @@ from truepose.models.file.driver import (
     TREMBLING,
     Driver,
 )
-from truepose.shown.result import Shown, frame
-
-if TYPE_CHECKING:
-    import pandas as pd
+from truepose.shown.result import Shown
 
 IntArray = npt.NDArray[np.int64]
 BoolArray = Mask
@@ -53,6 +50,11 @@ Rows = IntArray | BoolArray | Sequence[int] | slice
 A = TypeVar("A", bound=npt.NDArray[Any])
 
 __all__ = ["Recording", "frozen"]
+_BY_ROW: Final = (
+    "q", "source_file", "source_row", "session", "session_recorded", "validation", "pose", "time", "from_row",
+    "reading_errors",
+)  # fmt: skip
+"""Arrays of a recording with an entry for each row."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -68,6 +70,9 @@ class Recording(Shown):
     other, so that their order tells nothing of how a joint came. reading_errors: estimated noise of the joints' readings,
     known only where rows are compared with each other (`truepose.identification.fit.reading_errors`). uncoupling: takes
     readings to the joints' own motions where some hold the motion of others (`truepose.models.machine.mechanism`).
+    ``to_frame()``: the rows with the columns of a recording file, in the machine file's units: read again they are the same
+    rows. ``pose``, ``from``, ``session``, ``time`` (s) and ``role`` where recorded, joints, labels, the sensors' columns,
+    then drivers. The index is ``row`` of the file, with ``file`` before it where there are several.
     """
 
     joints: tuple[str, ...]
@@ -255,21 +260,14 @@ class Recording(Shown):
         if not isinstance(wanted, slice) and not wanted.size:
             wanted = slice(0)  # an empty list has no integer type
         index = frozen(self._index(wanted))
+        arrays: dict[str, Any] = {name: getattr(self, name) for name in _BY_ROW}
+        own: dict[str, Any] = {n: None if v is None else frozen(v[index]) for n, v in arrays.items()}
         return replace(
             self,
-            q=frozen(self.q[index]),
+            **own,
             observations={name: frozen(values[index]) for name, values in self.observations.items()},
             labels={name: tuple(texts[k] for k in index) for name, texts in self.labels.items()},
             drivers={name: frozen(values[index]) for name, values in self.drivers.items()},
-            source_file=frozen(self.source_file[index]),
-            source_row=frozen(self.source_row[index]),
-            session=frozen(self.session[index]),
-            session_recorded=frozen(self.session_recorded[index]),
-            validation=frozen(self.validation[index]),
-            pose=None if self.pose is None else frozen(self.pose[index]),
-            time=None if self.time is None else frozen(self.time[index]),
-            from_row=None if self.from_row is None else frozen(self.from_row[index]),
-            reading_errors=None if self.reading_errors is None else frozen(self.reading_errors[index]),
             _whole=self.whole,
             _rows=index if self._rows is None else frozen(self._rows[index]),
         )
@@ -282,14 +280,6 @@ class Recording(Shown):
         if wanted.dtype == np.bool_ and len(wanted) != len(self):
             raise IndexError(f"found a mask of {len(wanted)} rows, expected {len(self)}")
         return np.where(places < 0, places + len(self), places).astype(np.int64)
-
-    def to_frame(self) -> pd.DataFrame:
-        """The rows with the columns of a recording file, in the machine file's units: read again they are the same rows.
-
-        ``pose``, ``from``, ``session``, ``time`` (s) and ``role`` where recorded, joints, labels, the sensors' columns, then
-        drivers. The index is ``row`` of the file, with ``file`` before it where there are several.
-        """
-        return frame(self)
 
     def where(self, row: int) -> str:
         """File and row of one of these rows, to name it in a message."""

@@ -24,8 +24,8 @@ import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.parquet as pq  # type: ignore[import-untyped]
 
 from truepose.arrays import Array, Mask
-from truepose.bounded import check_input
 from truepose.errors import InputError
+from truepose.files import check_input
 from truepose.identification.recording.text import SI, ArrowCells, TextTable, digest_of, read_text
 from truepose.leaves import modules_named
 from truepose.models.units import is_unit, parse_unit
@@ -42,6 +42,11 @@ class Column:
 
     name: str
     unit: str | None = None
+
+    @property
+    def header(self) -> str:
+        """The header as a file has it."""
+        return self.name if self.unit is None else f"{self.name} [{self.unit}]"
 
 
 @dataclass(frozen=True)

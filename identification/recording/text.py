@@ -31,8 +31,8 @@ import pyarrow.compute as pc  # type: ignore[import-untyped]
 import pyarrow.csv as pacsv  # type: ignore[import-untyped]
 
 from truepose.arrays import Array
-from truepose.bounded import read_input
 from truepose.errors import InputError
+from truepose.files import read_input
 from truepose.identification.recording.languages import refuse_languages
 
 

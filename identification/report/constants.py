@@ -9,7 +9,7 @@ import pandas as pd
 
 from truepose.arrays import Array, Index
 from truepose.identification.fit.estimated import Estimate
-from truepose.identification.report.numbers import known, significant, unit_symbol
+from truepose.identification.report.phrases import known, significant, unit_symbol
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mount_terms import said_terms
 from truepose.shown.chart import Axis, Chart, Layer, Level, Marks, Shape, Tone

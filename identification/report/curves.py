@@ -1,4 +1,7 @@
-"""Charts of what each finding shifts, against what drives it: the fit's value with its band, and what each row says."""
+"""Charts of what each finding shifts, against what drives it: the fit's value with its band, and what each row says.
+
+The columns of a recording that residuals may follow are here too, in the units people read.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +13,13 @@ import numpy as np
 from truepose.arrays import Array, Index
 from truepose.identification.diagnosis.result import Diagnosis, Finding
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.report.drivers import Column, column_of, joint_column, reading_unit
-from truepose.identification.report.numbers import finer, unit_symbol
+from truepose.identification.recording.recording import Recording
 from truepose.identification.report.partial_residuals import PortShift, port_shifts
+from truepose.identification.report.phrases import finer, unit_symbol
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.file.driver import Driver
+from truepose.models.file.driver import ROW, Driver
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.sensor import Channel
 from truepose.shown.chart import Axis, Band, Chart, Layer, Level, Line, Marks
 
 MOST_PORTS, FEW, MANY = 3, 6, 20
@@ -183,3 +187,67 @@ def _ends(rows: Array, low: Array, high: Array) -> tuple[float, float]:
     highest = max(float(ends[1]), float(np.nanmax(high, initial=0.0)))
     room = 0.08 * (highest - lowest) or 1.0
     return lowest - room, highest + room
+
+
+MOST = 12
+
+
+@dataclass(frozen=True)
+class Column:
+    """A driver's name, its axis title with unit, and values (n,)."""
+
+    name: str
+    title: str
+    values: Array
+
+
+def columns(machine: Machine, recording: Recording, first: Sequence[str] = ()) -> list[Column]:
+    """Joints, what was logged and varies, the order of rows: twelve at most, those of ``first`` kept."""
+    found = [column_of(machine, recording, name) for name in (*recording.joints, *recording.logged)]
+    out = [column for column in found if column is not None]
+    varying = [c for c in out if np.ptp(c.values) > 0.0]
+    kept = {c.name for c in sorted(varying, key=lambda c: c.name not in first)[: MOST - 1]}
+    return [
+        *(c for c in varying if c.name in kept),
+        order_column(recording),
+    ]
+
+
+def column_of(machine: Machine, recording: Recording, name: str) -> Column | None:
+    """A joint or a logged driver; None where the recording has neither."""
+    if name in recording.joints:
+        return joint_column(machine, recording, name)
+    values = recording.driver(name)
+    if values is None:
+        return None
+    if name == ROW:
+        return Column(name, "rows before the last [1]", values)
+    unit = machine.driver_unit(name)
+    shown = "±1" if unit == "1" else unit_symbol(unit) or "as recorded"
+    return Column(name, f"{name} [{shown}]", values)
+
+
+def order_column(recording: Recording) -> Column:
+    """The order in which rows were recorded."""
+    return Column("order", "row in order of acquisition [1]", np.arange(1.0, len(recording) + 1.0))
+
+
+def joint_column(machine: Machine, recording: Recording, name: str) -> Column:
+    """A joint's own motion, angles in degrees."""
+    factor, unit = reading_unit(machine, name)
+    values = recording.moved[:, recording.joints.index(name)]
+    return Column(name, f"{name} [{unit}]", values * factor)
+
+
+def reading_unit(machine: Machine, name: str) -> tuple[float, str]:
+    """Factor and unit in which a joint's readings are shown."""
+    unit = machine.mechanism.actuator(name).reading_unit
+    return (float(np.degrees(1.0)), "°") if unit == "rad" else (1.0, unit_symbol(unit))
+
+
+def component_groups(channels: Sequence[Channel]) -> dict[str, list[int]]:
+    """Indices of residual components that share an axis (P1.x, P2.x: x), six groups at most."""
+    out: dict[str, list[int]] = {}
+    for k, channel in enumerate(channels):
+        out.setdefault(channel.name.rsplit(".", 1)[-1], []).append(k)
+    return dict(list(out.items())[:6])

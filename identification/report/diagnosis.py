@@ -11,26 +11,31 @@ from truepose.identification.diagnosis.result import Alternative, Diagnosis, Fin
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.report import finding_words as words
 from truepose.identification.report import verdict
-from truepose.identification.report.applied_words import applied_words
-from truepose.identification.report.closing import limits_section, origin_section
+from truepose.identification.report.applied_words import applied_words, diagnosis_gains
+from truepose.identification.report.closing import (
+    diagnosis_steps,
+    limits_section,
+    origin_section,
+    uncertainty_section,
+)
 from truepose.identification.report.constants import constants_section, mount_words
 from truepose.identification.report.curves import Curve, all_curves, curve_chart
 from truepose.identification.report.estimate import document_facts
-from truepose.identification.report.gains import diagnosis_gains
-from truepose.identification.report.naming import (
+from truepose.identification.report.notes import diagnosis_notes
+from truepose.identification.report.phrases import (
     coefficient_words,
     effect_title,
     excluded_words,
+    measure,
     named,
+    percent,
+    significant,
+    unit_symbol,
     with_article,
 )
-from truepose.identification.report.notes import diagnosis_notes
-from truepose.identification.report.numbers import measure, percent, significant, unit_symbol
 from truepose.identification.report.residuals import picked, residual_section, telling_drivers
 from truepose.identification.report.results import diagnosis_judgement
 from truepose.identification.report.scene import scene_of
-from truepose.identification.report.steps import diagnosis_steps
-from truepose.identification.report.uncertainty import uncertainty_section
 from truepose.shown.document import Block, Card, Charts, Document, Guilty, Items, Section, Table, Text
 from truepose.shown.result import document
 from truepose.wording import joined

@@ -6,24 +6,23 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from truepose.identification.diagnosis.null_fits import far_rows
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.summary import FitSummary, judged, summarise
-from truepose.identification.fit.tool_pose import calibrated_pose
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report import verdict
-from truepose.identification.report.closing import limits_section, origin_section
+from truepose.identification.report.applied_words import fit_gains
+from truepose.identification.report.closing import (
+    calibration_steps,
+    limits_section,
+    origin_section,
+    uncertainty_section,
+)
 from truepose.identification.report.constants import constants_section, farthest_table, mount_words
-from truepose.identification.report.gains import fit_gains
-from truepose.identification.report.naming import far_row_words
-from truepose.identification.report.numbers import measure, significant
+from truepose.identification.report.phrases import far_row_words, measure, significant
 from truepose.identification.report.residuals import picked, residual_section
 from truepose.identification.report.results import calibration_json
 from truepose.identification.report.scene import scene_of
-from truepose.identification.report.steps import calibration_steps
-from truepose.identification.report.uncertainty import uncertainty_section
-from truepose.models.file.sections import ExpectedPose
 from truepose.shown.document import Document, Items, Section
 from truepose.shown.result import document
 from truepose.wording import shortened
@@ -33,20 +32,17 @@ MOST = 12
 
 @document.register
 def _(found: Calibration) -> Document:
-    far = calibration_json(found, far_rows(found))["rows_that_do_not_fit"]
-    return calibration_document(found, far, calibrated_pose(found.fit, found.recording, found.began))
+    return calibration_document(found, calibration_json(found)["rows_that_do_not_fit"])
 
 
 def calibration_document(
     found: Calibration,
     far: Sequence[Mapping[str, Any]],
-    pose: ExpectedPose | None,
     output: Path | None = None,
 ) -> Document:
     """Return the document of a calibration.
 
-    far: ``rows_that_do_not_fit`` of ``fit.json``; pose: what it is worth to the tool, if that was judged; output: the folder
-    of the results, None for a page.
+    far: ``rows_that_do_not_fit`` of ``fit.json``; output: the folder of the results, None for a page.
     """
     fit, recording = found.fit, found.recording
     machine, told = fit.nominal, summarise(fit, recording.validation)
@@ -67,7 +63,7 @@ def calibration_document(
         f"{refused}." if refused else said,
         "good" if good and not refused else "warn",
         document_facts(machine.name, recording, fit),
-        fit_gains(machine, told, pose),
+        fit_gains(machine, told, found.pose),
         [one for one in summary if one.items],
         calibration_steps(machine, recording.files, output, calibrated=not refused, doubtful=not good),
         found.notes,

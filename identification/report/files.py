@@ -11,7 +11,6 @@ from typing import Any
 import pandas as pd
 
 from truepose.files import FILES_SHA256, atomic_directory, atomic_write_text, sha256_of
-from truepose.identification.diagnosis.null_fits import far_rows
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.calibrate import Calibration
 from truepose.identification.fit.estimated import (
@@ -21,7 +20,6 @@ from truepose.identification.fit.estimated import (
     predicted_frame,
     residual_frame,
 )
-from truepose.identification.fit.tool_pose import calibrated_pose
 from truepose.identification.fit.write_machine import calibrated_text, write_calibrated
 from truepose.identification.load import Caution
 from truepose.identification.prediction.predict import predict
@@ -31,7 +29,6 @@ from truepose.identification.report.diagnosis import diagnosis_document
 from truepose.identification.report.estimate import calibration_document
 from truepose.identification.report.json_text import json_text
 from truepose.identification.report.results import calibration_json, diagnosis_json, diagnosis_judgement
-from truepose.models.file.sections import ExpectedPose
 from truepose.models.load import DIAGNOSIS
 from truepose.models.machine.machine import Machine
 from truepose.models.units import convert
@@ -43,8 +40,7 @@ REPORT = "report.html"
 
 @files.register
 def _(result: Calibration, output: Path) -> list[str]:
-    pose = calibrated_pose(result.fit, result.recording, result.began)
-    return write_calibration(result, calibration_json(result, far_rows(result)), output, pose)
+    return write_calibration(result, calibration_json(result), output)
 
 
 @files.register
@@ -56,16 +52,15 @@ def write_calibration(
     result: Calibration,
     fit: Mapping[str, Any],
     output: Path,
-    pose: ExpectedPose | None,
     cautions: Sequence[str] = (),
 ) -> list[str]:
     """``calibrated.yaml``, ``fit.json`` (its content ``fit``) and ``report.html``; their names.
 
-    ``pose``: what the fit is worth to the tool; ``cautions`` stand above the report.
+    ``cautions`` stand above the report.
     """
-    told = calibration_document(result, fit["rows_that_do_not_fit"], pose)
+    told = calibration_document(result, fit["rows_that_do_not_fit"])
     with atomic_directory(output) as partial:
-        _calibration_files(result, fit, partial, pose)
+        _calibration_files(result, fit, partial)
         atomic_write_text(partial / REPORT, page(replace(told, cautions=cautions)))
         return sorted(file.name for file in partial.iterdir())
 
@@ -84,16 +79,12 @@ def put_both(
 
     ``brief``: without the report.
     """
-    fit = {**calibration_json(calibration, far_rows(calibration)), **caution.document}
-    pose = calibrated_pose(calibration.fit, calibration.recording, calibration.began)
-    _calibration_files(calibration, fit, partial, pose)
+    _calibration_files(calibration, {**calibration_json(calibration), **caution.document}, partial)
     _diagnosis_files(diagnosis, partial, caution, brief=brief)
 
 
-def _calibration_files(
-    result: Calibration, fit: Mapping[str, Any], partial: Path, pose: ExpectedPose | None
-) -> None:
-    write_calibrated(partial / "calibrated.yaml", result.fit, result.recording, pose, kept=result.kept)
+def _calibration_files(result: Calibration, fit: Mapping[str, Any], partial: Path) -> None:
+    write_calibrated(partial / "calibrated.yaml", **file_of(result))
     atomic_write_text(partial / "fit.json", json_text(fit))
 
 
@@ -123,8 +114,7 @@ def _(result: Estimate) -> dict[str, Any]:
 
 @file_of.register
 def _(result: Calibration) -> dict[str, Any]:
-    pose = calibrated_pose(result.fit, result.recording, result.began)
-    return {"estimate": result.fit, "recording": result.recording, "pose": pose, "kept": result.kept}
+    return {"estimate": result.fit, "recording": result.recording, "pose": result.pose, "kept": result.kept}
 
 
 @file_of.register

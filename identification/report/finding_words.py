@@ -6,17 +6,19 @@ from collections.abc import Mapping, Sequence
 
 from truepose.identification.diagnosis.naming import CERTAIN
 from truepose.identification.diagnosis.result import NAMED, Finding, Lead, Remainder, Replication, Together
-from truepose.identification.report.naming import (
+from truepose.identification.report.phrases import (
     coefficient_words,
+    known,
     law_words,
     named,
+    percent,
     place_words,
     several,
+    significant,
     spanned,
     title,
     told,
 )
-from truepose.identification.report.numbers import known, percent, significant
 from truepose.models.effects.common import OF_ROWS
 from truepose.models.effects.empirical import LOAD, MOMENT
 from truepose.models.file.driver import DriverKind

@@ -15,7 +15,7 @@ from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.identifiability.observability import Note
 from truepose.identification.recording.load import tried
 from truepose.identification.recording.recording import Recording
-from truepose.identification.report.numbers import measure
+from truepose.identification.report.phrases import measure
 from truepose.wording import joined
 
 _SAID = {

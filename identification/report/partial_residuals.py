@@ -57,38 +57,28 @@ def port_shifts(
         return []
     predictor = Predictor(fit.nominal, recording, fit.effects, ports=True)
     p = np.concatenate([fit.p, np.zeros(len(predictor.model.names) - len(fit.p))])
-    found = [_Group.of(predictor, fit, p, terms) for terms in groups]
+    found = [_Group(predictor, fit, p, terms) for terms in groups]
     for own, residual, jacobian in _blocks(predictor, fit, p, rows):
         for group in found:
             group.take(own, residual, jacobian)
     return [group.shifts() for group in found]
 
 
-@dataclass(frozen=True)
 class _Group:
     """Terms that act together: places of their coefficients and ports among all names, and what rows said so far."""
 
-    predictor: Predictor
-    fit: Estimate
-    p: Array
-    terms: Sequence[PlacedEffect]
-    own: list[int]
-    at: list[int]
-    by: ca.SX  # (ports, own) how far a unit of each coefficient shifts each port
-    slopes: BatchFunction  # the same, row by row
-    found: Array  # (3, ports, n): fitted, std, rows
-
-    @classmethod
-    def of(cls, predictor: Predictor, fit: Estimate, p: Array, terms: Sequence[PlacedEffect]) -> _Group:
+    def __init__(self, predictor: Predictor, fit: Estimate, p: Array, terms: Sequence[PlacedEffect]) -> None:
+        self.predictor, self.fit, self.p, self.terms = predictor, fit, p, terms
         model, names = predictor.model, list(predictor.model.names)
-        own = [names.index(name) for term in terms for name in term.parameter_names]
-        by = _slopes(predictor, own)
+        self.own = [names.index(name) for term in terms for name in term.parameter_names]
+        by = _slopes(predictor, self.own)
         rows = sorted(set(by.sparsity().get_triplet()[0]))
-        slopes = BatchFunction("slopes", [model.x, model.q, model.z, model.p], [by[rows, :]])
-        found = np.full((3, len(rows), len(fit.residual)), np.nan)
-        return cls(
-            predictor, fit, p, terms, own, [_ports(predictor)[k] for k in rows], by[rows, :], slopes, found
-        )
+        self.at = [_ports(predictor)[k] for k in rows]
+        self.by = by[rows, :]
+        """(ports, own) how far a unit of each coefficient shifts each port."""
+        self.slopes = BatchFunction("slopes", [model.x, model.q, model.z, model.p], [self.by])
+        self.found = np.full((3, len(rows), len(fit.residual)), np.nan)
+        """(3, ports, n): fitted, std, rows."""
 
     def take(self, rows: Index, residual: Array, jacobian: Array) -> None:
         """Take what some rows say."""
@@ -115,13 +105,12 @@ class _Group:
 
     def shifts(self) -> list[PortShift]:
         """Return the shifts of the ports that readings see."""
-        seen = [k for k in range(len(self.at)) if np.isfinite(self.found[0, k]).any()]
-        return [self._shift(k) for k in seen]
-
-    def _shift(self, k: int) -> PortShift:
-        fitted, std, rows = self.found[:, k]
-        joint, period = self._joint(k)
-        return PortShift(self.predictor.model.names[self.at[k]], fitted, std, rows, joint, period)
+        out = list[PortShift]()
+        for k, port in enumerate(self.at):
+            if np.isfinite(self.found[0, k]).any():
+                fitted, std, rows = self.found[:, k]
+                out.append(PortShift(self.predictor.model.names[port], fitted, std, rows, *self._joint(k)))
+        return out
 
     def _joint(self, k: int) -> tuple[str, float]:
         """Return the one joint that the shift at a port is a function of, and the period of that function."""

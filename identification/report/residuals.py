@@ -10,8 +10,7 @@ from truepose.arrays import Array, Index, Mask
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.recording.recording import Recording
-from truepose.identification.report.curves import terms_of
-from truepose.identification.report.drivers import Column, columns, component_groups, order_column
+from truepose.identification.report.curves import Column, columns, component_groups, order_column, terms_of
 from truepose.identification.report.scene import thinned
 from truepose.models.file.driver import Driver
 from truepose.models.machine.machine import Machine

@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from truepose.errors import InputError
-from truepose.identification.diagnosis.null_fits import FarRow, fringes_by_row
+from truepose.identification.diagnosis.null_fits import FarRow, far_rows, fringes_by_row
 from truepose.identification.diagnosis.result import (
     Alarm,
     Alternative,
@@ -27,9 +27,9 @@ from truepose.identification.fit.summary import FitSummary, Judgement, judged, j
 from truepose.identification.identifiability.observability import Knowledge, identifiable, unseen
 from truepose.identification.recording.recording import Recording
 from truepose.identification.report.finding_words import explanation, form_words, separating_experiment
+from truepose.identification.report.identifiability_words import meaning
 from truepose.identification.report.json_text import Json, attributes, finite
 from truepose.identification.report.notes import diagnosis_notes
-from truepose.identification.report.unseen_words import meaning
 from truepose.identification.signatures.untestable import Missing, Untestable
 from truepose.models.effects.base import effects
 from truepose.models.effects.empirical import Empirical
@@ -130,8 +130,9 @@ def fit_json(
     return dict(finite(out))
 
 
-def calibration_json(found: Calibration, far: Sequence[FarRow] = ()) -> Json:
-    """The same of a whole calibration; ``far``: rows that do not fit."""
+def calibration_json(found: Calibration, far: Sequence[FarRow] | None = None) -> Json:
+    """The same of a whole calibration; ``far``: rows that do not fit, by default those of the fit."""
+    far = far_rows(found) if far is None else far
     return fit_json(found.fit, found.recording, found.free, notes=found.notes, method=found.method, far=far)
 
 

@@ -7,7 +7,7 @@ enough for a page.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,8 +19,8 @@ from truepose.arrays import Array, Index
 from truepose.errors import TrueposeError
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.recording.recording import Recording
-from truepose.identification.report.drivers import reading_unit
-from truepose.identification.report.numbers import measure
+from truepose.identification.report.curves import reading_unit
+from truepose.identification.report.phrases import measure
 from truepose.models import lie
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import AXES, element_of
@@ -54,18 +54,23 @@ def scene_of(
     drawn = lines.points(recording.q[poses], fits[-1].x[poses], fits[-1].p[: len(machine.parameters)])
     lines = lines.around(drawn[0])
     turn = upright(machine)
-    frame = _Frame.around(drawn[:, _solid(lines)] @ turn.T, seen[-1].points[good] @ turn.T)
+    middle, half = _around(drawn[:, _solid(lines)] @ turn.T, seen[-1].points[good] @ turn.T)
+
+    def whole(points: Array) -> list[int]:
+        """Return (k, 3) points as a flat list of whole numbers."""
+        return [int(v) for v in np.round(np.nan_to_num((points - middle) * STEPS / half)).ravel()]
+
     missed = np.where(before.used[poses], np.sum(before.residual[poses] ** 2, axis=1), -1.0)
     data: dict[str, Any] = {
-        "size": frame.half,
+        "size": half,
         "steps": STEPS,
         "pieces": [{"k": p.kind, "p": list(p.points), "c": p.kind == "plate"} for p in lines.pieces],
         "guilty": [pieces_of(one.place, lines.pieces, machine) for one in guilty],
-        "poses": [frame.whole(pose @ turn.T) for pose in _axes_scaled(drawn, lines, frame.half)],
+        "poses": [whole(pose @ turn.T) for pose in _axes_scaled(drawn, lines, half)],
         "poseRows": poses.tolist(),
         "first": int(np.argmax(missed)),  # the pose that the fit misses most
         "up": "gravity" if machine.gravity and any(machine.gravity) else "base",
-        **_points(seen, good, frame, turn),
+        **_points(seen, good, whole, turn),
         **_row_texts(machine, recording, fits, poses),
     }
     some = f"{len(poses)} of its {len(recording):,}" if len(poses) < len(recording) else f"its {len(poses)}"
@@ -111,24 +116,12 @@ def _axes_scaled(drawn: Array, lines: Skeleton, half: float) -> Array:
     return out
 
 
-@dataclass(frozen=True)
-class _Frame:
-    """The middle of what is drawn, mm, and half its size."""
-
-    middle: Array
-    half: float
-
-    @classmethod
-    def around(cls, drawn: Array, points: Array) -> _Frame:
-        every = np.concatenate([drawn.reshape(-1, 3), points.reshape(-1, 3)])
-        every = every[np.isfinite(every).all(axis=1)]
-        low, high = every.min(axis=0), every.max(axis=0)
-        return cls(0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low)) or 1.0)
-
-    def whole(self, points: Array) -> list[int]:
-        """Return (k, 3) points as a flat list of whole numbers."""
-        scaled = (points - self.middle) * STEPS / self.half
-        return [int(v) for v in np.round(np.nan_to_num(scaled)).ravel()]
+def _around(drawn: Array, points: Array) -> tuple[Array, float]:
+    """Return the middle of what is drawn, mm, and half its size."""
+    every = np.concatenate([drawn.reshape(-1, 3), points.reshape(-1, 3)])
+    every = every[np.isfinite(every).all(axis=1)]
+    low, high = every.min(axis=0), every.max(axis=0)
+    return 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low)) or 1.0
 
 
 @dataclass(frozen=True)
@@ -173,7 +166,9 @@ def base_pose(fit: Estimate) -> Array:
     return np.array(ca.evalf(lie.rpy_transform(numbers[:3], numbers[3:])))
 
 
-def _points(seen: Sequence[Sights], good: Index, frame: _Frame, turn: Array) -> dict[str, Any]:
+def _points(
+    seen: Sequence[Sights], good: Index, whole: Callable[[Array], list[int]], turn: Array
+) -> dict[str, Any]:
     """Return points, the row of each, and the arrows of both fits in nanometres."""
     count = seen[-1].points.shape[1]
     if not count:
@@ -184,7 +179,7 @@ def _points(seen: Sequence[Sights], good: Index, frame: _Frame, turn: Array) -> 
     known = np.isfinite(place).all(axis=1) & np.all([np.isfinite(a).all(axis=1) for a in arrows], axis=0)
     told = [[int(v) for v in np.round(1e6 * (a[known] @ turn.T)).ravel()] for a in arrows]
     return {
-        "points": frame.whole(place[known] @ turn.T),
+        "points": whole(place[known] @ turn.T),
         "pointRows": np.repeat(rows, count)[known].tolist(),
         "arrows": told,
     }

@@ -10,8 +10,16 @@ from truepose.identification.diagnosis.result import NOTABLE, Diagnosis, Proof
 from truepose.identification.fit.standing_out import FAR, Left, column_words, row_words
 from truepose.identification.posterior.posterior import AGREED
 from truepose.identification.report.finding_words import against_words, fault_words, follows, lead_words
-from truepose.identification.report.naming import named, several, told
-from truepose.identification.report.numbers import known, p_value, percent, significant, times
+from truepose.identification.report.phrases import (
+    known,
+    named,
+    p_value,
+    percent,
+    several,
+    significant,
+    times,
+    told,
+)
 from truepose.identification.signatures.untestable import Missing, Untestable
 from truepose.models.effects.common import OF_ROWS
 from truepose.shown.document import Tone

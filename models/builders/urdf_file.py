@@ -14,8 +14,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 from truepose.arrays import Array
-from truepose.bounded import read_input
 from truepose.errors import InputError
+from truepose.files import read_input
 from truepose.models.lie import pose_of, rpy_matrix
 from truepose.models.machine.mechanism import Inertial
 from truepose.models.units import UnitSystem

@@ -14,8 +14,8 @@ from typing import Any, Final
 import numpy as np
 import yaml
 
-from truepose.bounded import read_input
 from truepose.errors import InputError
+from truepose.files import read_input
 from truepose.models.file.limits import ENTRIES
 
 _FLOAT: Final = re.compile(

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias
+from typing import Literal, Protocol, TypeAlias
 
 from truepose.errors import InputError
 from truepose.models.file.driver import RECORDING, DeclaredDriver, Driver, DriverKind
@@ -17,10 +17,7 @@ from truepose.models.machine.mechanism import AXES, AXIS_UNITS, BASE, Mechanism,
 from truepose.models.machine.placed import PlacedEffect
 from truepose.models.machine.sensor import TOOL, TOOL_IN_WORLD, Channel, Sensor, View
 from truepose.models.units import UnitSystem
-from truepose.shown.result import Shown, frame
-
-if TYPE_CHECKING:
-    import pandas as pd
+from truepose.shown.result import Shown
 
 FRAMES = ("base", "tool")
 FRAME_OF: Mapping[str, str] = {f"{frame}.{axis}": frame for frame in FRAMES for axis in AXES}
@@ -123,6 +120,8 @@ class Machine(Shown):
     further frames. ``set_up``: frames that are set up anew for each session. ``gravity`` is m/s^2 in the base frame.
     ``notes`` say what was taken from elsewhere than the file. ``drivers`` are names of columns; of those that
     ``declared_drivers`` holds, units are known.
+    ``to_frame()``: constants, one a row: ``parameter``, ``value``, ``nominal`` (of the drawing), ``unit``, ``tolerance``,
+    ``free``. mm, rad; coefficients of effects follow in their own units, NaN where there is no drawing.
     """
 
     name: str
@@ -290,13 +289,6 @@ class Machine(Shown):
     def motion(self, reading: str, axis: str) -> str:
         """Port of one error motion (x y z mm, rx ry rz rad) of the joint that ``reading`` drives."""
         return f"{self.mechanism.actuator(reading).drives}.motion.{axis}"
-
-    def to_frame(self) -> pd.DataFrame:
-        """Constants, one a row: ``parameter``, ``value``, ``nominal`` (of the drawing), ``unit``, ``tolerance``, ``free``.
-
-        mm, rad; coefficients of effects follow in their own units, NaN where there is no drawing.
-        """
-        return frame(self)
 
     def with_effects(self, effects: tuple[PlacedEffect, ...]) -> Machine:
         """The same machine with these effects and no others."""

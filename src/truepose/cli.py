@@ -13,14 +13,13 @@ from typing import Annotated, Any
 
 import typer
 
-from truepose.commands.catalogue import effects
+from truepose.commands.catalogue import effects, schema
 from truepose.commands.common import PluginOption, reported
 from truepose.commands.compensate import compensate
 from truepose.commands.controller import codegen
 from truepose.commands.identifiability import identifiability
 from truepose.commands.identify import calibrate, diagnose
 from truepose.commands.one_line import OneLineCommand, OneLineGroup
-from truepose.commands.schema import schema
 from truepose.commands.tables import predict, simulate
 from truepose.demo import demo
 from truepose.leaves import modules_named

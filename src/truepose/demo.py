@@ -9,8 +9,15 @@ from typing import Annotated
 
 import typer
 
-from truepose.commands.common import JsonOption, finish, progress, written
-from truepose.commands.results import DIAGNOSIS, check_directory, check_machine
+from truepose.commands.common import (
+    DIAGNOSIS,
+    JsonOption,
+    check_directory,
+    check_machine,
+    finish,
+    progress,
+    written,
+)
 from truepose.errors import InputError
 
 NAMES = ("telescope", "mount", "nanopositioner", "polisher")

@@ -3,7 +3,7 @@
 `atomic_file` for one file, `atomic_write_text` and `write_table` for what most files hold, `atomic_directory` for
 several that belong together. Each file is written under a temporary name and then renamed. A process that is killed
 while it renames several files leaves a folder with files of two runs; `sha256_of` lets a result name its files, so that
-`mixed_files` can report such a folder.
+`mixed_files` can report such a folder. `read_input` reads files that are not too large.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import tempfile
 import uuid
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 from truepose.errors import InputError
 
@@ -199,3 +199,24 @@ def _naming(path: Path | str, kind: str) -> Iterator[None]:
 def reason(exc: OSError) -> str:
     """Return why the system refused."""
     return exc.strerror or str(exc) or type(exc).__name__
+
+
+FILE_BYTES: Final = 1 << 30
+"""Bytes of an input file: 1 GiB."""
+
+
+def check_input(path: Path) -> None:
+    """Refuse what has no end, such as a device, and a file beyond the limit. Raises InputError."""
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise InputError(f"{path}: cannot read the file: expected a file, found a device or a pipe")
+    if path.is_file() and path.stat().st_size > FILE_BYTES:
+        raise InputError(
+            f"{path}: cannot read the file: found {path.stat().st_size / 1e9:.2f} GB, "
+            f"expected at most {FILE_BYTES / 1e9:.2f} GB"
+        )
+
+
+def read_input(path: Path) -> bytes:
+    """Return the bytes of a file. Raises InputError as ``check_input``, OSError where it cannot be opened."""
+    check_input(path)
+    return path.read_bytes()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from support import ROOT
-from truepose import bounded
+from truepose import files
 from truepose.identification.leaves.programs import program
 from truepose.models.builders import urdf_file
 from truepose.models.file import limits, names
@@ -26,7 +26,7 @@ SAID = {
 }
 
 ELSEWHERE = {
-    "every file": f"every file that is read | {bounded.FILE_BYTES >> 30} GiB |",
+    "every file": f"every file that is read | {files.FILE_BYTES >> 30} GiB |",
     "URDF": f"URDF | {urdf_file.CHAIN_MOST} joints",
     "a machine": f"a machine's name | {names.LONGEST} characters that C can have in a name |",
     "names": f"names of {urdf_file.NAME_MOST} characters",

@@ -20,10 +20,6 @@ TIMEOUT = 1200
 each = pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
 
 
-def test_there_are_three_notebooks() -> None:
-    assert {path.stem for path in NOTEBOOKS} >= {"telescope", "own_arm", "plan_to_drift"}
-
-
 @pytest.mark.nightly
 @each
 def test_a_notebook_runs(notebook: Path, tmp_path: Path) -> None:

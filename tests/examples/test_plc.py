@@ -9,24 +9,21 @@ import ctypes
 import re
 import shutil
 import subprocess
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
-from typer.testing import CliRunner
 
 from support import ROOT
+from support.command import run
 from support.embedded import needs_toolchain
 from support.generated_c import COMPILER, WARNINGS, needs_compiler
 from support.rail_arm import MIDDLE, NAME, STRAIGHT, Path6, compensated, planned, written
-from truepose.cli import app
+from truepose.arrays import Array
 from truepose.codegen.printer import Real
 
-Array = NDArray[np.float64]
 EXAMPLE = ROOT / "examples" / "plc"
 TEXT = (EXAMPLE / "FB_Compensate.st").read_text(encoding="utf-8")
 REALS: tuple[Real, ...] = ("double", "float")
@@ -169,49 +166,28 @@ def test_a_payload_is_no_step(built: Built, path: Path6) -> None:
     assert steps[3] != steps[4] != steps[5]
 
 
-def lost(nominal: Array, drivers: Array) -> None:
-    nominal[3] = np.nan
-
-
-def out_of_range(nominal: Array, drivers: Array) -> None:
-    nominal[2] = np.radians(121.0)
-
-
-def stretched(nominal: Array, drivers: Array) -> None:
-    nominal[2] = STRAIGHT
-
-
-def cold(nominal: Array, drivers: Array) -> None:
-    drivers[1] = -200.0
-
-
-def hot(nominal: Array, drivers: Array) -> None:
-    drivers[1] = 3276.7
-
-
-def no_temperature(nominal: Array, drivers: Array) -> None:
-    drivers[1] = np.nan
-
-
 @pytest.mark.parametrize(
-    ("broken", "numbers"),
+    ("joint", "temperature", "numbers"),
     [
-        (stretched, {1, 2}),  # not reachable, or not within the iterations
-        (out_of_range, {3}),
-        (lost, {4}),
-        (cold, {DRIVER_RANGE}),
-        (hot, {DRIVER_RANGE}),
-        (no_temperature, {DRIVER_RANGE}),
+        ((2, STRAIGHT), None, {1, 2}),  # not reachable, or not within the iterations
+        ((2, np.radians(121.0)), None, {3}),
+        ((3, np.nan), None, {4}),
+        (None, -200.0, {DRIVER_RANGE}),
+        (None, 3276.7, {DRIVER_RANGE}),
+        (None, np.nan, {DRIVER_RANGE}),
     ],
 )
 def test_the_last_good_command_stays(
-    built: Built, path: Path6, broken: Callable[[Array, Array], None], numbers: set[int]
+    built: Built, path: Path6, joint: tuple[int, float] | None, temperature: float | None, numbers: set[int]
 ) -> None:
     block = built.block()
     block.aDriverMin[:], block.aDriverMax[:] = [0.0, 10.0], [10.0, 60.0]
     good = built.cycle(block, path.nominal[0], path.drivers[0])
     nominal, drivers = path.nominal[1].copy(), path.drivers[1].copy()
-    broken(nominal, drivers)
+    if joint is not None:
+        nominal[joint[0]] = joint[1]
+    if temperature is not None:
+        drivers[1] = temperature
     for _ in range(3):
         held = built.cycle(block, nominal, drivers)
         assert held.tolist() == good.tolist()
@@ -231,9 +207,8 @@ def test_limits_of_the_correction_are_kept(built: Built, path: Path6) -> None:
         assert block.nErrorID == number
     block = built.block()
     block.aMaxCorrection[:] = [5.0, *[0.05] * 5]
-    elsewhere = path.nominal[0] + np.array(
-        [80.0, 0, 0, 0, 0, 0]
-    )  # the plan does not begin where the robot is
+    # the plan does not begin where the robot is
+    elsewhere = path.nominal[0] + np.array([80.0, 0, 0, 0, 0, 0])
     built.cycle(block, path.nominal[0], path.drivers[0], elsewhere)
     assert (block.bValid, block.nErrorID) == (0, MAX_CORRECTION)
 
@@ -262,12 +237,8 @@ def test_off_is_no_error_and_the_next_start_begins_at_the_drives(built: Built, p
 def test_the_command_of_the_readme_compiles_it(tmp_path: Path) -> None:
     shutil.copytree(EXAMPLE, tmp_path / "plc")
     machine, controller = tmp_path / "arm.yaml", tmp_path / "plc" / "controller"
-    for words in (
-        ["init", "--arm", "irb120", "--sensor", "position", "-o", str(machine)],
-        ["codegen", str(machine), "-o", str(controller)],
-    ):
-        done = CliRunner().invoke(app, words)
-        assert done.exit_code == 0, done.output
+    run("init", "--arm", "irb120", "--sensor", "position", "-o", machine)
+    run("codegen", machine, "-o", controller)
     (command,) = re.findall(r"^cc .*", (EXAMPLE / "README.md").read_text(), re.M)
     assert COMPILER is not None
     subprocess.run([COMPILER, *command.split()[1:]], cwd=tmp_path / "plc", check=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -13,13 +13,12 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import yaml
-from numpy.typing import NDArray
 
 from support import ROOT
 from support.generated_c import COMPILER, WARNINGS, needs_compiler
 from support.rail_arm import DRIVERS, NAME, STRAIGHT, Path6, compensated, parameter, planned, written
+from truepose.arrays import Array
 
-Array = NDArray[np.float64]
 EXAMPLE = ROOT / "examples" / "ros2_control"
 SOURCE = EXAMPLE / "src" / "compensation_controller.cpp"
 STAND_INS = EXAMPLE / "stand_ins"
@@ -65,7 +64,8 @@ class Controller:
         file = self.folder / "parameters.txt"
         file.write_text("".join(f"{name} {value}\n" for name, value in parameters.items()))
         rows = np.hstack([nominal * TO_ROS, drivers])
-        text = [f"#drivers {' '.join(DRIVERS)}", *(" ".join(f"{v:.17g}" for v in row) for row in rows)]
+        names = DRIVERS if drivers.size else ()
+        text = [f"#drivers {' '.join(names)}".strip(), *(" ".join(f"{v:.17g}" for v in row) for row in rows)]
         command = [str(self.program), str(file), mode]
         return subprocess.run(
             command, input="\n".join(text) + "\n", check=False, capture_output=True, text=True
@@ -135,32 +135,16 @@ def test_nothing_is_written_before_somebody_asks(controller: Controller, path: P
     same(done.commands[15:], path.command[15:20])
 
 
-def lost(nominal: Array, rows: slice) -> Array:
-    nominal[rows, 3] = np.nan
-    return nominal
-
-
-def out_of_range(nominal: Array, rows: slice) -> Array:
-    nominal[rows, 2] = np.radians(121.0)
-    return nominal
-
-
-def stretched(nominal: Array, rows: slice) -> Array:
-    """The drawing's elbow is straight: the real arm, which is shorter, cannot reach there."""
-    nominal[rows, 2] = STRAIGHT
-    return nominal
-
-
-def infinite(nominal: Array, rows: slice) -> Array:
-    nominal[rows, 0] = np.inf
-    return nominal
-
-
-@pytest.mark.parametrize("broken", [lost, out_of_range, stretched, infinite])
+@pytest.mark.parametrize(
+    ("joint", "value"),
+    [(3, np.nan), (2, np.radians(121.0)), (2, STRAIGHT), (0, np.inf)],
+    ids=["lost", "out of range", "a straight elbow, which the shorter real arm cannot reach", "infinite"],
+)
 def test_the_last_good_command_stays_and_then_the_manager_is_told(
-    controller: Controller, path: Path6, broken: Callable[[Array, slice], Array]
+    controller: Controller, path: Path6, joint: int, value: float
 ) -> None:
-    nominal = broken(path.nominal[:40].copy(), slice(10, 20))
+    nominal = path.nominal[:40].copy()
+    nominal[10:20, joint] = value
     done = controller.run(nominal, path.drivers[:40], {**AT_ONCE, "tolerated_failures": 5})
     assert done.commands[10:20].tolist() == [done.commands[9].tolist()] * 10
     assert done.codes.tolist() == [OK] * 15 + [ERROR] * 5 + [OK] * 20
@@ -169,7 +153,8 @@ def test_the_last_good_command_stays_and_then_the_manager_is_told(
 
 
 def test_failures_count_that_come_in_a_row(controller: Controller, path: Path6) -> None:
-    nominal = lost(lost(path.nominal[:30].copy(), slice(5, 9)), slice(15, 19))
+    nominal = path.nominal[:30].copy()
+    nominal[np.r_[5:9, 15:19], 3] = np.nan
     done = controller.run(nominal, path.drivers[:30], {**AT_ONCE, "tolerated_failures": 4})
     assert not done.codes.any()
     assert "8 updates held the last command" in done.said
@@ -204,13 +189,9 @@ def test_a_new_calibration_is_a_parameter(controller: Controller, path: Path6, t
 def test_drivers_may_be_parameters(controller: Controller, path: Path6) -> None:
     """What no topic tells yet; the stand-in publishes what it has at once, so nothing is published here."""
     program = controller.run(path.nominal[:5], np.tile([2.0, 27.5], (5, 1)))
-    rows = "\n".join(["#drivers", *(" ".join(f"{v:.17g}" for v in row * TO_ROS) for row in path.nominal[:5])])
-    file = controller.folder / "drivers.txt"
-    file.write_text("correction_rate 1e9\ndrivers.payload 2.0\ndrivers.temperature.link2 27.5\n")
-    command = [str(controller.program), str(file), "chained"]
-    done = subprocess.run(command, input=rows + "\n", check=True, capture_output=True, text=True)
-    found = np.array([[float(v) for v in line.split()[2:]] for line in done.stdout.splitlines()]) / TO_ROS
-    assert found.tolist() == program.commands.tolist()
+    given = {**AT_ONCE, "drivers.payload": 2.0, "drivers.temperature.link2": 27.5}
+    found = controller.run(path.nominal[:5], np.zeros((5, 0)), given)
+    assert found.commands.tolist() == program.commands.tolist()
 
 
 @pytest.mark.parametrize(

@@ -94,7 +94,6 @@ CASES: tuple[Case, ...] = (
     Case("found 1,000 entries, expected at most 300", machine=lambda t: _chain(1000)),
     Case("too large once its aliases are written out", machine=_bomb),
     Case("values, expected at most 500,000", machine=lambda t: t + f"a: [{'1,' * 25000000}1]\n"),
-    Case("nested too deeply", machine=lambda t: "a: " + "[" * 100000),
     Case("duplicate key 'name'", machine=lambda t: t + "name: other\n"),
     Case(
         "adds nothing as it stands, expected a value of b (rad)",
@@ -125,9 +124,6 @@ CASES: tuple[Case, ...] = (
     _field("in: flange", "in: nonsense", "frames.tool.in: found 'nonsense', expected flange"),
     _field("b: {value: 0.01", "b: {value: -0.01", ""),
     _field("r: 300", "r: !!bool abc", "not valid YAML: found 'abc' under a tag"),
-    _field(
-        "r: 300", "r: !!python/object/apply:os.system [id]", "could not determine a constructor for the tag"
-    ),
     _field("name: arm", 'name: "\\ud800"', "found U+D800"),
     _field("name: q1", 'name: "\\ud800"', "found U+D800"),
     *(

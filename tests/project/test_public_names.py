@@ -50,7 +50,7 @@ def test_importing_the_package_imports_nothing_heavy() -> None:
         ("cli", (*(f"truepose.{m}" for m in ENGINE), "pandas", "rich", "joblib")),
         ("pool", ("distributed", "dask")),
         ("files", ("pandas", "numpy")),
-        ("commands.results", ("truepose.identification", "truepose.models", "typer")),
+        ("commands.common", ("truepose.identification", "truepose.models")),
     ],
 )
 def test_what_only_type_checkers_need_is_not_imported(module: str, left: tuple[str, ...]) -> None:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from truepose import bounded
+from truepose import files
 from truepose.errors import InputError, TrueposeError
 from truepose.identification.leaves.programs.dialects import text_of
 from truepose.identification.leaves.readers.importing import read_foreign
@@ -69,9 +69,9 @@ def test_what_no_line_holds_is_left_out_before_a_text_is_cut() -> None:
 def test_every_file_that_is_read_has_one_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "file.bin"
     path.write_bytes(b"x" * 20)
-    monkeypatch.setattr(bounded, "FILE_BYTES", 20)
-    assert bounded.read_input(path) == b"x" * 20
-    monkeypatch.setattr(bounded, "FILE_BYTES", 19)
+    monkeypatch.setattr(files, "FILE_BYTES", 20)
+    assert files.read_input(path) == b"x" * 20
+    monkeypatch.setattr(files, "FILE_BYTES", 19)
     for read in (read_table, read_foreign, read_document, text_of, read_urdf):
         with pytest.raises(
             InputError, match=r"file\.bin: cannot read the file: found 0\.00 GB, expected at most"
@@ -81,9 +81,9 @@ def test_every_file_that_is_read_has_one_limit(tmp_path: Path, monkeypatch: pyte
 
 def test_what_is_no_file_is_not_waited_for(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
-        bounded.read_input(tmp_path / "none")
+        files.read_input(tmp_path / "none")
     with pytest.raises(InputError, match="expected a file, found a device or a pipe"):
-        bounded.read_input(Path("/dev/null"))
+        files.read_input(Path("/dev/null"))
 
 
 def test_of_a_long_text_no_more_than_its_beginning_is_looked_at() -> None:

@@ -1,7 +1,6 @@
 """Generated C on controllers: compiled for a Cortex-M, run by QEMU against its test vectors, and measured.
 
-``measure.measure`` gives the figures, ``section.sizes_section`` tells them in a README, ``targets`` lists the
-controllers. Below: ``source`` (what a directory of generated C holds), ``program`` (the test program, and sizes),
-``emulator`` (its run), ``frames`` (stack by the compiler's account), ``write`` (generate and measure),
-``toolchain`` (the programs needed; nothing else of truepose needs them).
+``measure.measure`` gives the figures. ``section`` generates C with its figures and tells them in a README. Below:
+``program`` (what a directory of generated C holds, the test program, and sizes) and ``toolchain`` (the controllers, the
+programs needed, and a run in the emulator; nothing else of truepose needs them).
 """

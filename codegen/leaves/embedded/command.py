@@ -49,8 +49,7 @@ def codegen(
 def _write_measured(
     machine: Machine, output: Path, real: Real, drawing: Mapping[str, float] | None, features: Features
 ) -> tuple[list[Path], dict[str, object], list[str]]:
-    from truepose.codegen.leaves.embedded.section import summary
-    from truepose.codegen.leaves.embedded.write import generate_measured
+    from truepose.codegen.leaves.embedded.section import generate_measured, summary
 
     paths, measured = generate_measured(machine, output, real, nominal=drawing, features=features)
     more: dict[str, object] = {"measured": [asdict(one) for one in measured]} if measured else {}

@@ -188,15 +188,15 @@ def measure(
     target = target or target_for(source.real)
     if target.real != source.real:
         raise InputError(f"{directory}: found C in {source.real}, expected {target.real} for {target.title}")
-    compiler = Compiler(tools or required(), target, optimisation)
     with tempfile.TemporaryDirectory(prefix="truepose-") as folder:
-        seen = observe(build(source, compiler, Path(folder)), target, compiler.tools)
-        code = _Code.of(source, compiler, Path(folder))
-    return _measurement(source, compiler, code, seen)
+        return _measured(source, Compiler(tools or required(), target, optimisation), Path(folder))
 
 
-def _measurement(source: Source, compiler: Compiler, code: _Code, seen: Sequence[Observation]) -> Measurement:
-    """What was compiled and what was seen of its calls, summed up."""
+def _measured(source: Source, compiler: Compiler, where: Path) -> Measurement:
+    """Compile and run the test program in a folder, and sum up what was seen of its calls."""
+    seen = observe(build(source, compiler, where), compiler.target, compiler.tools)
+    frames = read_frames(where / "kin.ci")
+    linked_ik, linked_fk = linked_sizes(source, compiler, where)
     return Measurement(
         name=source.name,
         target=compiler.target,
@@ -204,11 +204,11 @@ def _measurement(source: Source, compiler: Compiler, code: _Code, seen: Sequence
         compiler=compiler.tools.compiler,
         emulator=compiler.tools.emulator,
         vectors=len(source.joints),
-        object=code.object,
-        linked_ik=code.linked_ik,
-        linked_fk=code.linked_fk,
-        chain_ik=code.chain_ik,
-        chain_fk=code.chain_fk,
+        object=compiler.sizes(where / "kin.o"),
+        linked_ik=linked_ik,
+        linked_fk=linked_fk,
+        chain_ik=frames.deepest(f"{source.name}_ik"),
+        chain_fk=frames.deepest(f"{source.name}_fk"),
         fk=_cost(seen, "fk"),
         warm=_cost(seen, "warm"),
         cold=_cost_if_any(seen, "cold"),
@@ -216,34 +216,8 @@ def _measurement(source: Source, compiler: Compiler, code: _Code, seen: Sequence
         compensate=_cost(seen, "compensate"),
         refused=tuple(call for call in seen if call.what.startswith(("nan-", "far", "skewed"))),
         state=_cost_if_any(seen, "state"),
-        state_object=code.state_object,
+        state_object=compiler.sizes(where / "state.o") if source.remembers else None,
     )
-
-
-@dataclass(frozen=True)
-class _Code:
-    """What was compiled, before it runs: the fields of ``Measurement``."""
-
-    object: Sizes
-    state_object: Sizes | None
-    linked_ik: Sizes
-    linked_fk: Sizes
-    chain_ik: Chain
-    chain_fk: Chain
-
-    @classmethod
-    def of(cls, source: Source, compiler: Compiler, where: Path) -> _Code:
-        """Sizes of what ``build`` left in the folder ``where``, and of programs that are linked there."""
-        frames = read_frames(where / "kin.ci")
-        ik, fk = linked_sizes(source, compiler, where)
-        return cls(
-            object=compiler.sizes(where / "kin.o"),
-            state_object=compiler.sizes(where / "state.o") if source.remembers else None,
-            linked_ik=ik,
-            linked_fk=fk,
-            chain_ik=frames.deepest(f"{source.name}_ik"),
-            chain_fk=frames.deepest(f"{source.name}_fk"),
-        )
 
 
 def _cost_if_any(seen: Sequence[Observation], what: str) -> Cost | None:

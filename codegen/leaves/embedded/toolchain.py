@@ -40,18 +40,13 @@ class Target:
     real: Real
     flags: tuple[str, ...]
     machine: str
-    flash: Region
-    ram: Region
-    timer: int
-    frequency: int
-    stack: int
+    # Arm MPS2 boards, application notes 385/386 and 500: SSRAM1 at 0, SSRAM2 and 3 at 0x20000000, 25 MHz.
+    flash: Region = Region(0x00000000, 4 << 20)
+    ram: Region = Region(0x20000000, 4 << 20)
+    timer: int = 0x40000000
+    frequency: int = 25_000_000
+    stack: int = 256 << 10
 
-
-# Arm MPS2 boards, application notes 385/386 and 500: SSRAM1 at 0, SSRAM2 and 3 at 0x20000000, 25 MHz.
-_FLASH = Region(0x00000000, 4 << 20)
-_RAM = Region(0x20000000, 4 << 20)
-_TIMER, _FREQUENCY = 0x40000000, 25_000_000
-_STACK = 256 << 10
 
 CORTEX_M7 = Target(
     name="cortex-m7",
@@ -59,11 +54,6 @@ CORTEX_M7 = Target(
     real="double",
     flags=("-mcpu=cortex-m7", "-mfpu=fpv5-d16", "-mfloat-abi=hard", "-mthumb"),
     machine="mps2-an500",
-    flash=_FLASH,
-    ram=_RAM,
-    timer=_TIMER,
-    frequency=_FREQUENCY,
-    stack=_STACK,
 )
 CORTEX_M4F = Target(
     name="cortex-m4f",
@@ -71,11 +61,6 @@ CORTEX_M4F = Target(
     real="float",
     flags=("-mcpu=cortex-m4", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard", "-mthumb"),
     machine="mps2-an386",
-    flash=_FLASH,
-    ram=_RAM,
-    timer=_TIMER,
-    frequency=_FREQUENCY,
-    stack=_STACK,
 )
 TARGETS = {target.name: target for target in (CORTEX_M7, CORTEX_M4F)}
 
@@ -186,18 +171,10 @@ class Observation:
 
 def observe(program: Path, target: Target, tools: Toolchain) -> list[Observation]:
     """Run a program of ``program.build``. Raises InputError when it does not come to its end."""
-    command = [str(tools.qemu), "-machine", target.machine, "-display", "none", "-monitor", "none"]
-    command += [
-        "-serial",
-        "none",
-        "-parallel",
-        "none",
-        "-icount",
-        f"shift={_SHIFT}",
-        "-chardev",
-        "stdio,id=said",
-    ]
-    command += ["-semihosting-config", "enable=on,target=native,chardev=said", "-kernel", str(program)]
+    silent = "-display none -monitor none -serial none -parallel none"
+    said = "-chardev stdio,id=said -semihosting-config enable=on,target=native,chardev=said"
+    command = [str(tools.qemu), "-machine", target.machine, *silent.split(), *said.split()]
+    command += ["-icount", f"shift={_SHIFT}", "-kernel", str(program)]
     return read_log(run(command, doing=f"{tools.qemu.name} as {target.title}").stdout, target)
 
 
@@ -237,16 +214,9 @@ def _observations(lines: list[str], target: Target) -> Iterator[Observation]:
         position, rotation = (
             math.sqrt(struct.unpack(_FORMAT[target.real], bytes.fromhex(square))[0]) for square in squares
         )
-        yield Observation(
-            what=what,
-            number=int(number),
-            code=int(code),
-            kept=kept == "1",
-            instructions=_instructions(int(ticks), target) - around,
-            stack=int(stack),
-            position=position,
-            rotation=rotation,
-        )
+        instructions = _instructions(int(ticks), target) - around
+        called = what, int(number), int(code), kept == "1"
+        yield Observation(*called, instructions, int(stack), position, rotation)
 
 
 def _instructions(ticks: int, target: Target) -> int:

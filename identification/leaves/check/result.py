@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from truepose.identification.leaves.check.pair import Mend, Pair
 from truepose.identification.signatures.untestable import Missing
-from truepose.shown.result import Shown, frame
-
-if TYPE_CHECKING:
-    import pandas as pd
+from truepose.shown.result import Shown
 
 SCHEMA = "truepose/check/1"
 Verdict = Literal["ok", "suspect", "wrong"]
@@ -49,6 +46,7 @@ class Check(Shown):
 
     left: rms misfit (``unit``) of ``left_rows`` rows, none left out but those that a hypothesis says were not logged, with
     all of it mended and constants within their tolerances.
+    ``to_frame()``: one finding a row: ``kind``, ``where``, ``verdict``, ``before``, ``after``, ``unit``, ``says``, ``fix``.
     """
 
     found: tuple[Found, ...]
@@ -72,10 +70,6 @@ class Check(Shown):
             if found.mend is not None:
                 pair = found.mend(pair)
         return pair
-
-    def to_frame(self) -> pd.DataFrame:
-        """One finding a row: ``kind``, ``where``, ``verdict``, ``before``, ``after``, ``unit``, ``says``, ``fix``."""
-        return frame(self)
 
     def document(self) -> dict[str, Any]:
         """``truepose/check/1``."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -43,10 +42,7 @@ from truepose.identification.leaves.drift.sizes import (
 )
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine
-from truepose.shown.result import Written, frame
-
-if TYPE_CHECKING:
-    import pandas as pd
+from truepose.shown.result import Written
 
 ROUNDS = 4
 ABOUT_STEPS = 3
@@ -62,6 +58,10 @@ class Drift(Written):
     log_bayes_factor of what moves against nothing, unseen: directions that no recording sees; durability:
     how long calibrations last; settled: whether the joint fit came to rest, otherwise sizes are approximate. fits: of each
     session by itself, over its rows of ``recording``.
+    ``to_frame()``: free constants, one a row: ``parameter``, ``status``, ``probability`` (that it moves), ``change`` and
+    ``std`` (from the first session to the last), ``unit``, ``rate`` and ``rate_std`` (a second, a session without a clock),
+    ``steady``, ``hidden`` (1-sigma of a movement that could have stayed unseen), ``extrinsic`` (of a frame or sensor). mm,
+    rad or an effect's own unit. change and rate are NaN where the constant is taken as common to all sessions.
     """
 
     machine: str
@@ -82,15 +82,6 @@ class Drift(Written):
     def moved(self) -> tuple[Movement, ...]:
         """Those that move with a probability above 0.95."""
         return tuple(m for m in self.movements if m.status == "moved")
-
-    def to_frame(self) -> pd.DataFrame:
-        """Free constants, one a row: ``parameter``, ``status``, ``probability`` (that it moves), ``change`` and ``std`` (from
-        the first session to the last), ``unit``, ``rate`` and ``rate_std`` (a second, a session without a clock), ``steady``,
-        ``hidden`` (1-sigma of a movement that could have stayed unseen), ``extrinsic`` (of a frame or sensor).
-
-        mm, rad or an effect's own unit. change and rate are NaN where the constant is taken as common to all sessions.
-        """
-        return frame(self)
 
 
 def drift(

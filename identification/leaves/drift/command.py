@@ -10,17 +10,19 @@ from typing import Annotated
 import typer
 
 from truepose.commands.common import (
+    DRIFT,
     GateOption,
     JsonOption,
     MachineArg,
     RecordingsArg,
     ShuffledOption,
+    check_directory,
+    check_machine,
     finish,
     gated,
     progress,
     written,
 )
-from truepose.commands.results import DRIFT, check_directory, check_machine
 from truepose.errors import InputError
 
 OutputOption = Annotated[

@@ -19,8 +19,8 @@ from truepose.identification.leaves.drift.words import (
     rate_unit,
     still_sentences,
 )
-from truepose.identification.report.closing import origin_section
-from truepose.identification.report.numbers import (
+from truepose.identification.report.closing import machine_name, origin_section, recording_names
+from truepose.identification.report.phrases import (
     finer,
     measure,
     p_value,
@@ -29,7 +29,6 @@ from truepose.identification.report.numbers import (
     uncertain,
     unit_symbol,
 )
-from truepose.identification.report.steps import machine_name, recording_names
 from truepose.shown.chart import Axis, Band, Chart, Layer, Level, Line, Marks
 from truepose.shown.document import (
     Block,

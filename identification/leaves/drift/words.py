@@ -9,10 +9,10 @@ import numpy as np
 
 from truepose.identification.leaves.drift.analysis import ROUNDS, Drift
 from truepose.identification.leaves.drift.sizes import Check, Movement
+from truepose.identification.report.identifiability_words import grouped, meaning, unseen_sentences
 from truepose.identification.report.json_text import Json, finite
 from truepose.identification.report.notes import worded
-from truepose.identification.report.numbers import measure, percent, significant, uncertain
-from truepose.identification.report.unseen_words import grouped, meaning, unseen_sentences
+from truepose.identification.report.phrases import measure, percent, significant, uncertain
 from truepose.wording import shortened
 
 SCHEMA = "truepose/drift/1"

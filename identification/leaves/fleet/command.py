@@ -11,18 +11,19 @@ import typer
 
 from truepose.commands.common import (
     BAD_INPUT,
+    FLEET,
     DirectoryOption,
     GateOption,
     JsonOption,
     PluginOption,
     ShuffledOption,
+    check_directory,
     fail,
     finish,
     written,
 )
 from truepose.commands.identify import PriorOption
 from truepose.commands.progress import counted
-from truepose.commands.results import FLEET, check_directory
 from truepose.errors import InputError
 
 if TYPE_CHECKING:

@@ -23,8 +23,7 @@ from truepose.identification.leaves.fleet.words import (
     status_sentences,
     tolerance_sentence,
 )
-from truepose.identification.report.naming import title
-from truepose.identification.report.numbers import NONE, percent, significant, unit_symbol
+from truepose.identification.report.phrases import NONE, percent, significant, title, unit_symbol
 from truepose.shown.document import Block, Command, Document, Items, Section, Table, Text
 
 OPENING = 5

@@ -9,8 +9,7 @@ from truepose.identification.leaves.fleet.changes import Changes
 from truepose.identification.leaves.fleet.statistics import EffectInFleet, Interval, ToleranceInFleet
 from truepose.identification.leaves.fleet.table import SHOWN, Fleet
 from truepose.identification.report.json_text import Json
-from truepose.identification.report.naming import title
-from truepose.identification.report.numbers import percent, significant, unit_symbol
+from truepose.identification.report.phrases import percent, significant, title, unit_symbol
 from truepose.wording import joined, shortened
 
 SCHEMA = "truepose/fleet/1"

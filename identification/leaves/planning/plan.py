@@ -22,7 +22,6 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import minimize
@@ -32,11 +31,7 @@ from truepose.errors import InputError
 from truepose.identification.fit.decomposition import Decomposition, Observability
 from truepose.identification.leaves.planning.information import PoseInformation, Poses, Supply, rounded
 from truepose.models.machine.machine import Machine, MachineLike, as_machine
-from truepose.shown.result import Shown, frame
-
-if TYPE_CHECKING:
-    import pandas as pd
-
+from truepose.shown.result import Shown
 
 # -- What a set of poses is worth
 
@@ -301,6 +296,8 @@ class Plan(Shown):
     before the poses were moved; determined: directions that random poses know to better than one tolerance (or
     natural size); indices: O1 to O5 of the readings; left_out: candidates that
     were no use.
+    ``to_frame()``: the rows that ``truepose plan`` writes: ``pose``, ``from`` where readings are changes, then the joints,
+    in the units of the machine file.
     """
 
     machine: Machine
@@ -322,12 +319,6 @@ class Plan(Shown):
         if not self.determined:
             return None
         return float(np.exp(-(self.value - np.mean(self.random)) / (2.0 * self.determined)))
-
-    def to_frame(self) -> pd.DataFrame:
-        """The rows that ``truepose plan`` writes: ``pose``, ``from`` where readings are changes, then the joints, in the units
-        of the machine file.
-        """
-        return frame(self)
 
     def repeats(self, share: float) -> int:
         """How many poses have an earlier one whose joints are all within ``share`` of their ranges."""

@@ -6,8 +6,8 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
-from truepose.bounded import read_input
 from truepose.errors import InputError
+from truepose.files import read_input
 from truepose.identification.leaves.programs.kuka import Kuka
 from truepose.identification.leaves.programs.points import Points
 from truepose.identification.leaves.programs.rapid import Rapid

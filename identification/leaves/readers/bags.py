@@ -16,8 +16,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truepose.arrays import Array
-from truepose.bounded import check_input
 from truepose.errors import InputError
+from truepose.files import check_input
 from truepose.identification.leaves.readers.settled import BAND, SECONDS, Stream, average, stretches
 from truepose.identification.recording.text import SI, ArrowCells, TextTable
 from truepose.wording import cut, joined, shortened

@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
-from truepose.bounded import read_input
 from truepose.errors import InputError
+from truepose.files import read_input
 from truepose.identification.leaves.readers.bags import is_bag, read_bag
 from truepose.identification.leaves.readers.headings import (
     XYZ,
@@ -143,7 +143,7 @@ def _with_choice(table: Table, chosen: Mapping[str, str]) -> Table:
         if new in table:
             raise InputError(f"--columns {new}={old}: found a column {new!r} already")
     table = table.renamed({old: new for new, old in chosen.items()})
-    read = {column.name: read_column(_header_text(column)) for column in table.columns}
+    read = {column.name: read_column(column.header) for column in table.columns}
     places = {
         name: c for name, c in read.items() if c.name in XYZ and (c.name == name or c.name not in table)
     }
@@ -152,10 +152,6 @@ def _with_choice(table: Table, chosen: Mapping[str, str]) -> Table:
     columns = tuple(places.get(column.name, column) for column in table.columns)
     renamed = table.renamed({name: column.name for name, column in places.items()})
     return in_known_case(replace(renamed, columns=columns), _KEYS)
-
-
-def _header_text(column: Column) -> str:
-    return column.name if column.unit is None else f"{column.name} [{column.unit}]"
 
 
 def _with_lengths(table: Table, unit: str | None) -> Table:

@@ -11,8 +11,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from truepose.bounded import read_input
 from truepose.errors import InputError
+from truepose.files import read_input
 from truepose.models.leaves.starting import mujoco_child
 from truepose.wording import cut
 

@@ -23,8 +23,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from truepose.bounded import check_input
 from truepose.errors import InputError
+from truepose.files import check_input
 from truepose.models.leaves.starting.start import Start, unranged
 from truepose.models.units import compatible, convert, parse_unit
 from truepose.wording import close_matches, shortened

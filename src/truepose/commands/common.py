@@ -1,8 +1,9 @@
-"""What every command shares: options, errors as one line with an exit code, progress, notes, summaries."""
+"""What every command shares: options, folders of results, errors as one line with an exit code, notes, summaries."""
 
 from __future__ import annotations
 
 import contextlib
+import json
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -12,7 +13,6 @@ import typer
 
 from truepose.commands.one_line import BAD_INPUT, NOT_CONVERGED, forget, say
 from truepose.commands.progress import progress
-from truepose.commands.results import check_directory
 from truepose.errors import ConvergenceError, InputError, TrueposeError
 from truepose.files import check_place
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from truepose.identification.recording.recording import Recording
     from truepose.models.machine.machine import Machine
 
-__all__ = ["BAD_INPUT", "NOT_CONVERGED", "check_directory", "progress"]
+__all__ = ["BAD_INPUT", "NOT_CONVERGED", "progress"]
 """What commands take from here beside what is defined here."""
 
 MachineArg = Annotated[Path, typer.Argument(metavar="MACHINE", help="Machine file (YAML).")]
@@ -103,7 +103,9 @@ def gated(
     tried: Sequence[str] | None = None,
     shuffled: bool = False,
 ) -> tuple[Machine, Recording, Caution]:
-    """Load and check files (``truepose.identification.load.load_checked``). Raises InputError where the check is certain of a mistake.
+    """Load and check files (``truepose.identification.load.load_checked``).
+
+    Raises InputError where the check is certain of a mistake.
 
     With ``anyway`` what was found stands above the result; a file without a sensor is refused all the same.
     """
@@ -191,3 +193,50 @@ def pairs(option: str, texts: Iterable[str], expected: str) -> dict[str, str]:
 def written(directory: Path, names: Iterable[str]) -> list[str]:
     """Paths of the files written, as text."""
     return [str(directory / name) for name in names]
+
+
+FIT, DIAGNOSIS, DRIFT, FLEET = "fit.json", "diagnosis.json", "drift.json", "fleet.json"
+WRITERS = {FIT: "calibrate", DIAGNOSIS: "diagnose", DRIFT: "drift", FLEET: "fleet"}
+"""Commands that write a report.html or a folder of machines, by the file that tells that it is theirs."""
+CODE = "_kin.h"
+
+
+def check_directory(path: Path, own: str = "") -> None:
+    """Refuse at once what could only fail after the work: a file in the directory's place, another command's result there.
+
+    ``own``: the file of ``WRITERS`` that the command writes. Raises InputError.
+    """
+    for place in (path, *path.parents):
+        with contextlib.suppress(OSError, ValueError):  # `check_place` says why
+            if place.exists():
+                if not place.is_dir():
+                    raise InputError(f"{path}: expected a directory for the results, found the file {place}")
+                break
+    check_place(path, "directory")
+    others = [name for name in WRITERS if own and name != own and (path / name).is_file()]
+    if others:
+        _refuse(
+            path, f"{others[0]}, a result of truepose {WRITERS[others[0]]}", f"one of truepose {WRITERS[own]}"
+        )
+
+
+def check_machine(path: Path, own: str, name: str) -> None:
+    """Refuse a folder that holds the same command's result of another machine. Raises InputError."""
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+        held = json.loads((path / own).read_text(encoding="utf-8"))["machine"]
+        if held != name:
+            _refuse(path, f"a result of the machine {held!r}", f"one of {name!r}")
+
+
+def check_code(path: Path, name: str) -> None:
+    """Refuse a folder that holds another machine's C. Raises InputError."""
+    others = sorted(file.name for file in path.glob(f"*{CODE}") if file.name != f"{name}{CODE}")
+    if others and not (path / f"{name}{CODE}").exists():
+        _refuse(path, f"{others[0]}, another machine's code", f"one of {name!r}")
+
+
+def _refuse(path: Path, found: str, expected: str) -> None:
+    raise InputError(
+        f"{path}: found {found}, expected an empty folder or {expected}; nothing is overwritten: give another folder with -o,"
+        " or delete this one"
+    )

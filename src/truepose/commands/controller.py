@@ -8,8 +8,16 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
-from truepose.commands.common import AnywayOption, DirectoryOption, JsonOption, MachineArg, finish, progress
-from truepose.commands.results import check_code, check_directory
+from truepose.commands.common import (
+    AnywayOption,
+    DirectoryOption,
+    JsonOption,
+    MachineArg,
+    check_code,
+    check_directory,
+    finish,
+    progress,
+)
 from truepose.errors import InputError
 
 if TYPE_CHECKING:
@@ -104,7 +112,7 @@ def _machine_for(output: Path, path: Path, *, anyway: bool) -> Machine:
 
 def _told(machine: Machine, features: Features) -> tuple[dict[str, object], list[str]]:
     """What the C holds and what it leaves out: for --json, and in lines."""
-    from truepose.codegen.left_out import left_out, left_out_json, left_out_words
+    from truepose.codegen.features import left_out, left_out_json, left_out_words
     from truepose.identification.report.applied_words import expected_words, pose_json
 
     held = left_out(machine, features)

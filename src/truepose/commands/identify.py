@@ -12,12 +12,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from truepose.commands.common import (
+    DIAGNOSIS,
+    FIT,
     DirectoryOption,
     GateOption,
     JsonOption,
     MachineArg,
     RecordingsArg,
     ShuffledOption,
+    check_directory,
+    check_machine,
     finish,
     gated,
     note,
@@ -25,7 +29,6 @@ from truepose.commands.common import (
     refuse,
     written,
 )
-from truepose.commands.results import DIAGNOSIS, FIT, check_directory, check_machine
 
 if TYPE_CHECKING:
     from truepose.identification.diagnosis.result import Diagnosis
@@ -125,20 +128,17 @@ def _calibration_written(
     result: Calibration, caution: Caution, output: Path, say: Callable[[str], None]
 ) -> tuple[dict[str, Any], list[str]]:
     """Write the results into ``output``; what is told of them, for --json and in lines."""
-    from truepose.identification.diagnosis.null_fits import far_rows
-    from truepose.identification.fit.tool_pose import calibrated_pose
     from truepose.identification.report.estimate import calibration_document
     from truepose.identification.report.files import write_calibration
     from truepose.identification.report.results import calibration_json
     from truepose.shown.text import first_screen
 
     say("looking for rows that do not fit")
-    fit = calibration_json(result, far_rows(result))
-    pose = calibrated_pose(result.fit, result.recording, result.began)
+    fit = calibration_json(result)
     say("writing the report")
-    files = write_calibration(result, {**fit, **caution.document}, output, pose, caution.sentences)
+    files = write_calibration(result, {**fit, **caution.document}, output, caution.sentences)
     summary = {**{k: fit[k] for k in _BRIEF}, "files": written(output, files), **caution.document}
-    told = calibration_document(result, fit["rows_that_do_not_fit"], pose, output)
+    told = calibration_document(result, fit["rows_that_do_not_fit"], output)
     lines = first_screen(replace(told, cautions=caution.sentences))
     return summary, [*lines, f"calibrated machine: {output / 'calibrated.yaml'}"]
 

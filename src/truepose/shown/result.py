@@ -48,13 +48,17 @@ files: Declared[list[str]] = Declared("a result with files")
 
 
 class Shown:
-    """One screen of ``repr``. The repr of a broken object says so; it raises nothing."""
+    """One screen of ``repr``, and a table. The repr of a broken object says so; it raises nothing."""
 
     def __repr__(self) -> str:
         try:
             return screen(document(self))
         except Exception as exc:  # debuggers and messages show objects that are half made, or made up
             return f"<{type(self).__name__}, which cannot be shown: {type(exc).__name__}>"
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the result as a table, with the columns that its class names."""
+        return frame(self)
 
 
 class Written(Shown):

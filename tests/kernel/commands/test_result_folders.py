@@ -10,7 +10,7 @@ from typer.testing import CliRunner, Result
 
 from support import MACHINES
 from truepose.cli import app
-from truepose.commands.results import DIAGNOSIS, DRIFT, FIT, check_code, check_directory, check_machine
+from truepose.commands.common import DIAGNOSIS, DRIFT, FIT, check_code, check_directory, check_machine
 from truepose.errors import InputError
 
 OURS = (FIT, DIAGNOSIS, DRIFT)

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from support.examples import examples
 from truepose.shown.chart import Axis, Band, Chart, Layer, Level, Line, Marks, Shape, legend
-from truepose.shown.chart_svg import svg
-from truepose.shown.scale import Scale, ends, ticks
+from truepose.shown.chart_svg import Scale, ends, svg, ticks
 
 Array = NDArray[np.float64]
 LAWS = settings(deadline=None, max_examples=examples(150))

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from support.examples import by_day
 from support.generated_c import needs_compiler
 from support.six_joint_arms import ARMS, BUILT, DRAWN, BuiltArm, apart, built, counted, errors, search
+from truepose.arrays import Array
 from truepose.codegen.chain import ChainExpressions
 from truepose.codegen.layout import layout_of
 from truepose.codegen.leaves.all_solutions.solutions import branches_of
@@ -20,7 +20,6 @@ from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.velocities import chain_of
 
 pytestmark = needs_compiler
-Array = NDArray[np.float64]
 KINDS = {
     "ur": "parallel",
     "turned": "parallel",
@@ -53,6 +52,9 @@ def test_the_closed_form_next_to_an_arm_is_recognised(tmp_path: Path, name: str)
     assert chain is not None
     found = branches_of(model, ChainExpressions.of(model, chain), layout.reach, layout.turns)
     assert (found.kind if found else None) == KINDS.get(name)
+    for k in range(6):  # a joint that does not repeat after a turn
+        turns = (True,) * k + (False,) + (True,) * (5 - k)
+        assert branches_of(model, ChainExpressions.of(model, chain), layout.reach, turns) is None
 
 
 @pytest.mark.parametrize("name", DRAWN)

@@ -6,13 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from support.generated_c import needs_compiler
 from support.six_joint_arms import GENERAL, BuiltArm, built, errors, folded, search
+from truepose.arrays import Array
 from truepose.codegen.leaves.all_solutions.resultant import Screws, solutions
 
-Array = NDArray[np.float64]
 TURNS = (True,) * 6
 SAME = 1e-5
 """Largest difference of readings (rad, parts of a metre) of one solution: next to a double root of the pose to 1e-9."""

@@ -8,33 +8,28 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import Phase, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from support.checked_arm import JOINTS, columns, document, recorded, written
-from support.examples import examples
 from support.right_pairs import (
     FAMILIES,
     SENSORS,
     TOLERANCES,
     fewest_rows,
     known_machine,
+    law,
+    poses_read,
     right_recording,
 )
+from truepose.arrays import Array
 from truepose.identification.leaves.check.result import Check
 from truepose.identification.leaves.check.run import check_files, check_loaded
 from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 XYZ, TURNS = ("x", "y", "z"), ("rx", "ry", "rz")
-
-
-def law(count: int) -> settings:
-    """Settings of a law; an example that fails is told as it is, since a smaller one takes minutes."""
-    return settings(max_examples=examples(count), phases=(Phase.explicit, Phase.generate))
 
 
 frames = st.sampled_from(sorted(TOLERANCES))
@@ -47,13 +42,6 @@ shares = st.sampled_from([0.02, 0.2, 1.0])
 
 def words(found: Check) -> list[tuple[str, str, str]]:
     return [(f.verdict, f.kind, f.says) for f in found.found]
-
-
-def seen(recording: Recording) -> tuple[Array, Rotation]:
-    """Measured positions (n, 3) and turns (n) of poses."""
-    read = recording.observations
-    position, turns = (np.column_stack([read[n] for n in names]) for names in (XYZ, TURNS))
-    return position, Rotation.from_rotvec(turns)
 
 
 def with_seen(recording: Recording, position: Array, turns: Rotation | None) -> Recording:
@@ -117,9 +105,8 @@ def spoilt(rows: Recording, kind: str) -> Recording:
     if kind == "sign":
         return replace(rows, q=rows.q * np.where(np.arange(rows.q.shape[1]) == 1, -1.0, 1.0))
     if kind == "metres":
-        return replace(
-            rows, observations={n: v / 1e3 if n in XYZ else v for n, v in rows.observations.items()}
-        )
+        read = rows.observations
+        return replace(rows, observations={**read, **{axis: read[axis] / 1e3 for axis in XYZ}})
     return rows
 
 
@@ -134,7 +121,7 @@ def test_the_world_frame_and_the_order_of_rows_change_no_verdict(kind: str, seed
         Rotation.random(random_state=other),
         rng.uniform(-1e3, 1e3, 3) * (1e-3 if kind == "metres" else 1),
     )
-    position, turns = seen(rows)
+    position, turns = poses_read(rows)
     moved = with_seen(rows, turn.apply(position) + shift, turn * turns)
     ways = [check_loaded(machine, one) for one in (rows, moved, rows.subset(rng.permutation(30)))]
     first = [(f.verdict, f.kind, f.where) for f in ways[0].found]
@@ -148,7 +135,8 @@ def test_units_of_the_files_change_no_verdict(kind: str, tmp_path: Path) -> None
     """The same pair, written in metres and radians."""
     rows, machine = recorded(), document()
     rows = columns(rows, lambda v: -v, "q3")[1] if kind == "sign" else rows
-    plain = check_files(*_files(tmp_path, machine, rows))[0]
+    path, recording = written(tmp_path, machine, rows)
+    plain = check_files(path, [recording])[0]
     other: dict[str, Any] = document(units={"length": "m", "angle": "rad"})
     for joint in other["mechanism"]["joints"]:
         joint |= {k: joint[k] / 1e3 for k in ("a", "d")}
@@ -166,14 +154,9 @@ def test_units_of_the_files_change_no_verdict(kind: str, tmp_path: Path) -> None
     metric = rows.copy()
     metric[[*XYZ]] /= 1e3
     metric[[*JOINTS, *TURNS]] = np.radians(metric[[*JOINTS, *TURNS]])
-    found = check_files(*_files(tmp_path, other, metric))[0]
-    assert [(f.verdict, f.kind, f.where) for f in found.found] == [
-        (f.verdict, f.kind, f.where) for f in plain.found
-    ]
+    path, recording = written(tmp_path, other, metric)
+    found = check_files(path, [recording])[0]
+    told = [[(f.verdict, f.kind, f.where) for f in one.found] for one in (plain, found)]
+    assert told[0] == told[1]
     assert found.verdict == ("ok" if kind == "right" else "wrong")
     assert found.left == pytest.approx(plain.left, rel=1e-3)
-
-
-def _files(folder: Path, machine: dict[str, Any], rows: Any) -> tuple[Path, list[Path]]:
-    path, recording = written(folder, machine, rows)
-    return path, [recording]

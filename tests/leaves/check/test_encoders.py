@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 
 import truepose
 from support.checked_arm import Document, written
@@ -19,28 +20,27 @@ from truepose.identification.leaves.check.result import Found
 ROWS = 20
 
 
-def gantry(encoder: Document | None = None, **more: Any) -> Document:
-    """A slide with a screw of 5 mm a turn and two turning joints, an encoder on each of them; mm, deg."""
-    own = {
-        "type": "angle",
-        "sigma": {"angle": 0.001, "length": 0.001},
-        "tolerance": {"angle": 0.02, "length": 0.02},
+GANTRY: Document = yaml.safe_load("""
+schema: truepose/machine/1
+name: arm
+mechanism:
+  type: serial
+  joints:
+    - {name: q1, kind: prismatic, r: 10}
+    - {name: q2, kind: revolute, alpha: -90, d: 200}
+    - {name: q3, kind: revolute, d: 300}
+tolerances: {length: 0.2, angle: 0.05}
+""")
+"""A slide and two turning joints; mm, deg."""
+
+
+def encoder(tolerance: float = 0.02, sigma: float = 0.001, **more: Any) -> Document:
+    """An encoder on each joint."""
+    both = {
+        "tolerance": {"angle": tolerance, "length": tolerance},
+        "sigma": {"angle": sigma, "length": sigma},
     }
-    return {
-        "schema": "truepose/machine/1",
-        "name": "arm",
-        "mechanism": {
-            "type": "serial",
-            "joints": [
-                {"name": "q1", "kind": "prismatic", "r": 10.0},
-                {"name": "q2", "kind": "revolute", "alpha": -90.0, "d": 200.0},
-                {"name": "q3", "kind": "revolute", "d": 300.0},
-            ],
-        },
-        "sensor": encoder or own,
-        "tolerances": {"length": 0.2, "angle": 0.05},
-        **more,
-    }
+    return {"type": "angle", **both, **more}
 
 
 def rows(scatter: float = 0.0) -> pd.DataFrame:
@@ -51,8 +51,8 @@ def rows(scatter: float = 0.0) -> pd.DataFrame:
     return pd.DataFrame(np.hstack([q, read]), columns=names)
 
 
-def told(folder: Path, table: pd.DataFrame, machine: Document | None = None) -> list[Found]:
-    path, recording = written(folder, machine or gantry(), table)
+def told(folder: Path, table: pd.DataFrame, sensor: Any = None) -> list[Found]:
+    path, recording = written(folder, GANTRY | {"sensor": sensor or encoder()}, table)
     loaded = truepose.load_machine(path)
     return list(encoders(loaded, truepose.load_recording(loaded, recording)))
 
@@ -117,15 +117,9 @@ def test_a_column_that_follows_nothing_is_told_with_what_it_differs_by(tmp_path:
     table = rows()
     table.loc[:8, "angle.q1"] += 200.0 * np.array([1, -1, 1, -1, 1, -1, 1, -1, 1])
     (found,) = told(tmp_path, table)
-    assert (found.kind, found.where, found.verdict, found.unit) == (
-        "unexplained",
-        ("angle.q1",),
-        "wrong",
-        "mm",
-    )
-    assert (
-        found.before == pytest.approx(200.0 * np.sqrt(5 / 16)) and found.after is None and found.mend is None
-    )
+    assert (found.kind, found.where, found.verdict) == ("unexplained", ("angle.q1",), "wrong")
+    assert found.before == pytest.approx(200.0 * np.sqrt(5 / 16)) and found.unit == "mm"
+    assert found.after is None and found.mend is None
 
 
 @pytest.mark.parametrize(("share", "kinds"), [(0.198, []), (0.202, ["unexplained"])])
@@ -147,14 +141,6 @@ def test_joints_at_rest_and_whole_turns_are_passed_over(tmp_path: Path) -> None:
     assert told(tmp_path, turns) == []
 
 
-def encoder(tolerance: float = 0.02, sigma: float = 0.001, **more: Any) -> Document:
-    both = {
-        "tolerance": {"angle": tolerance, "length": tolerance},
-        "sigma": {"angle": sigma, "length": sigma},
-    }
-    return {"type": "angle", **both, **more}
-
-
 @pytest.mark.parametrize("joint", ["q1", "q2"])
 @pytest.mark.parametrize(
     ("own", "scatter", "limit"),
@@ -174,7 +160,7 @@ def test_a_zero_is_off_by_five_tolerances_or_sigmas_or_three_times_the_scatter(
     for size, count in ((0.98 * limit, 0), (1.02 * limit, 1), (-0.98 * limit, 0), (-1.02 * limit, 1)):
         table = rows()
         table[name] += swing + size + (360.0 if joint == "q2" else 0.0)
-        found = told(tmp_path, table, gantry(own))
+        found = told(tmp_path, table, own)
         assert [(f.kind, f.where, f.verdict) for f in found] == count * [("offset", (name,), "suspect")]
         if found and found[0].mend is not None:
             pair = found[0].mend(Pair.read(tmp_path / "arm.yaml", [tmp_path / "r.csv"]))
@@ -205,7 +191,7 @@ def test_a_zero_is_certain_where_it_is_said_to_be_exact_and_no_calibration_finds
         ([{"type": "position", "sigma": {"xyz": 0.03}}, own], ("sensor", 1)),
     ):
         whole = table.assign(x=1.0, y=2.0, z=3.0)
-        (found,) = told(tmp_path, whole, gantry(None, sensor=sensor))
+        (found,) = told(tmp_path, whole, sensor)
         assert (found.verdict, found.before, found.after) == (verdict, None, None) and found.mend is not None
         pair = found.mend(Pair.read(tmp_path / "arm.yaml", [tmp_path / "r.csv"]))
         assert pair.get((*head, "zero", joint)) == pytest.approx(at)

@@ -7,23 +7,18 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
 
 import truepose
-from support.checked_arm import (
-    Document,
-    checked,
-    document,
-    recorded,
-    written,
-)
-from truepose.cli import app
+from support.checked_arm import Document, checked, document, recorded, written
+from support.command import invoke
+from support.machine_texts import machine_from
 from truepose.identification.leaves.check.kinds.units import file_lengths
 from truepose.identification.leaves.check.pair import Pair, Sheet
 from truepose.identification.leaves.check.rig import Rig
 from truepose.identification.leaves.check.run import check_files
 from truepose.identification.recording.load import tables
 from truepose.models.file.yaml_document import document_text
+from truepose.models.machine.machine import Machine
 from truepose.models.machine.urdf_lengths import rescaled
 
 
@@ -59,21 +54,26 @@ def test_a_mended_pair_is_not_written_over_its_source(right: pd.DataFrame, tmp_p
         Pair.read(machine, [recording]).write(tmp_path)
 
 
+def described(folder: Path) -> pd.DataFrame:
+    """Write an arm and its URDF in a folder; return rows of it."""
+    (folder / "parts").mkdir(parents=True)
+    (folder / "parts" / "arm.urdf").write_text(URDF, encoding="utf-8")
+    machine = machine_from(folder, DESCRIBED, "m")
+    q = np.random.default_rng(5).uniform(-1.5, 1.5, (30, 3))
+    return seen(machine, pd.DataFrame(q, columns=["j1 [rad]", "j2 [rad]", "j3 [rad]"]), 2)
+
+
+def seen(machine: Machine, poses: pd.DataFrame, seed: int = 1) -> pd.DataFrame:
+    return pd.concat([poses, truepose.simulate(machine, poses, seed=seed).reset_index(drop=True)], axis=1)
+
+
 @pytest.mark.nightly
 def test_a_robot_description_goes_with_the_mended_machine_file(tmp_path: Path) -> None:
     """The machine file keeps its comments, and its URDF stands beside it, so that the mended pair is whole."""
-    (tmp_path / "given" / "parts").mkdir(parents=True)
-    given = tmp_path / "given" / "m.yaml"
-    (tmp_path / "given" / "parts" / "arm.urdf").write_text(URDF, encoding="utf-8")
-    given.write_text(DESCRIBED, encoding="utf-8")
-    machine = truepose.load_machine(given)
-    rng = np.random.default_rng(5)
-    poses = pd.DataFrame(rng.uniform(-1.5, 1.5, (30, 3)), columns=["j1 [rad]", "j2 [rad]", "j3 [rad]"])
-    rows = pd.concat([poses, truepose.simulate(machine, poses, seed=2).reset_index(drop=True)], axis=1)
+    rows = described(tmp_path / "given")
     rows.assign(**{"j2 [rad]": -rows["j2 [rad]"]}).to_csv(tmp_path / "r.csv", index=False)
     mended = tmp_path / "mended" / "m.yaml"
-    arguments = ["check", str(given), str(tmp_path / "r.csv"), "--fix", str(mended.parent)]
-    stopped = CliRunner().invoke(app, arguments)
+    stopped = invoke("check", tmp_path / "given" / "m.yaml", tmp_path / "r.csv", "--fix", mended.parent)
     assert stopped.exit_code == 2 and stopped.stdout.count("mended/") == 3, stopped.output
     assert check_files(mended, [tmp_path / "mended" / "r.csv"])[0].verdict == "ok"
     assert mended.read_text(encoding="utf-8") == DESCRIBED.replace("parts/arm.urdf", "arm.urdf")
@@ -81,14 +81,7 @@ def test_a_robot_description_goes_with_the_mended_machine_file(tmp_path: Path) -
 
 @pytest.mark.nightly
 def test_a_urdf_in_millimetres_is_mended(tmp_path: Path) -> None:
-    (tmp_path / "parts").mkdir()
-    (tmp_path / "m.yaml").write_text(DESCRIBED, encoding="utf-8")
-    (tmp_path / "parts" / "arm.urdf").write_text(URDF, encoding="utf-8")
-    machine = truepose.load_machine(tmp_path / "m.yaml")
-    q = np.random.default_rng(5).uniform(-1.5, 1.5, (30, 3))
-    poses = pd.DataFrame(q, columns=["j1 [rad]", "j2 [rad]", "j3 [rad]"])
-    rows = pd.concat([poses, truepose.simulate(machine, poses, seed=2).reset_index(drop=True)], axis=1)
-    rows.to_csv(tmp_path / "r.csv", index=False)
+    described(tmp_path).to_csv(tmp_path / "r.csv", index=False)
     (tmp_path / "parts" / "arm.urdf").write_text(rescaled(URDF, 1000.0), encoding="utf-8")
     found = check_files(tmp_path / "m.yaml", [tmp_path / "r.csv"])[0]
     assert [(f.kind, f.verdict) for f in found.found] == [("unit-length", "wrong")]
@@ -106,36 +99,14 @@ def test_lengths_of_a_urdf_alone_are_rescaled() -> None:
     assert rescaled(text, 10.0) == grown.replace('"-3" upper="4" effort', '"-30" upper="40" effort')
 
 
-@pytest.mark.nightly
-def test_a_zero_counts_within_the_range(right: pd.DataFrame, tmp_path: Path) -> None:
-    """An encoder that starts again after a turn: mended readings are back in the joint's range, one by one."""
-    machine = document()
-    machine["mechanism"]["joints"][3]["range"] = [-172.0, 172.0]
-    spoilt = right.assign(q4=(right["q4"] + 163.0 + 180.0) % 360.0 - 180.0)
-    found = checked(tmp_path, machine, spoilt)
-    assert [(f.kind, f.where, f.verdict) for f in found.found] == [("offset", ("q4",), "wrong")]
-    found.mended(Pair.read(tmp_path / "arm.yaml", [tmp_path / "r.csv"])).write(tmp_path / "mended")
-    assert check_files(tmp_path / "mended/arm.yaml", [tmp_path / "mended/r.csv"])[0].verdict == "ok"
-    read = pd.read_csv(tmp_path / "mended/r.csv")["q4"]
-    assert np.allclose(read, right["q4"], atol=0.5)
-
-
 def platform(inch: float) -> Document:
     """Six struts on vertical rails, lengths in parts of ``inch``."""
     legs = []
     for k in range(6):
         below, above = (np.radians(60 * (k // 2) * 2 + side * (-1) ** k) for side in (12.0, 48.0))
         a, b = 390 * np.array([np.cos(below), np.sin(below)]), 250 * np.array([np.cos(above), np.sin(above)])
-        legs.append(
-            {
-                "name": f"leg{k + 1}",
-                "joint": f"rho{k + 1}",
-                "a": [*(a / inch).tolist(), 0.0],
-                "u": [0.0, 0.0, 1.0],
-                "b": [*(b / inch).tolist(), 0.0],
-                "length": 500.0 / inch,
-            }
-        )
+        leg = {"name": f"leg{k + 1}", "joint": f"rho{k + 1}", "u": [0.0, 0.0, 1.0], "length": 500.0 / inch}
+        legs.append(leg | {"a": [*(a / inch).tolist(), 0.0], "b": [*(b / inch).tolist(), 0.0]})
     home = float(np.sqrt(500.0**2 - np.sum((a - b) ** 2)))
     return {
         "schema": "truepose/machine/1",
@@ -149,14 +120,17 @@ def platform(inch: float) -> Document:
     }
 
 
+def strutted(folder: Path, right: Document) -> pd.DataFrame:
+    """Return rows of a platform as it is."""
+    q = np.random.default_rng(8).uniform(-70, 70, (30, 6)) + np.linspace(-90, 90, 30)[:, None]
+    poses = pd.DataFrame(q, columns=[f"rho{k}" for k in range(1, 7)])
+    return seen(machine_from(folder, document_text(right), "right"), poses)
+
+
 @pytest.mark.nightly
 def test_a_platform_drawn_in_inches(tmp_path: Path) -> None:
     """Its loops close from a home that is in inches, too, with strokes longer than the machine then seems to be."""
-    (tmp_path / "right.yaml").write_text(document_text(platform(1.0)), encoding="utf-8")
-    q = np.random.default_rng(8).uniform(-70, 70, (30, 6)) + np.linspace(-90, 90, 30)[:, None]
-    poses = pd.DataFrame(q, columns=[f"rho{k}" for k in range(1, 7)])
-    seen = truepose.simulate(truepose.load_machine(tmp_path / "right.yaml"), poses, seed=1)
-    found = checked(tmp_path, platform(25.4), pd.concat([poses, seen.reset_index(drop=True)], axis=1))
+    found = checked(tmp_path, platform(25.4), strutted(tmp_path, platform(1.0)))
     assert (found.verdict, found.found[0].says) == ("wrong", "the machine file's lengths in inch")
     found.mended(Pair.read(tmp_path / "arm.yaml", [tmp_path / "r.csv"])).write(tmp_path / "mended")
     assert check_files(tmp_path / "mended/arm.yaml", [tmp_path / "mended/r.csv"])[0].verdict == "ok"
@@ -180,11 +154,7 @@ def test_ranges_and_pitches_are_lengths_of_the_mechanism_too(tmp_path: Path) -> 
             leg |= {"range": [-200.0 / inch, 200.0 / inch], "screw_pitch": 5.0 / inch}
         return machine
 
-    (tmp_path / "right.yaml").write_text(document_text(stated(1.0)), encoding="utf-8")
-    q = np.random.default_rng(8).uniform(-70, 70, (30, 6)) + np.linspace(-90, 90, 30)[:, None]
-    poses = pd.DataFrame(q, columns=[f"rho{k}" for k in range(1, 7)])
-    seen = truepose.simulate(truepose.load_machine(tmp_path / "right.yaml"), poses, seed=1)
-    found = checked(tmp_path, stated(25.4), pd.concat([poses, seen.reset_index(drop=True)], axis=1))
+    found = checked(tmp_path, stated(25.4), strutted(tmp_path, stated(1.0)))
     assert found.found[0].says == "the mechanism's lengths in inch"
     mended = found.mended(Pair.read(tmp_path / "arm.yaml", [tmp_path / "r.csv"]))
     assert mended.get(("mechanism", "legs", 2, "range")) == pytest.approx([-200.0, 200.0])
@@ -194,14 +164,7 @@ def test_ranges_and_pitches_are_lengths_of_the_mechanism_too(tmp_path: Path) -> 
 def struts(machine: Document) -> Document:
     """The same platform on legs of changing length, which are read in turns of their motors."""
     legs = [
-        {
-            "name": leg["name"],
-            "joint": leg["joint"],
-            "a": leg["a"],
-            "b": leg["b"],
-            "offset": 480.0,
-            "gain": 5.0,
-        }
+        {key: leg[key] for key in ("name", "joint", "a", "b")} | {"offset": 480.0, "gain": 5.0}
         for leg in machine["mechanism"]["legs"]
     ]
     mechanism = {"type": "6-ups", "legs": legs, "home": machine["mechanism"]["home"]}
@@ -215,12 +178,10 @@ def test_a_file_in_another_unit_is_the_same_machine_at_another_scale(
     machine: Document, tmp_path: Path
 ) -> None:
     """Every length grows, those of a turn too, and tools stand as many times as far away."""
-    (tmp_path / "m.yaml").write_text(document_text(machine), encoding="utf-8")
-    loaded = truepose.load_machine(tmp_path / "m.yaml")
+    loaded = machine_from(tmp_path, document_text(machine), "m")
     q = np.random.default_rng(3).uniform(-8, 8, (6, 6))
-    poses = pd.DataFrame(q, columns=[a.reading for a in loaded.mechanism.actuators])
-    seen = truepose.simulate(loaded, poses, seed=1).reset_index(drop=True)
-    rig = Rig(loaded, truepose.load_recording(loaded, pd.concat([poses, seen], axis=1)))
+    rows = seen(loaded, pd.DataFrame(q, columns=[a.reading for a in loaded.mechanism.actuators]))
+    rig = Rig(loaded, truepose.load_recording(loaded, rows))
     slip = next(s for s in file_lengths(rig, rig.scene) if s.says == "the machine file's lengths in inch")
     there = slip.change(rig.scene)
     long = [25.4 if a.reading_unit == "mm" else 1.0 for a in loaded.mechanism.actuators]

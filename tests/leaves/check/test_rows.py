@@ -7,14 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import Phase, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from support.checked_arm import ARM, checked, document, recorded, standing, written
-from support.examples import examples
-from support.right_pairs import known_machine, right_recording
+from support.right_pairs import known_machine, law, poses_read, right_recording
+from truepose.arrays import Array
 from truepose.identification.leaves.check.pair import Pair
 from truepose.identification.leaves.check.result import Check, Found
 from truepose.identification.leaves.check.run import check_files, check_loaded
@@ -22,19 +21,13 @@ from truepose.identification.recording.recording import Recording
 from truepose.models.machine.machine import Machine
 from truepose.wording import shortened
 
-Array = NDArray[np.float64]
 XYZ = ("x", "y", "z")
 ROWS = 40
 SIZES = {
     25.4: "25.4 times too {} (in inch?)",
-    1000.0: "1000 times too {} (in m?)",
+    1e3: "1000 times too {} (in m?)",
     10.0: "10 times too {} (in cm?)",
 }
-
-
-def law(count: int = 12) -> settings:
-    """Settings of a law; an example that fails is told as it is, since a smaller one takes minutes."""
-    return settings(max_examples=examples(count), phases=(Phase.explicit, Phase.generate))
 
 
 seeds = st.integers(0, 2**31 - 1)
@@ -106,17 +99,14 @@ def test_figures_are_of_all_rows(seed: int, places: list[int]) -> None:
 def set_up(machine: Machine, frame: str, axis: int, mm: float, cut: int, seed: int) -> Recording:
     """A recording whose base or tool stands elsewhere from a row on, along axes of the frame that it is stated in."""
     rows = right_recording(machine, ROWS, seed)
-    position, turns = (
-        np.column_stack([rows.observations[n] for n in names]) for names in (XYZ, ("rx", "ry", "rz"))
-    )
+    position, turns = poses_read(rows)
     way = np.zeros((ROWS, 3))
     way[cut:, axis] = mm
     if frame == "tool":
         tool = Rotation.from_matrix(standing(ARM["frames"]["tool"])[:3, :3])
-        way = (Rotation.from_rotvec(turns) * tool.inv()).apply(way)
-    return replace(
-        rows, observations={**rows.observations, **dict(zip(XYZ, (position + way).T, strict=True))}
-    )
+        way = (turns * tool.inv()).apply(way)
+    moved = dict(zip(XYZ, (position + way).T, strict=True))
+    return replace(rows, observations={**rows.observations, **moved})
 
 
 @pytest.mark.nightly
@@ -150,9 +140,8 @@ def test_set_ups_are_mended_by_sessions(tmp_path: Path) -> None:
     rows = recorded()
     rows.loc[25:, "x"] += 400.0
     first = checked(tmp_path, document(), rows).found[0]
-    assert first.mend is not None and first.fix.startswith(
-        "give each set-up its own number in a column 'session'"
-    )
+    assert first.mend is not None
+    assert first.fix.startswith("give each set-up its own number in a column 'session'")
     pair = Pair.read(tmp_path / "arm.yaml", [tmp_path / "r.csv"])
     (sheet,) = first.mend(pair).sheets
     assert list(sheet.cells["session"]) == ["1"] * 25 + ["2"] * 20

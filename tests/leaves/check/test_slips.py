@@ -12,16 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import truepose
-from support.checked_arm import (
-    JOINTS,
-    Document,
-    Spoilt,
-    checked,
-    columns,
-    document,
-    metres,
-    recorded,
-)
+from support.checked_arm import JOINTS, Document, Spoilt, checked, columns, document, metres, recorded
 from truepose.identification.leaves.check.pair import Pair
 from truepose.identification.leaves.check.result import Check
 from truepose.identification.leaves.check.run import check_files
@@ -190,7 +181,7 @@ def mended_check(found: Check, folder: Path) -> Check:
     return check_files(folder / "mended/arm.yaml", [folder / "mended/r.csv"])[0]
 
 
-BY_DAY = {"metres", "backwards", "inverse", "never set", "swapped"}
+BY_DAY = {"metres", "backwards", "inverse", "never set", "swapped", "horizon", "counts"}
 
 
 @pytest.mark.parametrize(
@@ -262,14 +253,9 @@ def test_gross_readings_hide_no_slip(right: pd.DataFrame, tmp_path: Path) -> Non
 @pytest.mark.nightly
 @pytest.mark.parametrize(
     ("first", "second"),
-    [
-        ("metres", "backwards"),
-        ("inverse", "backwards"),
-        ("euler", "exchanged"),
-        ("quarter", "exchanged"),
-        ("mirrored", "backwards"),
-    ],
-)
+    [("metres", "backwards"), ("inverse", "backwards"), ("euler", "exchanged"), ("quarter", "exchanged"),
+     ("mirrored", "backwards")],
+)  # fmt: skip
 def test_two_slips_at_once_are_told_for_what_they_are(
     first: str, second: str, right: pd.DataFrame, tmp_path: Path
 ) -> None:

@@ -8,17 +8,16 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import truepose
 from support.checked_arm import JOINTS, document, written
 from support.right_pairs import known_machine, right_recording
+from truepose.arrays import Array
 from truepose.identification.leaves.check.alignment import Frames, starts
 from truepose.identification.leaves.check.rig import Rig
 from truepose.identification.leaves.check.weighing import settle
 
-Array = NDArray[np.float64]
 POINTS = np.array([[0.0, 30.0, 0.0], [0.0, -30.0, 0.0], [80.0, 0.0, 0.0]])
 NAMES = ("P1", "P2", "P3")
 

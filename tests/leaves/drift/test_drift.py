@@ -14,14 +14,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
 
 from support import MACHINES
+from support.command import input_error, refused, run
 from support.drifting_arm import HOUR, SIGMA, TURN_SIGMA, machine_text, tolerance, write_sequence
 from support.reports import said_of
 from truepose.arrays import Array
-from truepose.cli import app
-from truepose.errors import InputError
 from truepose.identification.leaves.drift.analysis import Drift, drift
 from truepose.identification.leaves.drift.words import drift_json, drift_notes
 from truepose.identification.recording.load import load_recording
@@ -232,7 +230,7 @@ def test_rows_that_count_from_another_session_are_left_out(tmp_path: Path) -> No
 
 def test_one_session_is_refused(tmp_path: Path) -> None:
     case = sequence(tmp_path, 62, {}, sessions=1)
-    with pytest.raises(InputError, match=r"day0\.csv: found 1 session to fit, expected at least two"):
+    with input_error(r"day0\.csv: found 1 session to fit, expected at least two"):
         case.drift()
 
 
@@ -240,7 +238,7 @@ def test_a_machine_that_is_exactly_known_is_refused(tmp_path: Path) -> None:
     case = sequence(tmp_path, 63, {}, sessions=2, n=3)
     text = re.sub(r"tolerance: \{[^}]*\}", "tolerance: {xyz: 0, rpy: 0}", machine_text())
     case.machine.write_text(text.partition("  q2.alpha: ")[0], encoding="utf-8")
-    with pytest.raises(InputError, match="found no free parameter"):
+    with input_error("found no free parameter"):
         case.drift()
 
 
@@ -254,15 +252,9 @@ def test_files_of_one_name_keep_their_paths(tmp_path: Path) -> None:
     assert Case(case.machine, files).drift().labels == tuple(map(str, files))
 
 
-def run(*arguments: object) -> str:
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exit_code == 0, result.output
-    return result.stdout
-
-
 def test_the_command_writes_json_and_a_page(tmp_path: Path) -> None:
     case = sequence(tmp_path, 71, {"q3.theta": [0.0, 4e-4]}, sessions=2, n=20)
-    lines = run("drift", case.machine, *case.files, "-o", tmp_path / "out", "--accuracy", "5 um")
+    lines = run("drift", case.machine, *case.files, "-o", tmp_path / "out", "--accuracy", "5 um").stdout
     assert "q3.theta: " in lines and str(tmp_path / "out" / "report.html") in lines
     document = json.loads((tmp_path / "out" / "drift.json").read_text(encoding="utf-8"))
     assert document["schema"] == "truepose/drift/1"
@@ -271,7 +263,7 @@ def test_the_command_writes_json_and_a_page(tmp_path: Path) -> None:
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "q3.theta" in page and "<html" in page and page.count("http-equiv") == 1
     assert 'http-equiv="Content-Security-Policy"' in page
-    printed = json.loads(run("drift", case.machine, *case.files, "--json"))
+    printed = json.loads(run("drift", case.machine, *case.files, "--json").stdout)
     assert printed["command"] == "drift" and printed["parameters"] == document["parameters"]
     assert drift_json(case.drift())["parameters"] == document["parameters"]
 
@@ -279,6 +271,4 @@ def test_the_command_writes_json_and_a_page(tmp_path: Path) -> None:
 @pytest.mark.parametrize("text", ["fast", "5 kg", "5 parsnips", "nm"])
 def test_an_accuracy_that_is_none_is_refused(tmp_path: Path, text: str) -> None:
     case = sequence(tmp_path, 72, {}, sessions=2, n=2)
-    result = CliRunner().invoke(app, ["drift", str(case.machine), *map(str, case.files), "--accuracy", text])
-    assert result.exit_code == 2
-    assert "--accuracy" in result.stderr and len(result.stderr.strip().splitlines()) == 1
+    refused("drift", case.machine, *case.files, "--accuracy", text, said="--accuracy")

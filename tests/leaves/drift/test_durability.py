@@ -7,14 +7,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
-from numpy.typing import NDArray
 from scipy import stats
 
 from support import MACHINES
 from support.drifting_arm import HOUR, SIGMA, TURN_SIGMA, machine_text, write_sequence
-from truepose.arrays import Array
+from support.stacked_sessions import distance_rows
+from truepose.arrays import Array, Mask
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.problem import Prior, Problem, prior_of
@@ -69,9 +68,7 @@ def distances(tmp_path_factory: pytest.TempPathFactory) -> Met:
     """Changes of a distance, the first of each session since itself; nothing moved."""
     folder, n, rng = tmp_path_factory.mktemp("distances"), 120, np.random.default_rng(12)
     machine = load_machine(MACHINES / "distance.yaml")
-    rows = pd.DataFrame(rng.uniform(-3.0, 3.0, (n, 3)), columns=["x", "y", "t"])
-    origin = np.where(np.arange(n) % (n // 2) == 0, np.arange(n), np.arange(n) - 1)
-    rows = rows.assign(pose=np.arange(n), **{"from": origin}, session=np.arange(n) // (n // 2), dL=0.0)
+    rows, origin = distance_rows(n, 2, rng)
     rows.to_csv(folder / "rows.csv", index=False)
     prior = prior_of(machine)
     nominal = predict(machine, load_recording(machine, [folder / "rows.csv"]))["dL"].to_numpy()
@@ -134,7 +131,7 @@ def by_rows(session: Session, fit: Estimate) -> tuple[Array, Array]:
     return rows[:, :-1], rows[:, -1]
 
 
-def identified_anew(which: str, names: Sequence[str]) -> NDArray[np.bool_]:
+def identified_anew(which: str, names: Sequence[str]) -> Mask:
     frames = np.array([name.split(".")[0] in ("base", "tool", "beam", "mirror") for name in names])
     most = np.array([name not in ("q4.d", "t.beta") for name in names])  # what no other can stand for
     return {"nothing": frames & False, "frames": frames, "all but one": most}[which]

@@ -8,19 +8,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
+from support.command import input_error, refused, run
 from support.embedded import REALS, TICKS, allowed, log, measured, needs_toolchain, written
 from support.generated_machines import ARM, HEAD, machine_of
-from truepose.cli import app
+from support.machine_texts import machine_from
 from truepose.codegen.c import generate
 from truepose.codegen.features import ALL, Features
 from truepose.codegen.leaves.embedded.measure import measure, read_frames
 from truepose.codegen.leaves.embedded.program import LONG_LOOP, Compiler, build, read_source
-from truepose.codegen.leaves.embedded.section import sizes_section
 from truepose.codegen.leaves.embedded.toolchain import (
     CORTEX_M4F,
-    CORTEX_M7,
     TARGETS,
     Target,
     missing,
@@ -31,8 +29,6 @@ from truepose.codegen.leaves.embedded.toolchain import (
     toolchain,
 )
 from truepose.codegen.printer import Real
-from truepose.errors import InputError
-from truepose.models.load import load_machine
 
 pytestmark = pytest.mark.nightly
 
@@ -66,9 +62,8 @@ def test_bad_input_is_refused_and_leaves_the_output(root_directory: Path, real: 
         codes = {seen.what: seen.code for seen in measured(root_directory, name, real).refused}
         far = codes.pop("far")
         assert far in (1, 2)
-        assert codes == dict.fromkeys(
-            ("nan-fk", "nan-jac", "nan-compensate", "nan-guess", "nan-pose", "skewed"), 4
-        )
+        calls = ("nan-fk", "nan-jac", "nan-compensate", "nan-guess", "nan-pose", "skewed")
+        assert codes == dict.fromkeys(calls, 4)
         assert all(seen.kept for seen in measured(root_directory, name, real).refused)
 
 
@@ -128,7 +123,7 @@ def test_every_c_file_compiles_for_the_target_without_a_warning(
         "float twice(float x);\nfloat twice(float x)\n{\n    return (float)(x * 2.5);\n}\n"
     )
     if real == "float":
-        with pytest.raises(InputError, match="Werror=double-promotion"):
+        with input_error("Werror=double-promotion"):
             compiler.compile(tmp_path / "slow.c", tmp_path / "out.o")
 
 
@@ -137,30 +132,27 @@ def test_a_warning_is_an_error_that_tells_the_compilers_words(root_directory: Pa
     shutil.copytree(written(root_directory, "arm", "double"), tmp_path, dirs_exist_ok=True)
     code = tmp_path / "arm_kin.c"
     code.write_text(code.read_text() + "\nstatic int unused(void)\n{\n    return 1;\n}\n")
-    with pytest.raises(InputError, match=r"arm-none-eabi-gcc for Cortex-M7: failed with code 1: .*unused"):
+    with input_error(r"arm-none-eabi-gcc for Cortex-M7: failed with code 1: .*unused"):
         measure(tmp_path)
 
 
 @needs_toolchain
 def test_a_target_for_other_numbers_is_refused(root_directory: Path) -> None:
-    with pytest.raises(InputError, match="found C in double, expected float for Cortex-M4F"):
+    with input_error("found C in double, expected float for Cortex-M4F"):
         measure(written(root_directory, "arm", "double"), target=CORTEX_M4F)
 
 
 @needs_toolchain
 def test_the_command_states_the_measurements_only_when_asked(tmp_path: Path) -> None:
     machine_of(tmp_path, "scara")
-    options = ["codegen", str(tmp_path / "scara.yaml"), "--real", "float", "-o"]
-    for directory, more in (("plain", []), ("told", ["--measure"])):
-        done = CliRunner().invoke(app, [*options, str(tmp_path / directory), *more])
-        assert done.exit_code == 0, done.output
     plain, told = (tmp_path / name for name in ("plain", "told"))
+    for out in ((plain,), (told, "--measure")):
+        run("codegen", tmp_path / "scara.yaml", "--real", "float", "-o", *out)
     files = {file.relative_to(plain) for file in plain.rglob("*") if file.is_file()}
     assert files == {file.relative_to(told) for file in told.rglob("*") if file.is_file()}
     for file in files:
-        assert ((plain / file).read_bytes() == (told / file).read_bytes()) == (file != Path("README.md")), (
-            file
-        )
+        same = (plain / file).read_bytes() == (told / file).read_bytes()
+        assert same == (file != Path("README.md")), file
     before, section = (told / "README.md").read_text().split("\n## Measured\n")
     assert before == (plain / "README.md").read_text()
     tools = required()
@@ -177,27 +169,24 @@ def test_without_the_toolchain_nothing_is_written(tmp_path: Path, monkeypatch: p
         "arm-none-eabi-size (binutils-arm-none-eabi)",
         "qemu-system-arm (qemu-system-arm)",
     ]
-    options = ["codegen", str(tmp_path / "scara.yaml"), "-o", str(tmp_path / "out"), "--measure"]
-    done = CliRunner().invoke(app, options)
-    assert done.exit_code == 2
-    assert done.stderr.startswith("error: measuring: found no arm-none-eabi-gcc (gcc-arm-none-eabi)")
+    said = refused("codegen", tmp_path / "scara.yaml", "-o", tmp_path / "out", "--measure")
+    assert said.startswith("error: measuring: found no arm-none-eabi-gcc (gcc-arm-none-eabi)")
     assert not (tmp_path / "out").exists()
 
 
 @each_target
 def test_a_run_that_counts_wrongly_is_refused(target: Target) -> None:
-    right = round(
-        (2 * 500 + 2 + 2) * TICKS
-    )  # two more: the branch to it, and the second reading of the timer
+    # two more: the branch to it, and the second reading of the timer
+    right = round((2 * 500 + 2 + 2) * TICKS)
     assert read_log(log(target, 500, right), target)[1].instructions == 1002
     for ticks in (right - 3, right + 3):
-        with pytest.raises(InputError, match=r"found \(100[13], 0\) instructions .*expected \(1002, 0\)"):
+        with input_error(r"found \(100[13], 0\) instructions .*expected \(1002, 0\)"):
             read_log(log(target, 500, ticks), target)
-    with pytest.raises(InputError, match=r"expected \(10, 8\)"):
+    with input_error(r"expected \(10, 8\)"):
         read_log(log(target, 500, right, deep=12), target)
-    with pytest.raises(InputError, match="no end of the stack"):
+    with input_error("no end of the stack"):
         read_log(log(replace(target, stack=1000), 500, right), replace(target, stack=1000))
-    with pytest.raises(InputError, match=r"found \['fault'\] as the last line of the run, expected 'end'"):
+    with input_error(r"found \['fault'\] as the last line of the run, expected 'end'"):
         read_log("nothing 0 0 1 9 0 00 00\nfault\n", target)
 
 
@@ -229,42 +218,36 @@ def test_the_deepest_chain_of_calls(tmp_path: Path) -> None:
     write('edge: { sourcename: "k.c:d" targetname: "__indirect_call" }\n')
     assert read_frames(graph).indirect
     write('edge: { sourcename: "k.c:d" targetname: "k.c:c" }\n')
-    with pytest.raises(InputError, match="found recursion c -> d -> c, expected none"):
+    with input_error("found recursion c -> d -> c, expected none"):
         read_frames(graph).deepest("a")
     write(kind="dynamic,bounded")
-    with pytest.raises(InputError, match="a: found a frame of dynamic,bounded size, expected a fixed one"):
+    with input_error("a: found a frame of dynamic,bounded size, expected a fixed one"):
         read_frames(graph)
 
 
 def test_a_directory_that_is_not_generated_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"found 0 files NAME_kin\.h, expected one of generated C"):
+    with input_error(r"found 0 files NAME_kin\.h, expected one of generated C"):
         read_source(tmp_path)
     (tmp_path / "a_kin.h").write_text("typedef double a_real;\n")
-    with pytest.raises(InputError, match="expected type, number and units of the joints"):
+    with input_error("expected type, number and units of the joints"):
         read_source(tmp_path)
     header = "      0  q1 [rad]\n   p: parameters\n4  [R|p] */\ntypedef double a_real;\n#define a_N 1 /* joints */\n"
     (tmp_path / "a_kin.h").write_text(header)
-    with pytest.raises(InputError, match=r"test_vectors\.csv: cannot read the test vectors"):
+    with input_error(r"test_vectors\.csv: cannot read the test vectors"):
         read_source(tmp_path)
     (tmp_path / "test_vectors.csv").write_text("q1,T0\n1.0,nan\n")
-    with pytest.raises(InputError, match=r"found a table \(1, 2\), expected 13 finite numbers a row"):
+    with input_error(r"found a table \(1, 2\), expected 13 finite numbers a row"):
         read_source(tmp_path)
     (tmp_path / "b_kin.h").write_text(header)
-    with pytest.raises(InputError, match="found 2 files"):
+    with input_error("found 2 files"):
         read_source(tmp_path)
-
-
-def test_targets_are_told_by_their_numbers() -> None:
-    assert (target_for("double"), target_for("float")) == (CORTEX_M7, CORTEX_M4F)
-    assert sizes_section([]) == ""
 
 
 @needs_toolchain
 def test_small_code_on_a_controller(root_directory: Path) -> None:
     """An arm of six joints: the way from a nearby guess in 4 kB, everything in 14; neither slower than what is not small."""
     text = HEAD.format(name="bare") + ARM.partition("masses:")[0]
-    (root_directory / "bare.yaml").write_text(text, encoding="utf-8")
-    machine, found = load_machine(root_directory / "bare.yaml"), {}
+    machine, found = machine_from(root_directory, text, "bare"), {}
     for features in ("warm", "warm,cold,branches,p", ""):
         directory = root_directory / f"bare_{features}"
         generate(machine, directory, features=Features.of(features) if features else ALL)
@@ -283,9 +266,13 @@ def test_every_update_of_the_state_takes_the_same_time_on_a_controller(
     root_directory: Path, real: Real
 ) -> None:
     play = "effects: [{effect: backlash, place: [q1], parameters: {b: {value: 4.0e-4, unit: rad}}}]\n"
-    path = root_directory / f"play_{real}.yaml"
-    path.write_text(HEAD.format(name="play") + ARM.partition("masses:")[0] + play, encoding="utf-8")
-    generate(load_machine(path), root_directory / f"play_{real}", real)
+    generate(
+        machine_from(
+            root_directory, HEAD.format(name="play") + ARM.partition("masses:")[0] + play, f"play_{real}"
+        ),
+        root_directory / f"play_{real}",
+        real,
+    )
     found = measure(root_directory / f"play_{real}")
     assert found.state and found.state_object
     assert found.state.codes == (found.vectors, 0, 0, 0, 0)

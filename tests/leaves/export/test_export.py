@@ -4,58 +4,35 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree
 
-import casadi as ca
 import numpy as np
 import pytest
 import yaml
-from numpy.typing import NDArray
-from typer.testing import CliRunner
+from scipy.spatial.transform import Rotation
 
 import truepose
-from support.exported import BRANCHED, EXTRA, MOUNTED, frame, mujoco_module, urdf_pose
-from support.generated_machines import BODIES, HEAD, machine_of
-from truepose.cli import app
-from truepose.errors import InputError
+from support.command import input_error, refused, run
+from support.exported import (
+    BRANCHED,
+    EXTRA,
+    MOUNTED,
+    frame,
+    machine_named,
+    mujoco_module,
+    pose_of,
+    readings_of,
+    urdf_pose,
+)
+from support.generated_machines import BODIES
+from truepose.arrays import Array
+from truepose.models.leaves.export.links import text, xyz_rpy
 from truepose.models.leaves.export.write import Exported, render
 from truepose.models.load import load_machine
-from truepose.models.machine.kinematics import symbolic_model
-from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 SAME = 1e-9
 """mm, and mm on a reach of a metre: rounding of a dozen products is a thousandth of it."""
-
-
-def written(where: Path, name: str, body: str | None = None) -> Machine:
-    if body is None and name in BODIES:
-        return machine_of(where, name)
-    file = where / f"{name}.yaml"
-    file.write_text(HEAD.format(name=name) + (body or EXTRA[name]))
-    return load_machine(file)
-
-
-def readings_of(machine: Machine, count: int = 20) -> list[dict[str, float]]:
-    """Random readings, mm and rad: within ranges where there are some."""
-    rng = np.random.default_rng(4)
-    actuators = machine.mechanism.actuators
-    limits = [a.range or ((-3.0, 3.0) if a.unit == "rad" else (-200.0, 200.0)) for a in actuators]
-    low, high = np.transpose(limits)
-    rows = rng.uniform(low, high, (count, len(low))).tolist()
-    return [dict(zip(machine.mechanism.readings, row, strict=True)) for row in rows]
-
-
-def pose_of(
-    machine: Machine, *, world: bool = False, effects: bool = False
-) -> Callable[[dict[str, float]], Array]:
-    """Tool in the base's or the sensor's frame, from the machine's own expressions, drivers at their defaults."""
-    model = symbolic_model(machine, machine.effects if effects else ())
-    at = ca.Function("pose", [model.q, model.z, model.p], [model.world if world else model.pose])
-    fixed = (model.z_home, model.p_home)
-    return lambda readings: np.array(at([readings[name] for name in model.readings], *fixed))
 
 
 def same(a: Array, b: Array) -> None:
@@ -65,13 +42,13 @@ def same(a: Array, b: Array) -> None:
 
 @pytest.mark.parametrize("name", ["arm", *EXTRA])
 def test_a_urdf_read_by_others_puts_the_tool_where_the_machine_does(tmp_path: Path, name: str) -> None:
-    machine = written(tmp_path, name)
+    machine = machine_named(tmp_path, name)
     urdf = render(machine, "urdf").text
     own, seen = pose_of(machine), pose_of(machine, world=True)
-    for readings in readings_of(machine):
-        same(urdf_pose(urdf, readings, "tool", "base"), own(readings))
+    for q in readings_of(machine):
+        same(urdf_pose(urdf, machine, q, "tool"), own(q))
         if '"world"' in urdf:
-            same(urdf_pose(urdf, readings, "tool", "world"), seen(readings))
+            same(urdf_pose(urdf, machine, q, "tool", "world"), seen(q))
     assert ('"world"' in urdf) == (name in EXTRA)
 
 
@@ -82,7 +59,7 @@ def test_an_arm_as_drawn_has_the_numbers_of_the_robots_own_description(tmp_path:
         f"    - {{name: q{k}, kind: revolute, alpha: {a}, d: {d}, r: {r}}}\n"
         for k, (a, d, r) in enumerate(rows, 1)
     )
-    machine = written(tmp_path, "ur10", f"  type: serial\n  joints:\n{joints}")
+    machine = machine_named(tmp_path, "ur10", f"  type: serial\n  joints:\n{joints}")
     section = yaml.safe_load(render(machine, "ur-kinematics").text)["kinematics"]
     expected = {
         "shoulder": (0, 0, 0.1273, 0, 0, 0),
@@ -100,7 +77,7 @@ def test_an_arm_as_drawn_has_the_numbers_of_the_robots_own_description(tmp_path:
 
 
 def test_masses_stand_where_the_machine_has_them(tmp_path: Path) -> None:
-    machine = written(tmp_path, "branched")
+    machine = machine_named(tmp_path, "branched")
     robot = ElementTree.fromstring(render(machine, "urdf").text)
     links = {link.get("name"): link.find("inertial") for link in robot.findall("link")}
     assert [name for name, inertial in links.items() if inertial is not None] == ["boom", "tool"]
@@ -119,7 +96,7 @@ def test_masses_stand_where_the_machine_has_them(tmp_path: Path) -> None:
 
 
 def test_masses_and_gravity_are_those_that_mujoco_reads(tmp_path: Path) -> None:
-    model = mujoco_module().MjModel.from_xml_string(render(written(tmp_path, "branched"), "mjcf").text)
+    model = mujoco_module().MjModel.from_xml_string(render(machine_named(tmp_path, "branched"), "mjcf").text)
     assert float(np.sum(model.body_mass)) == pytest.approx(4.5, abs=1e-5)
     np.testing.assert_allclose(np.linalg.norm(model.opt.gravity), 9.80665, rtol=1e-12)
     assert abs(model.opt.gravity[0]) > 0.1  # stated in the base's frame, which is tilted by 1 and 2 deg
@@ -140,25 +117,25 @@ effects:
 def test_effects_that_are_constants_are_held(tmp_path: Path, name: str) -> None:
     body = (EXTRA | BODIES)[name].split("masses")[0]
     effects = CONSTANT if name == "mounted" else CONSTANT.replace("0.5, unit: mm", "0.005, unit: rad")
-    machine = written(tmp_path, "shifted", body + effects)
+    machine = machine_named(tmp_path, "shifted", body + effects)
     done = render(machine, "urdf")
     assert done.left_out == {} and done.lost == 0.0
     assert [next(iter(drivers)) for drivers in done.frozen.values()] == 3 * ["session.after.1"]
     own = pose_of(machine, effects=True)
-    for readings in readings_of(machine):
-        same(urdf_pose(done.text, readings, "tool", "base"), own(readings))
+    for q in readings_of(machine):
+        same(urdf_pose(done.text, machine, q, "tool"), own(q))
     if name == "arm":
         assert "Not held: wrist_3 to tool" in render(machine, "ur-kinematics").text
 
 
 def test_what_is_left_out_is_said_with_its_size(tmp_path: Path) -> None:
-    machine = written(tmp_path, "arm")
+    machine = machine_named(tmp_path, "arm")
     done = render(machine, "urdf")
     assert set(done.left_out) == {"actuator-scale@q4", "joint-compliance@q2"}
     assert done.frozen == {"thermal-expansion@link3": {"temperature.link3": 20.0}}
     own = pose_of(machine, effects=True)
     moved = [
-        own(r)[:3, 3] - urdf_pose(done.text, r, "tool", "base")[:3, 3] for r in readings_of(machine, 200)
+        own(q)[:3, 3] - urdf_pose(done.text, machine, q, "tool")[:3, 3] for q in readings_of(machine, 200)
     ]
     # the largest of 64 poses is near that of 200 others, as both cover the same ranges
     assert done.lost == pytest.approx(np.max(np.linalg.norm(moved, axis=1)), rel=0.2)
@@ -181,7 +158,7 @@ FORMATS = [("scara", "urdf"), ("arm", "ur-kinematics"), ("mounted", "iso230"), (
 def test_tools_of_single_recordings_are_said_to_be_left_out(name: str, format: str, tmp_path: Path) -> None:
     own = "recordings: {long: {files: tues*.csv, tool: {in: tool, xyz: [0, 0, 50]}}}\n"
     body = (BODIES | EXTRA)[name].partition("drivers:")[0]
-    done = render(written(tmp_path, "tools", body + own), format)
+    done = render(machine_named(tmp_path, "tools", body + own), format)
     assert done.frozen == {"recordings.long.tool": {"recording.long": 0.0}}
     assert "recordings.long.tool (recording.long = 0)" in done.notes[-1] and done.notes[-1] in done.text
 
@@ -195,7 +172,7 @@ def test_a_drift_is_held_at_its_start(name: str, format: str, tau: float, tmp_pa
     def drifting(start: float) -> Exported:
         entry = f"effect: mount-drift, place: [tool], tau: {tau}, start: {start:.0f}"
         entry += f", parameters: {{x: {{value: 0.1, unit: {unit}}}}}"
-        return render(written(tmp_path, "late", f"{body}effects:\n  - {{{entry}}}\n"), format)
+        return render(machine_named(tmp_path, "late", f"{body}effects:\n  - {{{entry}}}\n"), format)
 
     begun, later = drifting(0), drifting(1.8e9)
     assert [*later.frozen.values()] == [{"time": 1.8e9}]
@@ -203,41 +180,24 @@ def test_a_drift_is_held_at_its_start(name: str, format: str, tau: float, tmp_pa
     assert later.text == text
 
 
-def test_a_note_names_the_largest_and_the_file_all(tmp_path: Path) -> None:
-    entries = [
-        f"  - {{effect: transmission-error, place: [q{k}], order: {n}, parameters: "
-        f"{{a: {{value: {0.0001 * k * n}, unit: rad}}}}}}\n"
-        for k in (1, 2, 3, 4)
-        for n in (1, 2)
-    ]
-    body = BODIES["arm"].split("masses")[0] + "effects:\n" + "".join(entries)
-    done = render(written(tmp_path, "many", body), "urdf")
-    assert len(done.left_out) == 8
-    (note,) = done.notes
-    assert "and 3 more; together" in note
-    sizes = [float(size) for size in re.findall(r"\(([\d.]+) mm\)", note)]
-    assert len(sizes) == 5 and sizes == sorted(sizes, reverse=True)
-    assert all(label in done.text for label in done.left_out)
-
-
 def test_names_that_are_taken_are_not_taken_again(tmp_path: Path) -> None:
     names = {"hand": "tool", "camera": "flange", "column": "world", "mount": "tool_joint"}
     body = EXTRA["branched"].split("masses")[0] + MOUNTED
     for old, new in names.items():
         body = re.sub(rf"\b{old}\b", new, body)
-    machine = written(tmp_path, "taken", body)
+    machine = machine_named(tmp_path, "taken", body)
     urdf = render(machine, "urdf").text
     robot = ElementTree.fromstring(urdf)
     for kind in ("link", "joint"):
         found = [element.get("name") for element in robot.findall(kind)]
         assert len(set(found)) == len(found)
     own = pose_of(machine)
-    for readings in readings_of(machine, 3):
-        same(urdf_pose(urdf, readings, "tool_", "base"), own(readings))
+    for q in readings_of(machine, 3):
+        same(urdf_pose(urdf, machine, q, "tool_"), own(q))
 
 
 def test_the_same_machine_gives_the_same_bytes(tmp_path: Path) -> None:
-    machine = written(tmp_path, "arm")
+    machine = machine_named(tmp_path, "arm")
     for file in ("a.urdf", "a.yaml"):
         truepose.export(machine, tmp_path / file)
         first = (tmp_path / file).read_bytes()
@@ -245,7 +205,7 @@ def test_the_same_machine_gives_the_same_bytes(tmp_path: Path) -> None:
         assert (tmp_path / file).read_bytes() == first
     one = yaml.safe_load(render(machine, "ur-kinematics").text)["kinematics"]["hash"]
     assert re.fullmatch(r"calib_\d+", one)
-    other = written(tmp_path, "arm2", BODIES["arm"].replace("128.1", "128.2"))
+    other = machine_named(tmp_path, "arm2", BODIES["arm"].replace("128.1", "128.2"))
     assert yaml.safe_load(render(other, "ur-kinematics").text)["kinematics"]["hash"] != one
 
 
@@ -264,25 +224,62 @@ def test_the_same_machine_gives_the_same_bytes(tmp_path: Path) -> None:
 def test_what_a_format_cannot_hold_is_refused(tmp_path: Path, name: str, file: str, message: str) -> None:
     led = {"loose": "", "formula": ", computed: pan * 2"}
     body = BRANCHED.replace(", actuated: true, range: [-90, 90]", led[name]) if name in led else None
-    machine = written(tmp_path, name, body)
+    machine = machine_named(tmp_path, name, body)
     before = sorted(path.read_bytes() for path in tmp_path.iterdir())
-    with pytest.raises(InputError, match=message):
+    with input_error(message):
         truepose.export(machine, tmp_path / file)
     assert sorted(path.read_bytes() for path in tmp_path.iterdir()) == before
 
 
 def test_the_command_writes_says_and_refuses(tmp_path: Path) -> None:
-    written(tmp_path, "arm")
-    source, out = str(tmp_path / "arm.yaml"), tmp_path / "arm.xml"
-    done = CliRunner().invoke(app, ["export", source, "-o", str(out), "--format", "urdf"])
-    assert done.exit_code == 0
+    machine_named(tmp_path, "arm")
+    source, out = tmp_path / "arm.yaml", tmp_path / "arm.xml"
+    done = run("export", source, "-o", out, "--format", "urdf")
     assert done.stdout == f"{out}\n"
     assert [line.split(":")[0] for line in done.stderr.splitlines()] == ["note", "note"]
     assert out.read_text() == render(load_machine(source), "urdf").text
-    spoken = CliRunner().invoke(app, ["export", source, "-o", str(tmp_path / "k.yaml"), "--json"])
+    spoken = run("export", source, "-o", tmp_path / "k.yaml", "--json")
     said = json.loads(spoken.stdout)
     assert said["format"] == "ur-kinematics" and said["left_out"]["joint-compliance@q2"]["unit"] == "mm"
     assert len(said["notes"]) == 2 and spoken.stderr == ""
-    wrong = CliRunner().invoke(app, ["export", source, "-o", str(tmp_path / "k.mdh")])
-    assert wrong.exit_code == 2
-    assert wrong.stderr.startswith("error: ") and len(wrong.stderr.splitlines()) == 1
+    refused("export", source, "-o", tmp_path / "k.mdh", said="error: ")
+
+
+NUMBERS = ", ".join(f"{field} (\\S+)" for field in ("x", "y", "z", "roll", "pitch", "yaw"))
+
+
+def told(text: str, what: str) -> Array | None:
+    """(4, 4) mm of a frame in the comments, None where they do not name it."""
+    found = re.search(f"^# Not held: {what}: {NUMBERS}$", text, re.M)
+    if found is None:
+        return None
+    values = np.array([float(v) for v in found.groups()])
+    return frame(values[:3], values[3:])
+
+
+def test_flange_tool_and_world_stand_in_the_comments_if_the_file_does_not_hold_them(tmp_path: Path) -> None:
+    """Where the last joint's frame cannot be the flange's, the comments lead to both: from one to the other is the tool."""
+    text = render(machine_named(tmp_path, "tilted"), "ur-kinematics").text
+    flange, tool, base = (
+        told(text, what) for what in ("wrist_3 to flange", "wrist_3 to tool", "world to base")
+    )
+    assert flange is not None and tool is not None and base is not None
+    np.testing.assert_allclose(tool, flange @ frame([0.003, 0.004, 0.05], [0, 0, 0]), atol=1e-9)
+    np.testing.assert_allclose(base, frame([0.04, -0.003, 0.7], np.radians([1, 2, 30])), atol=1e-9)
+    assert told(render(machine_named(tmp_path, "arm"), "ur-kinematics").text, "wrist_3 to flange") is None
+
+
+@pytest.mark.parametrize("pitch", [90.0, -90.0, 89.99999999, 0.0, 180.0])
+def test_roll_pitch_and_yaw_lose_no_digit(pitch: float) -> None:
+    rng = np.random.default_rng(2)
+    for roll, yaw in rng.uniform(-np.pi, np.pi, (20, 2)):
+        rotation = Rotation.from_euler("xyz", [roll, np.radians(pitch), yaw]).as_matrix()
+        given = np.eye(4)
+        given[:3, :3] = rotation
+        np.testing.assert_allclose(frame(*xyz_rpy(given))[:3, :3], rotation, rtol=0, atol=2e-15)
+
+
+def test_numbers_read_back_the_same() -> None:
+    values = np.random.default_rng(3).standard_normal(100) * 10.0 ** np.arange(-50, 50)
+    assert [float(word) for word in text(*values.tolist()).split()] == values.tolist()
+    assert text(0.0, 1.0, -2.5) == "0 1 -2.5"

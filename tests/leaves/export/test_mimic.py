@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
-import subprocess
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,25 +12,22 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
 from support import two_arms
+from support.command import input_error, refused, run
 from support.described_machines import urdf_machine
-from support.generated_c import COMPILER, needs_compiler
+from support.generated_c import built_of, needs_compiler
+from support.machine_texts import machine_from
 from support.two_arms import pose
 from truepose.api import calibrate
-from truepose.cli import app
-from truepose.codegen.c import generate
-from truepose.errors import InputError
+from truepose.arrays import Array
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.models.load import load_machine
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.velocities import gap_derivative, twists
 
-Array = NDArray[np.float64]
 GRIP = """<robot name="grip">
   <link name="palm"/> <link name="arm"/> <link name="slide"/> <link name="finger"/>
   <joint name="a" type="revolute"> <parent link="palm"/> <child link="arm"/> <origin xyz="0 0 0.1" rpy="0.2 0 0"/>
@@ -60,13 +55,8 @@ def turned(axis: int, angle: float) -> Array:
 def expected(a: float, ratio: float = -2.0) -> Array:
     """(4, 4) of the finger: mm; a in rad."""
     slide = pose((200, 0, 10 + 50 * a), (0, 0, 0))
-    return (
-        pose((0, 0, 100), (0.2, 0, 0))
-        @ turned(1, a)
-        @ slide
-        @ pose((0, 50, 0), (0, 0, 0))
-        @ turned(0, ratio * a)
-    )
+    arm = pose((0, 0, 100), (0.2, 0, 0)) @ turned(1, a)
+    return arm @ slide @ pose((0, 50, 0), (0, 0, 0)) @ turned(0, ratio * a)
 
 
 @pytest.mark.parametrize(
@@ -101,8 +91,7 @@ def test_a_joint_may_follow_one_that_follows(
     order, *leads = drawn
     folder = tmp_path_factory.mktemp("chained")
     (folder / "r.urdf").write_text(chained(order, leads), encoding="utf-8")
-    done = CliRunner().invoke(app, ["init", "--urdf", str(folder / "r.urdf"), "-o", str(folder / "r.yaml")])
-    assert done.exit_code == 0, done.output
+    run("init", "--urdf", folder / "r.urdf", "-o", folder / "r.yaml")
     machine = load_machine(folder / "r.yaml")
     assert machine.mechanism.readings == ("j0",)
     values, at = [q], np.eye(4)
@@ -134,11 +123,7 @@ def test_what_follows_itself_or_nothing_is_refused(
         assert joint == f"j{k}"
         text = text.replace(f'<mimic joint="j0" multiplier="{0.5 + k}"', f'<mimic joint="{lead}"')
     (tmp_path / "r.urdf").write_text(text, encoding="utf-8")
-    done = CliRunner().invoke(
-        app, ["init", "--urdf", str(tmp_path / "r.urdf"), "-o", str(tmp_path / "r.yaml")]
-    )
-    assert done.exit_code == 2
-    assert message in done.output
+    refused("init", "--urdf", tmp_path / "r.urdf", "-o", tmp_path / "r.yaml", said=message)
 
 
 def test_a_ratio_is_found_and_written_back(tmp_path: Path) -> None:
@@ -183,17 +168,12 @@ mechanism:
 def test_a_sum_of_several_joints(tmp_path: Path) -> None:
     """In the file's mm/deg; the derivative by each ratio is the other's displacement along the slide."""
     text = LOOP.replace(", c, d]", ", c]").split("    - {name: e,")[0] + "  flange: c\n"
-    (tmp_path / "loop.yaml").write_text(text, encoding="utf-8")
-    model = symbolic_model(load_machine(tmp_path / "loop.yaml"))
+    model = symbolic_model(machine_from(tmp_path, text, "loop"))
     at = ca.Function("at", [model.q, model.p], [model.pose])
     q1, q2 = 0.3, -0.7
     slide = 50 + 3 + 0.4 * np.degrees(q1) - 0.2 * np.degrees(q2)
-    wanted = (
-        turned(2, q1)
-        @ pose((100, 0, 0), np.radians([20, 0, 0]))
-        @ turned(2, q2)
-        @ pose((slide, 0, 10), (0, 0, 0))
-    )
+    second = turned(2, q1) @ pose((100, 0, 0), np.radians([20, 0, 0])) @ turned(2, q2)
+    wanted = second @ pose((slide, 0, 10), (0, 0, 0))
     np.testing.assert_allclose(np.array(at([q1, q2], model.p_home)), wanted, atol=1e-9)
     slope = ca.Function("slope", [model.q, model.p], [ca.jacobian(model.pose[:3, 3], model.p)])
     along = np.array(slope([q1, q2], model.p_home))[:, model.names.index("m.ratio.q1")]
@@ -202,8 +182,7 @@ def test_a_sum_of_several_joints(tmp_path: Path) -> None:
 
 def test_loops_know_that_one_reading_moves_several_joints(tmp_path: Path) -> None:
     """Derivatives by screws against those of the expressions."""
-    (tmp_path / "loop.yaml").write_text(LOOP.replace("c, d]", "c, d, w, v]"), encoding="utf-8")
-    model = symbolic_model(load_machine(tmp_path / "loop.yaml"))
+    model = symbolic_model(machine_from(tmp_path, LOOP.replace("c, d]", "c, d, w, v]"), "loop"))
     told, y = gap_derivative(model), ca.vertcat(model.q, model.x)
     assert told is not None
     plain = ca.vertcat(twists(model.pose, y), ca.jacobian(model.gap, y))
@@ -221,31 +200,17 @@ def test_the_c_has_the_same_poses(tmp_path: Path, name: str) -> None:
     """Followers move with their readings, and the other arm's joints stay where the guess has them."""
     text = two_arms.MECHANISM + two_arms.FRAMES + two_arms.TARGETS
     machine = grip(tmp_path) if name == "arm" else load_machine(two_arms.write(tmp_path, text))
-    generate(machine, tmp_path / "c", "double")
-    library = tmp_path / "lib.so"
-    arguments = [
-        str(COMPILER),
-        "-O1",
-        "-shared",
-        "-fPIC",
-        str(tmp_path / f"c/{name}_kin.c"),
-        "-lm",
-        "-o",
-        str(library),
-    ]
-    subprocess.run(arguments, check=True)
-    code, model = ctypes.CDLL(str(library)), symbolic_model(machine)
+    built, model = built_of(machine, tmp_path / "c", "double"), symbolic_model(machine)
     at = ca.Function("at", [model.q, model.p], [model.pose])
     q = np.linspace(0.2, 0.7, len(model.readings))
-    moved, out, again = np.zeros(12), np.full(len(q), np.nan), q + 0.02
-    places = [a.ctypes.data_as(ctypes.c_void_p) for a in (q, moved, again, out)]
-    assert getattr(code, f"{name}_fk")(None, None, places[0], places[1]) == 0
+    code, moved = built.fk(q)
+    assert code == 0
     np.testing.assert_allclose(moved.reshape(3, 4), np.array(at(q, model.p_home))[:3], atol=1e-9)
-    assert getattr(code, f"{name}_ik")(None, None, places[1], places[2], places[3]) == 0
-    tips = [k for k, joint in enumerate(model.readings) if not joint.startswith("r")]
-    np.testing.assert_allclose(out[tips], q[tips], atol=1e-8)
-    others = [k for k in range(len(q)) if k not in tips]
-    np.testing.assert_allclose(out[others], again[others], atol=1e-12)
+    code, out = built.ik(moved, q + 0.02)
+    assert code == 0
+    ours = np.array([not joint.startswith("r") for joint in model.readings])
+    np.testing.assert_allclose(out[ours], q[ours], atol=1e-8)
+    np.testing.assert_allclose(out[~ours], (q + 0.02)[~ours], atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -262,6 +227,5 @@ def test_what_cannot_follow_is_refused(tmp_path: Path, old: str, new: str, found
     (tmp_path / "loop.yaml").write_text(
         LOOP.replace("c, d]", "c, d, w, v]").replace(old, new), encoding="utf-8"
     )
-    with pytest.raises(InputError) as told:
+    with input_error(says=found):
         load_machine(tmp_path / "loop.yaml")
-    assert found in str(told.value)

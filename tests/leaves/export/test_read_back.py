@@ -9,25 +9,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from support import MACHINES, ROOT
+from support.command import input_error
 from support.effect_machines import TEXTS, read_machines
 from support.examples import by_day
-from support.exported import EXTRA, mujoco_module, read_table, tool_of
-from support.generated_machines import BODIES, HEAD, machine_of
-from truepose.errors import InputError, ReadBackError
+from support.exported import EXTRA, machine_named, mujoco_module, read_table, readings_of, tool_of
+from support.generated_machines import BODIES
+from support.machine_texts import machine_from
+from truepose.arrays import Array
+from truepose.errors import ReadBackError
 from truepose.identification.compensation.inverse import PoseSolver, base_frame
-from truepose.models.file.machine_file import checked_machine
-from truepose.models.file.yaml_document import parse_document
 from truepose.models.leaves.export.write import Format, LinkFormat, export, formats, render
 from truepose.models.leaves.starting.mjcf import mjcf_start
 from truepose.models.leaves.starting.start import bundled_names, bundled_start
 from truepose.models.leaves.starting.written import files_of
-from truepose.models.load import build_machine, load_machine
+from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 FILES = [*sorted(MACHINES.glob("*.yaml")), *sorted((ROOT / "models" / "machines").glob("*/machine.yaml"))]
 NAMES = [
     *BODIES,
@@ -57,12 +56,7 @@ TABLED = {
     "models/machines/nanopositioner/machine.yaml",
 }
 """Machines whose axes move along or turn about those of the base, one of each letter, in ranges."""
-SUFFIXES = {
-    "urdf": ".urdf",
-    "mjcf": ".xml",
-    "ur-kinematics": ".yaml",
-    **dict.fromkeys(TABLES, ".csv"),
-}
+SUFFIXES = {"urdf": ".urdf", "mjcf": ".xml", "ur-kinematics": ".yaml", **dict.fromkeys(TABLES, ".csv")}
 ROWS = 10
 SAME_AGAIN = 1e-9
 """mm on arms of metres, of which a file that init writes has fourteen digits."""
@@ -75,39 +69,31 @@ def effect_machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Ma
     return read_machines(tmp_path_factory.getbasetemp() / "exported")
 
 
-def machine_named(name: str, folder: Path, others: Mapping[str, Machine]) -> Machine:
+def machine_called(name: str, folder: Path, others: Mapping[str, Machine]) -> Machine:
     if name in (*BODIES, *EXTRA, "carriage"):
         return drawn(folder, name)
     kind, _, own = name.partition("/")
     if kind == "effects":
         return others[own]
     if kind == "arms":
-        path = folder / f"{own}.yaml"
-        text = files_of(bundled_start(own))[0]
-        return build_machine(checked_machine(path, parse_document(text, path)))
+        return machine_from(folder, files_of(bundled_start(own))[0], own)
     return load_machine(ROOT / name)
 
 
 def drawn(folder: Path, name: str) -> Machine:
-    if name in BODIES:
-        return machine_of(folder, name)
-    path = folder / f"{name}.yaml"
-    path.write_text(HEAD.format(name=name) + (EXTRA | {"carriage": CARRIAGE})[name])
-    return load_machine(path)
+    return machine_named(folder, name, CARRIAGE if name == "carriage" else None)
 
 
 def rows_of(machine: Machine, file: Path, format: str) -> Array:
     """Return readings (n, nq) where a format holds the machine: a table at its positions."""
-    rng, actuators = np.random.default_rng(4), machine.mechanism.actuators
     if format in TABLES:
+        rng, actuators = np.random.default_rng(4), machine.mechanism.actuators
         table = read_table(file.read_text())
         positions = [rng.choice(table.rows[axis][:, 0], ROWS) for axis in table.axes]
         return np.column_stack(
             [p if a.unit == "mm" else np.radians(p) for p, a in zip(positions, actuators, strict=True)]
         )
-    ends = [a.range or ((-3.0, 3.0) if a.unit == "rad" else (-200.0, 200.0)) for a in actuators]
-    low, high = np.transpose(ends)
-    return rng.uniform(low, high, (ROWS, len(low)))
+    return readings_of(machine, ROWS)
 
 
 def is_held(name: str, machine: Machine, format: str) -> bool:
@@ -126,10 +112,10 @@ def test_a_machine_is_read_where_it_stands_or_refused(
     name: str, format: str, tmp_path: Path, effect_machines: Mapping[str, Machine]
 ) -> None:
     """Of effects, which formats hold in part, tests of each format tell."""
-    machine = machine_named(name, tmp_path, effect_machines).with_effects(())
+    machine = machine_called(name, tmp_path, effect_machines).with_effects(())
     file = tmp_path / f"out{SUFFIXES[format]}"
     if not is_held(name, machine, format):
-        with pytest.raises(InputError, match=r"found .*, expected "):
+        with input_error(r"found .*, expected "):
             export(machine, file, format)
         assert not file.exists()
         return
@@ -152,7 +138,7 @@ def test_an_exported_mjcf_starts_the_same_machine(
 ) -> None:
     """The same joints in the same ranges, the same masses, and the same pose of the tool in the base."""
     mujoco_module()
-    machine = machine_named(name, tmp_path, effect_machines).with_effects(())
+    machine = machine_called(name, tmp_path, effect_machines).with_effects(())
     if not is_held(name, machine, "mjcf"):
         return
     done = export(machine, tmp_path / "out.xml", "mjcf")
@@ -160,14 +146,10 @@ def test_an_exported_mjcf_starts_the_same_machine(
     (tool,) = re.findall(r'<site name="(.*)" />', done.text)
     start = mjcf_start(tmp_path / "out.xml", tool)
     text = files_of(start)[0]
-    again = build_machine(
-        checked_machine(tmp_path / "again.yaml", parse_document(text, tmp_path / "again.yaml"))
-    )
+    again = machine_from(tmp_path, text, "again")
+    # a branch beside the way to the tool
     own, other = (
-        {
-            a.reading: a for a in m.mechanism.actuators if a.reading != "look"
-        }  # a branch beside the way to the tool
-        for m in (machine, again)
+        {a.reading: a for a in m.mechanism.actuators if a.reading != "look"} for m in (machine, again)
     )
     assert own.keys() == other.keys()
     for reading, actuator in own.items():
@@ -225,10 +207,8 @@ UNREADABLE = [
 def test_a_digit_too_many_makes_another_machine_which_is_not_published(
     format: str, name: str, places: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    machine, said = (
-        drawn(tmp_path, name),
-        "reads as another machine: (the frame|the range|the positions|with axis) ",
-    )
+    machine = drawn(tmp_path, name)
+    said = "reads as another machine: (the frame|the range|the positions|with axis) "
     text = render(machine, format).text
     for place in places:
         check_refused(machine, format, re.sub(place, r"\g<1>7", text, count=1), said, tmp_path, monkeypatch)

@@ -4,24 +4,20 @@ machine's own kinematics do, and what they leave is as large as they say."""
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from pathlib import Path
 
-import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from support.exported import TableReader, read_table
-from support.generated_machines import HEAD, machine_of
-from truepose.errors import InputError
+from support.command import input_error
+from support.exported import TableReader, machine_named, pose_of, read_table, readings_of
+from support.generated_machines import HEAD
+from support.machine_texts import machine_from
+from truepose.arrays import Array
 from truepose.models.leaves.export.write import export, render
-from truepose.models.load import load_machine
-from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 MILL = """  type: graph
   bodies: [base, saddle, column, ram, head]
   joints:
@@ -47,28 +43,16 @@ COUPLED = "  - {effect: axis-coupling, place: [C1, X1], parameters: {k: {value: 
 
 def mill(where: Path, *, head: bool = False, effects: str = "") -> Machine:
     bodies = MILL if head else MILL.replace(", head]", "]")
-    (where / "mill.yaml").write_text(HEAD.format(name="mill") + bodies + HEADED * head + TOOL + effects)
-    return load_machine(where / "mill.yaml")
+    return machine_from(where, HEAD.format(name="mill") + bodies + HEADED * head + TOOL + effects, "mill")
 
 
-def pose_of(machine: Machine) -> Callable[[Array], Array]:
-    """The machine's own pose (4, 4) at readings in mm and deg."""
-    model = symbolic_model(machine, machine.effects)
-    at = ca.Function("pose", [model.q, model.z, model.p], [model.pose])
-    scale = np.array([1.0 if a.unit == "mm" else np.pi / 180 for a in machine.mechanism.actuators])
-    return lambda readings: np.array(at(readings * scale, model.z_home, model.p_home))
+def scale_of(machine: Machine) -> Array:
+    """Return what mm and deg of a table are in mm and rad."""
+    return np.array([1.0 if a.unit == "mm" else np.pi / 180 for a in machine.mechanism.actuators])
 
 
 def nodes(reader: TableReader, count: int, rng: np.random.Generator) -> Array:
     return np.array([[rng.choice(reader.rows[a][:, 0]) for a in reader.axes] for _ in range(count)])
-
-
-def between(machine: Machine, count: int, rng: np.random.Generator) -> Array:
-    out = []
-    for a in machine.mechanism.actuators:
-        low, high = a.range or (0.0, 0.0)
-        out.append(rng.uniform(low, high, count) * (1.0 if a.unit == "mm" else 180 / np.pi))
-    return np.array(out).T
 
 
 @pytest.mark.parametrize("head", [False, True])
@@ -77,11 +61,11 @@ def test_at_its_positions_a_table_is_the_machine(tmp_path: Path, head: bool, eff
     """Errors of single axes, straight or not, are held exactly, with the arms that the others give them."""
     machine = mill(tmp_path, head=head, effects=effects)
     export(machine, tmp_path / "mill.csv")
-    reader, own_pose = read_table((tmp_path / "mill.csv").read_text()), pose_of(machine)
+    reader, own_pose = read_table((tmp_path / "mill.csv").read_text()), pose_of(machine, effects=True)
     assert reader.axes == ["X", "Y", "Z", "C"][: 3 + head] and reader.reversed == {"Z"}
     assert reader.reference["Y"] == 300.0  # its range does not reach 0
     for readings in nodes(reader, 30, np.random.default_rng(2)):
-        found, own = reader.pose(readings), own_pose(readings)
+        found, own = reader.pose(readings), own_pose(readings * scale_of(machine))
         # six decimals of um and urad on arms of a metre
         np.testing.assert_allclose(found[:3, 3], own[:3, 3], rtol=0, atol=5e-9)
         np.testing.assert_allclose(found[:3, :3], own[:3, :3], rtol=0, atol=5e-12)
@@ -98,10 +82,10 @@ def test_axes_are_moved_by_amounts_that_matter(tmp_path: Path) -> None:
 def test_what_a_table_leaves_is_as_large_as_it_says(tmp_path: Path, head: bool, effects: str) -> None:
     machine = mill(tmp_path, head=head, effects=effects)
     done = render(machine, "iso230")
-    reader, own_pose = read_table(done.text), pose_of(machine)
+    reader, own_pose = read_table(done.text), pose_of(machine, effects=True)
     apart = [
-        np.linalg.norm(reader.pose(q)[:3, 3] - own_pose(q)[:3, 3])
-        for q in between(machine, 300, np.random.default_rng(7))
+        np.linalg.norm(reader.pose(q / scale_of(machine))[:3, 3] - own_pose(q)[:3, 3])
+        for q in readings_of(machine, 300, seed=7)
     ]
     # the largest of 256 places is near that of 300 others, as both cover the same ranges
     assert done.lost == pytest.approx(np.max(apart), rel=0.25, abs=1e-9)
@@ -147,11 +131,7 @@ OPEN = LINEAR.replace(", range: [0, 300]", "")
 def test_machines_without_a_volumetric_table_are_refused(
     tmp_path: Path, name: str, body: str | None, message: str
 ) -> None:
-    if body is None:
-        machine = machine_of(tmp_path, name)
-    else:
-        (tmp_path / "odd.yaml").write_text(HEAD.format(name=name) + body + TOOL)
-        machine = load_machine(tmp_path / "odd.yaml")
-    with pytest.raises(InputError, match=message):
+    machine = machine_named(tmp_path, name, body and body + TOOL)
+    with input_error(message):
         export(machine, tmp_path / "out.csv")
     assert not (tmp_path / "out.csv").exists()

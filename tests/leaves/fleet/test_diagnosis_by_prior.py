@@ -7,11 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import truepose
 from support import TESTS
-from truepose.cli import app
+from support.command import run
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.learned_prior import EffectPrior, LearnedPrior, PlacePrior
 from truepose.identification.leaves.fleet.evidence import kept
@@ -94,10 +93,7 @@ def test_what_is_kept_is_small_and_every_effect_at_every_place_is_in_it(usual: D
 
 def test_the_command_takes_the_file_and_says_where_it_is_from(tmp_path: Path) -> None:
     write_prior(tmp_path / "prior.yaml", prior(0.5))
-    files = [str(QUIET / "machine.yaml"), str(QUIET / "recording.csv")]
-    done = CliRunner().invoke(
-        app, ["diagnose", *files, "--prior", str(tmp_path / "prior.yaml"), "-o", str(tmp_path / "out")]
-    )
-    assert done.exit_code == 0, done.output
+    files = (QUIET / "machine.yaml", QUIET / "recording.csv", "--prior", tmp_path / "prior.yaml")
+    run("diagnose", *files, "-o", tmp_path / "out")
     notes = json.loads((tmp_path / "out/diagnosis.json").read_text(encoding="utf-8"))["notes"]
     assert "the prior was learned from 80 machines (80 serial)" in notes

@@ -7,19 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from support.fleets import DrawnFleet
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification import prior
 from truepose.identification.diagnosis.selection_problem import SelectionProblem, selection_problem
 from truepose.identification.fit.estimate import estimate
-from truepose.identification.learned_prior import (
-    FleetPrior,
-    LearnedPrior,
-    read_prior,
-)
+from truepose.identification.learned_prior import FleetPrior, LearnedPrior, read_prior
 from truepose.identification.leaves.fleet.learn import learned, prior_text, write_prior
 from truepose.identification.leaves.fleet.pooled import Pooled
 from truepose.identification.recording.recording import Recording
@@ -28,8 +24,6 @@ from truepose.identification.signatures.linearisation import Linearisation
 from truepose.identification.signatures.signatures import Signatures
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.placed import EffectAtPlace
-
-Array = NDArray[np.float64]
 
 
 def fleet(frequencies: list[float], number: int, size: int = 5) -> LearnedPrior:
@@ -160,72 +154,6 @@ def _logs(problem: SelectionProblem, *members: tuple[int, int]) -> Array:
 # -- a small prior in full ----------------------------------------------------------------------------------------
 
 
-def small(**changes: object) -> dict[str, object]:
-    """Of two effects, the second of which is the more frequent one at some place."""
-    sizes = np.full(len(prior.SIZES.values), 1.0 / len(prior.SIZES.values)).tolist()
-
-    def place(frequency: float, odds: float) -> dict[str, float]:
-        return {"machines": 4, "found": 4 * frequency, "frequency": frequency, "usual": 0.1, "odds": odds}
-
-    rare = {"machines": 4, "odds": 0.5, "sizes": sizes, "places": {"serial": {"q1+q2": place(0.2, 0.25)}}}
-    often = {
-        "machines": 4,
-        "odds": 2.0,
-        "sizes": sizes,
-        "places": {"serial": {"q1": place(0.1, 3.0), "q2": place(0.6, 8.0), "q3": place(0.1, 4.0)}},
-    }
-    effects = {"axis-coupling": rare, "backlash": often}
-    return {
-        "schema": "truepose/prior/1",
-        "machines": 4,
-        "mechanisms": {"serial": 4},
-        "effects": effects,
-    } | changes
-
-
-def test_a_prior_is_written_with_what_is_most_frequent_first() -> None:
-    """Effects by their most frequent place, places by their frequency, then by name."""
-    lines = prior_text(LearnedPrior.model_validate(small())).splitlines()
-    assert lines[0].startswith("# Learned from 4 machines. For `truepose diagnose MACHINE REC --prior FILE`")
-    order = [
-        k
-        for name in ("backlash:", "q2:", "q1:", "q3:", "axis-coupling:", "q1+q2:")
-        for k, line in enumerate(lines)
-        if line.strip().startswith(name)
-    ]
-    assert order == sorted(order) and len(order) == 6
-    assert "    odds: 2.0" in lines and "tolerances: {}" in lines and "effects:" in lines
-    noted = small(tolerances={"length": {"deviations": 9, "ratio": 1.5, "low": 1.1, "high": 2.0}})
-    text = prior_text(LearnedPrior.model_validate(noted))
-    assert "\ntolerances:  # true spread over the stated tolerance" in text
-    assert "  length: {deviations: 9, ratio: 1.5, low: 1.1, high: 2.0}" in text
-    empty = prior_text(LearnedPrior.model_validate({"schema": "truepose/prior/1"}))
-    assert "effects: {}" in empty and "# Learned from 0 machines." in empty
-    bare = small()
-    bare["effects"]["backlash"]["places"] = {}  # type: ignore[index]
-    assert "    places: {}" in prior_text(LearnedPrior.model_validate(bare))
-
-
-def test_notes_say_what_a_prior_was_learned_from_and_what_it_cannot_say_here() -> None:
-    known = LearnedPrior.model_validate(small())
-    here, elsewhere = EffectAtPlace("axis-coupling", ("q1", "q2")), EffectAtPlace("backlash", ("z9",))
-    said = "the prior was learned from 4 machines (4 serial)"
-    assert FleetPrior(known, "serial").notes([here]) == (said,)
-    other = "of other places: frequencies at places say nothing here, those of effects do"
-    assert FleetPrior(known, "serial").notes([elsewhere]) == (f"{said}, and this one is a serial {other}",)
-    assert FleetPrior(known, "").notes([here]) == (
-        f"{said}, and this one is a mechanism without a type {other}",
-    )
-    nothing = LearnedPrior.model_validate({"schema": "truepose/prior/1"})
-    assert FleetPrior(nothing, "serial").notes([here]) == ("the prior was learned from 0 machines (none)",)
-    effects = dict(small()["effects"])  # type: ignore[call-overload]
-    foreign = LearnedPrior.model_validate(
-        small(effects=effects | {"of-b": effects["backlash"], "of-a": effects["backlash"]})
-    )
-    _, missing = FleetPrior(foreign, "serial").notes([here])
-    assert missing == "the prior names effects that the catalogue has not: of-a and of-b; load their plug-in"
-
-
 @pytest.mark.parametrize(
     ("odds", "off", "taken"),
     [
@@ -239,11 +167,11 @@ def test_notes_say_what_a_prior_was_learned_from_and_what_it_cannot_say_here() -
     ],
 )
 def test_odds_beyond_a_million_and_shares_that_do_not_add_up_are_refused(
-    odds: float, off: float, taken: bool
+    frequent: LearnedPrior, odds: float, off: float, taken: bool
 ) -> None:
     """A hundredth of rounding is none."""
-    written = small()
-    effect = written["effects"]["backlash"]  # type: ignore[index]
+    written = frequent.model_dump(by_alias=True)
+    effect = written["effects"]["backlash"]
     effect["odds"], effect["sizes"] = odds, [effect["sizes"][0] + off, *effect["sizes"][1:]]
     if taken:
         assert LearnedPrior.model_validate(written).effects["backlash"].odds == odds

@@ -7,17 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.special import logit
 
 from support.searched_arm import PLAY, SCALE, held
+from truepose.arrays import Array
 from truepose.identification.diagnosis.posterior_summary import Inclusion
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.leaves.fleet.place_evidence import PlaceEvidence, evidence
 from truepose.identification.posterior.state import State, slot_odds
 from truepose.models.machine.placed import EffectAtPlace
 
-Array = NDArray[np.float64]
 PLAYS = EffectAtPlace("backlash", ("q1",)), EffectAtPlace("backlash", ("q2",))
 TRUE = EffectAtPlace("actuator-scale", ("q1",)), PLAYS[1]
 
@@ -189,23 +188,6 @@ def test_sizes_are_told_of_what_may_be_there(found: Found) -> None:
         assert (places[TRUE[1]].size is not None) is there
         assert all(p.sizes == () and p.size is None for c, p in places.items() if c != TRUE[1])
         assert all(p.sizes == () and p.size is None for p in anywhere.values())
-
-
-def test_amounts_are_those_that_were_fitted(found: Found) -> None:
-    """In units of the largest usual one and in their own; 1-sigma in the log is that of the coefficient over it."""
-    state = holding(found, *TRUE, size=int(np.argmin(np.abs(found.problem.spike_slab.sizes.values - 1.0))))
-    causes = np.ones(len(found.problem.causes))
-    places, _ = told(posed(found, (state, 1.0), causes=causes))
-    fitted = {e.at_place: e for e in found.fit.fitted_effects()}
-    slab = found.problem.spike_slab
-    mean, covariance = slab.root(state.point).posterior(*slab.columns(state.members))
-    for k, cause in enumerate(TRUE):
-        (coefficient,), (value,) = fitted[cause].coefficients, fitted[cause].amplitudes
-        size = places[cause].size
-        assert size is not None and size.unit == coefficient.unit
-        assert size.log_amount == pytest.approx(np.log(abs(value)), abs=0.02)
-        assert size.log_mean == pytest.approx(size.log_amount - np.log(coefficient.scale), abs=1e-9)
-        assert size.log_std == pytest.approx(np.sqrt(covariance[k, k]) / abs(mean[k]), rel=1e-6)
 
 
 def test_amounts_of_states_are_averaged_with_what_they_differ_by(found: Found) -> None:

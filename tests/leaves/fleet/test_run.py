@@ -1,4 +1,4 @@
-"""A fleet's run: the same bytes however it was worked out; nobody stopped by a machine that fails or kills its process."""
+"""A fleet's run: the same bytes however it was worked out, nobody stopped by a machine that fails; its command's refusals."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from support.command import invoke, refused
 from support.tiny_fleets import GAIN, PLAY, rows, write_fleet, write_machine
-from truepose.errors import InputError
 from truepose.identification.leaves.fleet.run import run_fleet
 from truepose.identification.leaves.fleet.work import Options
 from truepose.pool import Cluster, Cores, Pool, cluster, several_threads
@@ -115,14 +115,12 @@ def test_files_say_what_came_of_each(reference: Mapping[str, bytes]) -> None:
     told = json.loads(reference["fleet.json"])
     assert told["schema"] == "truepose/fleet/1"
     assert told["statuses"] == {"done": 3, "failed": 1}
-    assert told["undone"] == [
-        {"name": "unread", "status": "failed", "why": told["undone"][0]["why"]}
-    ] and told["undone"][0]["why"].startswith("unread/recording.csv: missing column 'q2'")
+    (undone,) = told["undone"]
+    assert (undone["name"], undone["status"]) == ("unread", "failed")
+    assert undone["why"].startswith("unread/recording.csv: missing column 'q2'")
     for name in ("calibrated.yaml", "fit.json", "diagnosis.json", "improved.yaml", "record.json"):
         assert f"machines/gain/{name}" in reference
-    assert {name for name in reference if name.startswith("machines/unread/")} == {
-        "machines/unread/record.json"
-    }
+    assert [name for name in reference if "/unread/" in name] == ["machines/unread/record.json"]
     diagnosis = json.loads(reference["machines/gain/diagnosis.json"])
     assert diagnosis["files"] == ["gain/recording.csv"]
     assert [f["effect"] for f in diagnosis["findings"]] == ["actuator-scale"]
@@ -211,19 +209,12 @@ def test_only_what_changed_is_worked_with_again(machines: Path, tmp_path: Path) 
     assert sorted(run(line, results, Cores(2))) == ["more", "plain"]
     changes = json.loads((results / "fleet.json").read_text(encoding="utf-8"))["changes"]
     assert (changes["new"], changes["gone"]) == (["more"], ["gain"])
-    assert {(one["machine"], one["what"]) for one in changes["said"]} == {
-        ("plain", "verdict"),
-        ("plain", "findings"),
-    }
+    said = {(one["machine"], one["what"]) for one in changes["said"]}
+    assert said == {("plain", "verdict"), ("plain", "findings")}
     fresh = tmp_path / "fresh"
     run(line, fresh, Cores(2))
     for name in ("fleet.csv", "records.jsonl", "prior.yaml"):
         assert (results / name).read_bytes() == (fresh / name).read_bytes()
-
-
-def test_results_do_not_lie_among_the_machines(machines: Path) -> None:
-    with pytest.raises(InputError, match="expected another folder for the results"):
-        run_fleet(machines, machines, Cores(1), Options())
 
 
 @pytest.mark.parametrize(
@@ -238,3 +229,59 @@ def test_results_do_not_lie_among_the_machines(machines: Path) -> None:
 )
 def test_workers_whose_sums_are_rounded_otherwise_are_known(environment: dict[str, str], wrong: str) -> None:
     assert several_threads(environment) == wrong
+
+
+@pytest.fixture
+def line(tmp_path: Path) -> Path:
+    return write_fleet(tmp_path / "line", {"a": []})
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--dask", "tcp://nowhere:1", "-j", "2"], "--dask: found with --workers, expected one of them"),
+        (["--prior", "machine.yaml"], "schema: found 'truepose/machine/1', expected 'truepose/prior/1'"),
+        (["--prior", "none.yaml"], "none.yaml: cannot read the file"),
+        (["--plugin", "none.py"], "none.py"),
+    ],
+)
+def test_bad_options_are_one_line(
+    options: list[str], said: str, line: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(line / "a")
+    refused("fleet", line, "-o", tmp_path / "results", *options, said=said)
+    assert not (tmp_path / "results" / "machines").exists()
+
+
+def test_a_cluster_needs_the_extra(line: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    options = ("-o", tmp_path / "results", "--dask", "tcp://127.0.0.1:9")
+    refused("fleet", line, *options, said="expected the extra dask: pip install 'truepose[dask]'")
+
+
+def test_folders_that_are_none(line: Path, tmp_path: Path) -> None:
+    for folder, output, said in (
+        (tmp_path / "none", "results", "expected a folder of machines, found nothing"),
+        (line, line, "expected another folder for the results"),
+        (line, line / "a" / "machine.yaml", "expected a directory for the results, found the file"),
+    ):
+        refused("fleet", folder, "-o", tmp_path / output, said=said)
+    (tmp_path / "fit").mkdir()
+    (tmp_path / "fit" / "fit.json").write_text("{}", encoding="utf-8")
+    refused("fleet", line, "-o", tmp_path / "fit", said="found fit.json, a result of truepose calibrate")
+
+
+def test_where_no_machine_can_be_done_the_files_say_why(line: Path, tmp_path: Path) -> None:
+    (line / "a" / "machine.yaml").unlink()
+    done = invoke("fleet", line, "-o", tmp_path / "results", "--json")
+    told = json.loads(done.stdout)
+    assert done.exit_code == 2 and "None of 1 machines could be diagnosed." in done.stderr
+    assert (told["command"], told["schema"], told["statuses"]) == ("fleet", "truepose/fleet/1", {"failed": 1})
+    assert "found no machine file" in told["undone"][0]["why"]
+    assert [Path(file).name for file in told["files"]] == [
+        "fleet.csv",
+        "fleet.json",
+        "fleet.html",
+        "prior.yaml",
+    ]
+    assert all(Path(file).is_file() for file in told["files"])

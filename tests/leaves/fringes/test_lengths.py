@@ -1,4 +1,4 @@
-"""Laws of which counted moves become readings, with which sign, and what is said of those that are left out."""
+"""Which counted moves become readings, with which sign, and what is said of those, and of returns, that are left out."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from support.command import input_error
 from support.fringe_series import joined_rows
-from truepose.errors import InputError
+from truepose.arrays import Array
 from truepose.identification.leaves.fringes import lengths
 from truepose.identification.leaves.fringes.count import Count, End
 from truepose.identification.leaves.fringes.excursions import Fault
-from truepose.identification.leaves.fringes.lengths import SampleTable, Series
+from truepose.identification.leaves.fringes.lengths import SampleTable, Series, miscounted
 from truepose.identification.leaves.fringes.levels import Levels
 from truepose.identification.leaves.fringes.move import Move
 from truepose.identification.recording.recording import Recording
@@ -44,6 +45,15 @@ def moved(change: float, sigma: float = 1e-6, *, signed: bool = True, faults: tu
     return Move(change, sigma, signed, COUNT, faults)
 
 
+def taken(
+    change: float, sign: int | None = None, sigma: float = 1e-6, *, signed: bool = True
+) -> lengths.Readings:
+    """The readings after one move of the second row."""
+    found = work()
+    found.take(1, one(sign), moved(change, sigma, signed=signed))
+    return found
+
+
 def test_a_move_that_is_left_out_is_so_with_every_reason_and_its_place() -> None:
     found = work()
     assert not found.take(2, one(row=701), moved(0.02, faults=(Fault.GAP, Fault.TURN)))
@@ -58,8 +68,7 @@ def test_a_move_that_is_left_out_is_so_with_every_reason_and_its_place() -> None
 
 def test_a_move_known_three_times_worse_than_the_sensor_is_left_out() -> None:
     for times, out in ((2.9, False), (3.1, True)):
-        found = work()
-        found.take(1, one(), moved(0.02, times * SIGMA))
+        found = taken(0.02, sigma=times * SIGMA)
         assert found.left_out[1] == out
         assert [
             f"dL is known to {10 * times:.1f} nm only, and sigma is 10 nm" in note for note in found.notes
@@ -69,17 +78,14 @@ def test_a_move_known_three_times_worse_than_the_sensor_is_left_out() -> None:
 def test_the_tables_sign_comes_first_and_must_not_contradict_the_scans() -> None:
     for sign in (1, -1):
         for signed in (True, False):
-            found = work()
-            found.take(1, one(sign), moved(0.02 * sign if signed else 0.02, signed=signed))
+            found = taken(0.02 * sign if signed else 0.02, sign, signed=signed)
             assert found.change[1] == 0.02 * sign and not found.left_out[1] and not found.notes
-        found = work()
-        found.take(1, one(sign), moved(-0.02 * sign))
+        found = taken(-0.02 * sign, sign)
         assert (
             found.left_out[1]
             and "its sign in the table is not that of the wavelength scans" in found.notes[0]
         )
-        found = work()
-        found.take(1, one(sign), moved(-2.5e-6 * sign))  # within three sigma of none
+        found = taken(-2.5e-6 * sign, sign)  # within three sigma of none
         assert found.change[1] == 2.5e-6 * sign and not found.left_out[1]
 
 
@@ -142,9 +148,7 @@ def test_series_of_a_pose_go_to_its_moves_in_order_of_time() -> None:
         found = lengths.paired_series(rows, 0, table)
         assert list(found) == [1, 2, 3]
         assert found[3] is b and found[1] is d
-    with pytest.raises(
-        InputError, match=r"light\.csv: column 'pose': found 1 series for pose 1, expected 2: rows\.csv: row"
-    ):
+    with input_error(r"light\.csv: column 'pose': found 1 series for pose 1, expected 2: rows\.csv: row"):
         lengths.paired_series(rows, 0, SampleTable("light.csv", {0: (c,), 1: (b,)}, ()))
 
 
@@ -164,3 +168,47 @@ def test_levels_that_moves_share_are_their_medians() -> None:
     assert single is not None and alike is not None
     assert single.sigma == 10.0 * alike.sigma == 0.01  # one alone says nothing of others
     assert lengths.shared_levels([with_levels(1.0, 5.0, (Fault.GAP,))]) is None
+
+
+HALF_WAVE = 7.8e-4
+
+
+def way(poses: list[int], change: Array) -> Recording:
+    """Moves from row to row through these poses."""
+    return joined_rows(poses, [0, *range(len(poses) - 1)], poses, change)
+
+
+def round_trip(miss: float) -> Recording:
+    """Five moves out and back to the first pose, which add up to nothing but for one that is off by ``miss`` mm."""
+    return way([0, 1, 2, 3, 4, 0], np.array([0.0, 0.01, 0.02 + miss, -0.005, 0.03, -0.055]))
+
+
+@pytest.mark.parametrize(
+    ("counts", "left_out"), [(0.0, False), (0.02, False), (1.0, True), (-3.03, True), (0.5, False)]
+)
+def test_a_return_that_misses_by_whole_counts_leaves_its_way_out(counts: float, left_out: bool) -> None:
+    rows = round_trip(counts * HALF_WAVE)
+    read = np.arange(6) > 0
+    bad, notes = miscounted(rows, rows.observations["dL"], np.full(6, 1e-6), read, HALF_WAVE)
+    assert bad.tolist() == [False, *[left_out] * 5]
+    assert len(notes) == (abs(counts) >= 0.25)
+    if left_out:
+        assert f"{round(counts):+d} counts: a miscount in one of rows 2, 3, 4, 5, 6, left out" in notes[0]
+        assert notes[0].startswith("rows.csv: row 6: back at the pose of row 1")
+    if counts == 0.5:
+        assert "no whole counts: the mirror did not come back" in notes[0]
+    unread = read & (np.arange(6) != 4)  # the chain is broken: nothing returns
+    assert not miscounted(rows, rows.observations["dL"], np.full(6, 1e-6), unread, HALF_WAVE)[0].any()
+
+
+@pytest.mark.parametrize(("counts", "left_out"), [(1.0, True), (1.04, True), (1.07, False), (-0.96, True)])
+def test_a_return_on_the_way_leaves_out_what_lies_between(counts: float, left_out: bool) -> None:
+    """From the second pose by two others back to it, by whole counts to a twentieth of one."""
+    change = np.array([0.0, 0.02, 0.01, -0.03, 0.02, 0.04])
+    change[3] += counts * HALF_WAVE
+    rows = way([0, 1, 2, 3, 1, 4], change)
+    bad, notes = miscounted(rows, change, np.full(6, 1e-6), np.arange(6) > 0, HALF_WAVE)
+    assert bad.tolist() == [False, False, *[left_out] * 3, False]
+    (note,) = notes
+    assert note.startswith("rows.csv: row 5: back at the pose of row 2")
+    assert ("a miscount in one of rows 3, 4, 5, left out" in note) is left_out

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from truepose.arrays import Array
 from truepose.identification.leaves.fringes import excursions as exc
 from truepose.identification.leaves.fringes import levels
-from truepose.identification.leaves.fringes.excursions import (
-    Excursions,
-    extremes,
-    find_excursions,
-)
+from truepose.identification.leaves.fringes.excursions import Excursions, extremes, find_excursions
 from truepose.identification.leaves.fringes.levels import (
     Levels,
     Noise,
@@ -22,10 +18,8 @@ from truepose.identification.leaves.fringes.levels import (
     noise_of,
     read_scan,
 )
-from truepose.identification.leaves.fringes.turns import Verdict
 from truepose.models.sensors.irradiance import folded_phase, fringe
 
-Array = NDArray[np.float64]
 G = 0.2
 HALF_LEVEL = float(folded_phase(0.5, G))
 RATE, START = 7.0, 0.4
@@ -82,25 +76,6 @@ def test_a_converter_adds_its_step_and_what_no_average_removes() -> None:
     assert noise_of(np.ones(3)) == Noise(0.0, 0.0)
 
 
-def test_levels_send_the_ends_of_a_fringe_to_0_and_1() -> None:
-    t = np.linspace(-1.0, 3.0, 9)
-    levels = Levels(np.array([0.0, 2.0]), np.array([1.0, 3.0]), np.array([5.0, 9.0]), 0.01, 0.02)
-    low, high = np.interp(t, [0, 2], [1, 3]), np.interp(t, [0, 2], [5, 9])
-    for share in (0.0, 0.3, 1.0):
-        np.testing.assert_allclose(levels.normalise(t, low + share * (high - low)), share, atol=1e-12)
-    assert levels.size == pytest.approx(5.0)
-    now = levels.at(1.0)
-    assert (now.low[0], now.high[0], now.sigma, now.misfit) == pytest.approx((2.0, 7.0, 0.01, 0.02))
-    assert now.normalise(0.0, 4.5) == pytest.approx(0.5)
-    moved = levels.corrected(0.1, 0.9, 0.3)
-    np.testing.assert_allclose(moved.normalise(t, low + 0.5 * (high - low)), 0.5, atol=1e-12)
-    np.testing.assert_allclose(levels.normalise(t, np.interp(t, moved.knots, moved.low)), 0.1, atol=1e-12)
-    np.testing.assert_allclose(levels.normalise(t, np.interp(t, moved.knots, moved.high)), 0.9, atol=1e-12)
-    assert moved.sigma == 0.3 and moved.misfit == 0.02
-    for one, other in ((levels, moved), (moved, levels)):
-        assert one.differs(other, 0.11) and not one.differs(other, 0.16)
-
-
 @pytest.mark.parametrize("drift", [0.0, 0.3])
 def test_levels_are_found_where_they_are_and_followed(drift: float) -> None:
     """Also from a wrong start, and with samples that are no light."""
@@ -151,35 +126,7 @@ def test_excursions_of_a_steady_mirror_are_those_of_its_phase(samples: float) ->
     np.testing.assert_allclose(extremes(v, found)[1:-1], found.high[1:-1], atol=(2.0 * np.pi / samples) ** 2)
 
 
-@pytest.mark.parametrize("noise", [0.005, 0.03])
-def test_noise_makes_no_excursions(noise: float) -> None:
-    """Nor does a signal that stays on the half level, or starts and stops there."""
-    rng = np.random.default_rng(5)
-    t, v, found = excursions(samples=2000.0)
-    noisy = find_excursions(t, v + noise * rng.standard_normal(len(v)), noise, G)
-    assert len(noisy) == len(found)
-    np.testing.assert_allclose(noisy.times, found.times, atol=0.02 / RATE)
-    still = 0.5 + noise * rng.standard_normal(5000)
-    assert len(find_excursions(np.arange(5000.0), still, noise, G)) == 1
-    swing = 0.5 + (6.5 * noise + 0.08) * np.sin(np.linspace(0.0, 20.0, 5000))
-    assert len(find_excursions(np.arange(5000.0), swing, noise, G)) > 5  # what leaves the band does
-
-
 # -- faults --------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("samples", "fast"), [(3.4, True), (4.7, False)])
-def test_a_fringe_needs_four_samples(samples: float, fast: bool) -> None:
-    _, _, found = excursions(turns=40.0, samples=samples)
-    assert exc.too_fast(found) is fast
-
-
-@pytest.mark.parametrize(("quarters", "gap"), [(0.8, False), (1.3, True)])
-def test_a_gap_is_one_in_which_the_mirror_may_go_a_quarter_turn(quarters: float, gap: bool) -> None:
-    t, phase = steady(samples=200.0)
-    lost = np.abs(t - 3.0) < 0.5 * quarters * (np.pi / 2.0) / RATE
-    t, v = t[~lost], light(phase)[~lost]
-    assert exc.has_gap(t, find_excursions(t, v, 0.0, G)) is gap
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.01])
@@ -258,28 +205,6 @@ def test_a_scan_gives_length_phase_and_levels_to_its_sigma() -> None:
     lengths, phases = np.array(off).T
     assert 0.4 < np.sqrt(np.mean(lengths**2)) < 1.7
     assert np.abs(phases).max() < 3.0
-
-
-def test_a_short_scan_needs_levels_from_elsewhere_and_a_poor_one_says_nothing() -> None:
-    """Two nanometres of wavelength pass 1.5 fringes of a cavity of 0.9 mm; a tenth of that passes a part of one."""
-    known = Levels(np.zeros(1), np.array([1.0]), np.array([4.0]))
-    assert scan(1, reach=1e-6) is None
-    short = scan(1, reach=1e-6, levels=known)
-    assert short is not None and short.low is None and short.high is None
-    assert abs(short.length - LENGTH) < 4.0 * short.length_sigma
-    assert scan(1, reach=0.0) is None
-    wave = np.linspace(BASE, BASE + 2e-5, 500)
-    noise = np.random.default_rng(1).standard_normal(500)
-    assert read_scan(wave, noise, BASE, G, 0.1) is None  # light of no cavity
-    assert read_scan(wave, np.full(500, 3.0), BASE, G, 0.1) is None  # light that does not change
-    assert read_scan(wave[:15], noise[:15], BASE, G, 0.1) is None
-
-
-def test_a_verdict_is_no_surer_than_what_confirms_it() -> None:
-    sure, weak, opposite = (Verdict(odds, True, 1.0, 0.1) for odds in (60.0, 9.0, -80.0))
-    assert sure.confirmed(weak).odds == weak.confirmed(sure).odds == 9.0
-    assert sure.confirmed(opposite).odds == 0.0
-    assert opposite.confirmed(Verdict(-30.0, True, 1.0, 0.1)).odds == -30.0
 
 
 def test_levels_go_on_beyond_their_knots_as_they_drift_at_the_ends() -> None:

@@ -5,16 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, kstest
 
-from truepose.errors import InputError
+from support.command import input_error
+from truepose.arrays import Array
 from truepose.identification.leaves.photogrammetry.body_pose import body_pose
 from truepose.identification.leaves.photogrammetry.pose_table import COLUMNS, PAIRS, pose_table
 from truepose.models import lie
 
-Array = NDArray[np.float64]
 SIGMA = 0.005
 EXACT = 1e-9  # of coordinates of some hundred mm and turns: rounding times the points' spread
 
@@ -142,18 +141,16 @@ def test_a_point_that_moved_on_the_body_is_the_first_suspect() -> None:
 )
 def test_scatters_that_determine_no_pose_are_refused(points: Array, says: str) -> None:
     turn = lie.exp_so3(np.array([0.3, 1.0, 2.0])) if points.shape[1] == 3 else np.eye(2)
-    with pytest.raises(InputError) as error:
+    with input_error(says=says):
         body_pose(points, points @ turn.T, SIGMA)
-    assert says in str(error.value)
 
 
 @pytest.mark.parametrize(("sigma", "says"), [(0.0, "no noise"), (-1.0, ">= 0"), (np.nan, ">= 0")])
 def test_noise_that_is_none_is_refused(sigma: float, says: str) -> None:
     x = scatter(np.random.default_rng(9), 5)
-    with pytest.raises(InputError) as error:
+    with input_error(says=says):
         body_pose(x, x, sigma)
-    assert says in str(error.value)
-    with pytest.raises(InputError, match="5 points before and 4 after"):
+    with input_error("5 points before and 4 after"):
         body_pose(x, x[:4], SIGMA)
 
 
@@ -215,7 +212,7 @@ def test_a_point_that_was_not_seen_is_left_out_of_its_row() -> None:
     whole = pose_table(measured(np.random.default_rng(13), 3)[0], SIGMA, BODY)
     assert frame["x.std"].to_numpy()[1] > whole["x.std"].to_numpy()[1]
     table.loc[1, "P3.x"] = np.nan
-    with pytest.raises(InputError, match="row 2: points P1, P4: found 2 points"):
+    with input_error("row 2: points P1, P4: found 2 points"):
         pose_table(table, SIGMA, BODY)
 
 
@@ -227,14 +224,8 @@ def test_without_a_body_the_first_row_is_the_reference() -> None:
     assert np.max(np.abs(pulls(frame[1:], relative[1:]))) < 5
 
 
-def test_suspects_are_named_and_bad_tables_refused() -> None:
+def test_suspects_are_named() -> None:
     table, _ = measured(np.random.default_rng(16), 3)
     table["P4.z"] = table["P4.z"] + np.array([0.0, 0.0, 1.0])
     suspects = [str(text) for text in pose_table(table, SIGMA, BODY)["suspects"]]
     assert suspects[:2] == ["", ""] and suspects[2].split()[0] == "P4"
-    with pytest.raises(InputError, match=r"missing column 'P3\.z'"):
-        pose_table(table.drop(columns="P3.z"), SIGMA, BODY)
-    with pytest.raises(InputError, match="at least 3 points"):
-        pose_table(table[["P1.x", "P1.y", "P1.z"]], SIGMA)
-    with pytest.raises(InputError, match=r"column 'P1\.x': found text"):
-        pose_table(table.astype({"P1.x": str}).assign(**{"P1.x": "a"}), SIGMA)

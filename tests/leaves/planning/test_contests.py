@@ -1,25 +1,35 @@
-"""Contests between explanations, against matrices as large as the readings: what a rival cannot reproduce, and who is true."""
+"""Contests between explanations against matrices as large as the readings, and what an experiment may vary for them."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from support.experiments import arm
+from support import MACHINES
+from support.command import input_error
+from support.experiments import arm, poses
+from truepose.arrays import Array, Index
 from truepose.identification.leaves.planning.discriminate.factors import (
     EXPECTED,
+    MOST,
     Explanation,
+    Factor,
     explanation,
+    factors,
+    read_offer,
+    settings,
+    unplanned,
 )
 from truepose.identification.leaves.planning.discriminate.race import (
-    FOUND,
     RIVAL_FORMS,
     WIDE,
     Field,
     Hypothesis,
+    Pool,
     Signals,
     hypotheses,
     ordered,
@@ -27,8 +37,9 @@ from truepose.identification.leaves.planning.discriminate.race import (
     shares,
 )
 from truepose.models.effects.base import PlacedEffect
+from truepose.models.load import load_machine
+from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 ROWS, READINGS, CONSTANTS = 14, 2, 3
 FORMS = 5
 YIELDS, UNEVEN, PLAY, GAIN = 0, 1, 1 + 2 * FORMS, 2 + 2 * FORMS
@@ -64,7 +75,7 @@ def field(rows: Signals, *others: PlacedEffect, earlier: Signals | None = None) 
     return Field(rows, base, PARTS, others)
 
 
-def dense(rows: Signals, signal: Array, wide: NDArray[np.intp] | list[int]) -> float:
+def dense(rows: Signals, signal: Array, wide: Index | list[int]) -> float:
     """What of a signal (n,) constants within their tolerances and effects ``wide`` of any size leave, in chi2."""
     geometry, effects = (a.reshape(-1, a.shape[2]) for a in (rows.geometry, rows.effects))
     covariance = np.eye(len(geometry)) + (geometry / rows.precision) @ geometry.T
@@ -90,31 +101,6 @@ def test_a_rival_imitates_as_much_as_it_can_beside_all_that_may_be_there(beside:
     least = dense(rows, told - signal(rows, rival, answer[:, 0]), also)
     for change in 1e-2 * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]):
         assert dense(rows, told - signal(rows, rival, answer[:, 0] + change), also) > least
-
-
-def test_nobody_can_say_what_imitates_a_signal_that_no_diagnosis_would_find() -> None:
-    rows = drawn()
-    at = field(rows)
-    gram = at.rows.gram
-    whole = dense(rows, signal(rows, [YIELDS], np.ones(1)), [])
-    for chi2, known in ((0.99 * FOUND, False), (1.01 * FOUND, True)):
-        size = np.array([[np.sqrt(chi2 / whole)]])
-        left, _ = at.imitated(gram, np.array([YIELDS]), size, np.array([5, 6]))
-        assert (left < 1.0) is known
-
-
-def test_rows_that_exist_count_as_rows_that_are_taken() -> None:
-    first, later = drawn(1), drawn(2)
-    every = replace(
-        first,
-        geometry=np.concatenate([first.geometry, later.geometry]),
-        effects=np.concatenate([first.effects, later.effects]),
-    )
-    at = field(later, earlier=first)
-    true, rival, size = np.array([PLAY]), np.array([GAIN]), np.array([[0.2]])
-    left, _ = at.imitated(at.rows.gram + at.base, true, size, rival)
-    told = signal(every, [PLAY], size[:, 0])
-    assert left == pytest.approx(dense(every, told, [GAIN]) / dense(every, told, []), rel=1e-6)
 
 
 def explained() -> tuple[Explanation, Explanation, Explanation]:
@@ -209,20 +195,121 @@ def test_the_share_of_a_signal_is_that_of_all_rows_together() -> None:
         assert share == pytest.approx(value / (0.5 * every), rel=1e-9) and 0.0 < share <= 1.0
 
 
-def test_constants_that_no_row_sees_leave_everything_else_as_it_is() -> None:
-    """And the units that a constant is told in: both say the same of the others."""
-    rows = drawn(6)
-    unseen = replace(rows, geometry=rows.geometry * [1.0, 1e-9, 1.0])
-    assert field(unseen).geometry == 2 and field(rows).geometry == 3
-    size = np.array([10.0, 0.1, 3.0])
-    other = replace(rows, geometry=rows.geometry * size, precision=rows.precision * size**2)
-    design = [1, 4, 6]
-    values = [race(field(one), some(field(one))).values(design) for one in (rows, other)]
-    np.testing.assert_allclose(values[0], values[1], rtol=1e-6)
-    earlier = drawn(7)
-    scaled = replace(earlier, geometry=earlier.geometry * size)
-    pairs = ((rows, earlier), (other, scaled))
-    fields = [field(one, earlier=before) for one, before in pairs]
-    values = [race(at, some(at)).values(design) for at in fields]
-    np.testing.assert_allclose(values[0], values[1], rtol=1e-6)
-    assert field(unseen, earlier=earlier).geometry == 3  # the rows that exist see it
+def reads(*drivers: str, load: bool = False, slug: str = "some", **settings: float) -> Any:
+    """A part that reads these drivers."""
+    effect = SimpleNamespace(slug=slug)
+    return SimpleNamespace(drivers=drivers, needs_load=load, effect=effect, settings_map=settings)
+
+
+@pytest.mark.parametrize(
+    ("driver", "factor"),
+    [
+        ("approach.q2", Factor("approach.q2", (1.0, -1.0), 1.0)),
+        ("stop.q2~0.01", Factor("approach.q2", (1.0, -1.0), 1.0)),
+        ("time", Factor("time", (0.0, 1800.0, 3600.0, 5400.0, 7200.0), 0.0)),
+        ("session.after.2", Factor("session", (1.0, 2.0), 1.0)),
+        ("pressure", Factor("pressure", (1013.25,), 1013.25)),
+        ("humidity", Factor("humidity", (50.0,), 50.0)),
+        ("temperature.link2~300", Factor("temperature.link2", (20.0,), 20.0)),
+        ("payload", Factor("payload", (0.0,), 0.0)),
+        ("velocity.q1", Factor("velocity.q1", (0.0,), 0.0)),
+        ("torque.q2", None),  # nobody can hold it
+        ("creep.q1~0.1", None),
+    ],
+)
+def test_a_driver_that_nobody_offers_is_held(driver: str, factor: Factor | None) -> None:
+    found = factors(arm(), [reads(driver), reads(driver)], {})
+    assert found == (() if factor is None else (factor,))
+
+
+def test_an_experiment_begins_no_earlier_than_a_drift() -> None:
+    """Of a recording with seconds since 1970: at time 0 a drift at a constant rate was 50 m away."""
+    (found,) = factors(arm(), [reads("time"), reads("time", start=1.8e9)], {})
+    assert found == Factor(
+        "time", (1.8e9, 1.8e9 + 1800.0, 1.8e9 + 3600.0, 1.8e9 + 5400.0, 1.8e9 + 7200.0), 1.8e9
+    )
+
+
+@pytest.mark.parametrize(
+    ("driver", "levels", "nominal"),
+    [
+        ("temperature.link2", (10.0, 18.0, 30.0), 18.0),  # the level next to what the file means
+        ("temperature.link2", (26.0,), 26.0),
+        ("time", (60.0, 120.0), 60.0),
+        ("torque.q2", (-1.0, 0.5, 4.0), 0.5),
+    ],
+)
+def test_levels_that_are_offered_take_the_place_of_usual_ones(
+    driver: str, levels: tuple[float, ...], nominal: float
+) -> None:
+    offer = {driver: levels, "pressure": (990.0, 1000.0)}
+    (found,) = factors(arm(), [reads(driver)], offer)
+    assert found == Factor(driver, levels, nominal)
+
+
+def test_loads_are_varied_where_a_machine_has_masses_and_an_explanation_asks_for_them() -> None:
+    bare = load_machine(MACHINES / "pus.yaml")
+    for machine, load, expected in ((arm(), True, ["payload"]), (arm(), False, []), (bare, True, [])):
+        assert [f.driver for f in factors(machine, [reads(load=load)], {})] == expected
+
+
+def test_offers_are_sorted_levels_each_once() -> None:
+    offer = read_offer(
+        arm(), "5,0,2.5,5", [" pressure = 1000,990", "velocity.q2=3", "temperature.tool=21,20"]
+    )
+    assert offer == {
+        "payload": (0.0, 2.5, 5.0), "pressure": (990.0, 1000.0), "velocity.q2": (3.0,), "temperature.tool": (20.0, 21.0),
+    }  # fmt: skip
+    assert read_offer(arm()) == {} and read_offer(arm(), "0") == {"payload": (0.0,)}
+    assert read_offer(arm(), named=["temperature.shelf=20"]) == {"temperature.shelf": (20.0,)}
+    for text in ("velocity.q9=1", "pressure", "payload=1", "=1,2"):
+        with input_error("expected DRIVER=value,value"):
+            read_offer(arm(), named=[text])
+    for wrong, meant in (("temperatur.link2", "temperature.link2"), ("presure", "pressure"), ("velocty.q3", "velocity.q3"),
+                         ("temprature.tool", "temperature.tool"), ("temperatur.air", "temperature.air")):  # fmt: skip
+        with input_error(f"did you mean .*{meant}"):
+            read_offer(arm(), named=[f"{wrong}=1,2"])
+
+
+def test_what_has_a_past_is_noted_each_with_its_effect() -> None:
+    parts = [
+        reads("creep.q1~0.1", slug="a"), reads("step.q1", slug="b"), reads("loop.q2~0.1", slug="c"),
+        reads("stop.q2~0.1", "time", slug="d"), reads("payload", "approach.q1", slug="e"),
+    ]  # fmt: skip
+    expected = [("strokes", "c"), ("strokes", "d"), ("creep", "a"), ("motions", "b")]
+    assert [(note.kind, note.about) for note in unplanned(parts)] == expected
+
+
+def test_half_of_the_settings_that_are_tried_are_extremes_where_there_are_so_many() -> None:
+    """Of 81 settings: as the machine stands, eleven of sixteen corners, and others whatever they are."""
+    varied = [Factor(name, (0.0, 1.0, 2.0), 1.0) for name in "abcd"]
+    found = settings(varied, np.random.default_rng(3))
+    assert found[0].tolist() == [1.0] * 4 and len(np.unique(found, axis=0)) == len(found) == MOST
+    corners = np.all(found != 1.0, axis=1)
+    assert corners[1 : MOST // 2].all() and not corners[MOST // 2 :].all()
+
+
+def test_rows_to_choose_from_vary_what_is_offered_and_hold_the_rest() -> None:
+    varied = (
+        Factor("payload", (0.0, 2.5, 5.0), 0.0),
+        Factor("temperature.link2", (20.0,), 20.0),
+        Factor("approach.q2", (1.0, -1.0), 1.0),
+        Factor("approach.q3", (1.0, -1.0), 1.0),
+    )
+    given = poses(arm(), 10)
+    pool = Pool.of(arm(), varied, given, np.random.default_rng(0))
+    assert {row.tobytes() for row in pool.rows.q} == {row.tobytes() for row in given}
+    assert len(pool.rows) == 10 * 3 * 2 * 2 and np.sum(pool.nominal) == 10
+    for factor in varied:
+        assert set(pool.rows.drivers[factor.driver]) == set(factor.levels)
+        assert set(pool.rows.drivers[factor.driver][pool.nominal]) == {factor.nominal}
+
+
+def test_poses_that_are_drawn_are_short_numbers_and_those_that_are_given_stay() -> None:
+    machine: Machine = arm()
+    drawn = Pool.of(machine, (), None, np.random.default_rng(0)).rows.q
+    assert len(drawn) > 100
+    np.testing.assert_allclose(drawn[:, 0] * 1e4, np.round(drawn[:, 0] * 1e4), atol=1e-6)  # of 300 mm
+    given = poses(machine, 3)
+    kept = Pool.of(machine, (), given, np.random.default_rng(0)).rows.q
+    assert sorted(kept[:, 0]) == sorted(given[:, 0])

@@ -1,4 +1,4 @@
-"""Plans that tell explanations apart: what a row is worth, what a plan promises, what it varies."""
+"""Plans that tell explanations apart: what a row is worth and would tell, what a plan promises, what it varies."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from support import MACHINES
 from support.examples import examples
-from support.experiments import BENT, COMPLIANT, UNEVEN, YIELDING, arm, planned, planned_on, poses
+from support.experiments import BENT, COMPLIANT, UNEVEN, YIELDING, arm, planned, planned_on, poses, telescope
+from truepose.arrays import Array
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.leaves.planning.discriminate.experiment import discriminate
 from truepose.identification.leaves.planning.discriminate.factors import (
@@ -30,6 +30,7 @@ from truepose.identification.leaves.planning.discriminate.race import (
     Rows,
     chosen,
     recording_of,
+    signals,
 )
 from truepose.identification.leaves.planning.discriminate.words import sentences
 from truepose.identification.leaves.planning.information import PoseInformation
@@ -40,9 +41,11 @@ from truepose.identification.recording.table import read_table
 from truepose.identification.report.notes import worded
 from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effect_text import parse_effect
+from truepose.models.effects.base import PlacedEffect
 from truepose.models.load import load_machine
+from truepose.models.machine.machine import Machine
+from truepose.models.sensors.targets import Targets
 
-Array = NDArray[np.float64]
 example_seeds = given(st.integers(0, 10**6))
 
 
@@ -95,12 +98,8 @@ def test_order_of_rows_and_rescaled_geometry_change_nothing(seed: int) -> None:
     c, rng = contest(seed), np.random.default_rng(seed)
     design = rng.permutation(12)[:6].tolist()
     size = np.append(rng.uniform(0.1, 10.0, 5), np.ones(2))
-    other = replace(
-        c,
-        nuisance=c.nuisance * size[:5],
-        precision=c.precision * size[:5] ** 2,
-        base=c.base * np.outer(size, size),
-    )
+    other = replace(c, nuisance=c.nuisance * size[:5], precision=c.precision * size[:5] ** 2)
+    other = replace(other, base=c.base * np.outer(size, size))
     assert c.missed(design[::-1]) == pytest.approx(c.missed(design), rel=1e-9)
     assert other.missed(design) == pytest.approx(c.missed(design), rel=1e-6)
 
@@ -118,10 +117,7 @@ def test_chosen_rows_are_distinct_and_beat_random_ones(seed: int) -> None:
 
 
 def test_the_worst_pair_is_the_same_whichever_is_named_first() -> None:
-    one, other = (
-        planned("arm", YIELDING, UNEVEN, payload="0,5"),
-        planned("arm", UNEVEN, YIELDING, payload="0,5"),
-    )
+    one, other = (planned("arm", *texts, payload="0,5") for texts in ((YIELDING, UNEVEN), (UNEVEN, YIELDING)))
     by_names = {(p.true.name, p.rival.name): p.expected for p in other.pairs}
     for pair in one.pairs:
         assert pair.expected == pytest.approx(by_names[pair.true.name, pair.rival.name], rel=0.05)
@@ -151,9 +147,10 @@ def test_rows_that_exist_count_and_more_rows_help() -> None:
     wanted = Class(tuple(explanation(text, machine) for text in (YIELDING, UNEVEN)))
     rows = Rows(poses(machine, 12, 5), {"payload": np.repeat([0.0, 5.0], 6)})
     recorded = recording_of(machine, rows, PoseInformation(machine).home)
-    alone = discriminate(machine, 6, wanted, offer=read_offer(machine, "0,5"), candidates=poses(machine, 30))
-    both = discriminate(
-        machine, 6, wanted, offer=read_offer(machine, "0,5"), recorded=recorded, candidates=poses(machine, 30)
+    offer, given = read_offer(machine, "0,5"), poses(machine, 30)
+    alone, both = (
+        discriminate(machine, 6, wanted, offer=offer, recorded=seen, candidates=given)
+        for seen in (None, recorded)
     )
     assert alone.already is None
     assert both.already is not None and 0.0 < both.already < both.expected
@@ -223,10 +220,7 @@ def test_amplitudes_default_to_what_is_expected_or_imitates() -> None:
     assert explanation("backlash@q2", machine).amplitude is None
     stated = explanation("backlash@q2:b=1e-4", machine).amplitude
     assert stated is not None and stated == pytest.approx([1e-4 / 3e-3])
-    small, large = (
-        planned("arm", "backlash@q2", "backlash@q3"),
-        planned("arm", "backlash@q2:b=3e-5", "backlash@q3"),
-    )
+    small, large = (planned("arm", text, "backlash@q3") for text in ("backlash@q2", "backlash@q2:b=3e-5"))
     # the expected size is a hundredth of 3e-3 rad: stating it changes nothing for the one it is stated of
     assert pytest.approx(3e-5) == EXPECTED * 3e-3
     first = [next(p for p in e.pairs if p.true.place == ("q2",)).expected for e in (small, large)]
@@ -248,3 +242,108 @@ def test_changes_of_length_count_from_one_reference_row(tmp_path: Path) -> None:
     assert len(frame) == 7 and set(frame["from"]) == {1} and list(frame["pose"]) == list(range(1, 8))
     frame.to_csv(tmp_path / "rows.csv", index=False)
     assert len(load_recording(machine, [tmp_path / "rows.csv"], need_observations=False)) == 7
+
+
+def part(text: str, machine: Machine) -> PlacedEffect:
+    return explanation(text, machine).forms[0][0]
+
+
+def gram(columns: Array) -> Array:
+    """(c, k, k) information of each row."""
+    return np.asarray(np.einsum("cmi,cmj->cij", columns, columns))
+
+
+def rows_of(machine: Machine, q: Array) -> Rows:
+    rng = np.random.default_rng(5)
+    return Rows(q, {"payload": rng.uniform(1, 5, len(q)), "approach.q2": rng.choice([-1.0, 1.0], len(q))})
+
+
+def exact() -> Machine:
+    """A telescope whose three points are known exactly: nine readings, which tell of six motions of the mirror."""
+    (sensor,) = telescope().sensors
+    assert isinstance(sensor, Targets)
+    points = tuple(replace(point, tolerance=0.0) for point in sensor.points)
+    return replace(telescope(), sensors=(replace(sensor, points=points),))
+
+
+@pytest.mark.parametrize(("name", "readings"), [("serial", 3), ("ups", 6), ("pus", 9), ("exact", 6)])
+def test_rows_say_of_constants_what_planned_poses_say(name: str, readings: int) -> None:
+    machine = exact() if name == "exact" else load_machine(MACHINES / f"{name}.yaml")
+    information = PoseInformation(machine)
+    q = poses(machine, 7)
+    found = signals(machine, recording_of(machine, Rows(q, {}), information.home), ())
+    assert found.names == information.names
+    np.testing.assert_allclose(found.precision, information.weight**2)
+    expected = gram(information.at(np.vstack([information.home, q])).signature)
+    assert found.geometry.shape[1] == readings
+    size = np.sqrt(np.einsum("cii->ci", expected)) + 1e-9
+    shown = gram(found.geometry) / size[:, :, None] / size[:, None]
+    np.testing.assert_allclose(shown, expected / size[:, :, None] / size[:, None], atol=1e-6)
+
+
+def test_rows_say_of_effects_what_simulated_readings_say() -> None:
+    """Readings with a thousandth of each coefficient's scale, without noise, in sigmas."""
+    machine = arm()
+    texts = ("joint-compliance@q2", "backlash@q2", "transmission-error@q3:order=2")
+    parts = [part(text, machine) for text in texts]
+    recording = recording_of(machine, rows_of(machine, poses(machine, 6)), PoseInformation(machine).home)
+    found, none = signals(machine, recording, parts), simulate(machine, recording, seed=None).to_numpy()
+    assert found.columns == (slice(0, 1), slice(1, 2), slice(2, 4))
+    for effect, columns in zip(parts, found.columns, strict=True):
+        for k, coefficient in enumerate(effect.coefficients):
+            values = [0.0] * len(effect.coefficients)
+            values[k] = 1e-3 * coefficient.scale
+            read = simulate(machine, recording, [effect.with_values(values)], seed=None).to_numpy()
+            moved = 1e3 * (read - none) / machine.channels[0].sigma
+            shift = found.effects[:, :, columns.start + k]
+            np.testing.assert_allclose(shift, moved, atol=2e-2 * np.max(np.abs(moved)))
+
+
+def test_an_effect_of_the_file_that_is_in_question_is_asked_anew() -> None:
+    machine = arm()
+    own = part("joint-compliance@q2", machine)
+    filed = machine.with_effects((own.with_values([3e-5]), part("backlash@q3", machine)))
+    rows = recording_of(machine, rows_of(machine, poses(machine, 4)), PoseInformation(machine).home)
+    assert signals(machine, rows, [own]).names == signals(filed, rows, [own]).names[:-1]
+    assert signals(filed, rows, [own]).names[-1] == "backlash@q3:b"
+
+
+def test_rows_that_cannot_be_assembled_and_those_held_back_tell_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Also where a whole block of rows is none."""
+    machine = exact()
+    q = poses(machine, 9)
+    far = q.copy()
+    far[:4] = 1e5
+    home = PoseInformation(machine).home
+    whole = signals(machine, recording_of(machine, Rows(q, {}), home), ())
+    monkeypatch.setattr("truepose.identification.prediction.predictor.BLOCK", 5)
+    recording = recording_of(machine, Rows(far, {}), far[0])
+    found = signals(machine, recording, ())
+    assert not found.geometry[:5].any() and found.geometry.shape == whole.geometry.shape
+    np.testing.assert_allclose(gram(found.geometry[5:]), gram(whole.geometry[5:]), rtol=1e-6, atol=1e-6)
+    held = np.arange(10) == 7
+    validation = signals(machine, replace(recording_of(machine, Rows(q, {}), home), validation=held), ())
+    assert not validation.geometry[7].any() and validation.geometry[6].any() and validation.geometry[8].any()
+
+
+def test_rows_have_no_past_but_their_own() -> None:
+    """A joint came by a long move from its side; bodies have the temperatures of their thermometers."""
+    machine, q = arm(), np.array([[0.0, 0.5, -0.2], [10.0, -0.3, 0.1]])
+    drivers = {"approach.q2": np.array([1.0, -1.0]), "temperature.link2": np.array([20.0, 25.0])}
+    found = recording_of(machine, Rows(q, drivers), np.zeros(3))
+
+    def told(name: str) -> list[float] | None:
+        values = found.driver(name)
+        return None if values is None else values.tolist()[1:]
+
+    assert told("temperature.link2~300") == told("temperature.link2") == [20.0, 25.0]
+    assert told("stop.q2~0.01") == [0.01, -0.01]
+    assert told("stop.q3~0.01") is None  # nobody says from where it came
+    assert told("stop.q9~0.01") is None
+    loop = told("loop.q2~0.5~-1~1")
+    # the line of the whole loop has the slope 3 t^2 - 2 t^3, t the width's share of the range
+    assert loop == pytest.approx([0.5 - 0.5 * 0.5, -0.5 + 0.5 * 0.3])
+    assert found.from_row is not None and found.from_row.tolist() == [0, 0, 0] and found.shuffled
+    assert found.session_recorded.all() and found.session.tolist() == [1, 1, 1] and found.time is None

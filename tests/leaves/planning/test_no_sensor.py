@@ -5,10 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-import truepose
-from truepose.cli import app
+from support.command import refused, run
 
 ARM = """
 schema: truepose/machine/1
@@ -45,20 +43,10 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     ],
 )
 def test_what_needs_a_sensor_is_refused_in_one_line(command: str, here: Path) -> None:
-    found = CliRunner().invoke(app, command.split())
-    assert found.exit_code == 2, found.output
-    assert len(found.stderr.splitlines()) == 1 and "sensor" in found.stderr
+    refused(command, said="sensor")
     assert not (here / "out").exists() and not (here / "out.csv").exists()
 
 
 @pytest.mark.parametrize("command", ["codegen arm.yaml -o out", "export arm.yaml -o out.urdf"])
 def test_what_needs_none_goes_on(command: str) -> None:
-    assert CliRunner().invoke(app, command.split()).exit_code == 0
-
-
-def test_python_says_the_same() -> None:
-    machine = truepose.load_machine("arm.yaml")
-    with pytest.raises(truepose.InputError, match="sensor"):
-        truepose.identifiability(machine)
-    with pytest.raises(truepose.InputError, match="sensor"):
-        truepose.plan(machine, 4)
+    run(command)

@@ -1,25 +1,32 @@
-"""Planned measurement poses: no step back, poses that a machine can take, known optima, refusals."""
+"""Planned measurement poses: no step back, poses that a machine can take, known optima, their tables, refusals."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from support import MACHINES
+from support.command import input_error
 from support.examples import by_day
 from support.graph_machines import machine_of
 from support.plans import NAMES, poses, written
-from truepose.errors import InputError
+from truepose.arrays import Array
 from truepose.identification.fit.problem import prior_of
+from truepose.identification.leaves.planning.discriminate.experiment import Experiment
+from truepose.identification.leaves.planning.discriminate.race import Rows
 from truepose.identification.leaves.planning.information import PoseInformation
 from truepose.identification.leaves.planning.plan import Landscape, Pool, climb, exchange, log_det, plan
-from truepose.identification.leaves.planning.showing import plan_table
+from truepose.identification.leaves.planning.showing import BETWEEN, experiment_table, plan_table
 from truepose.identification.prediction.predict import simulate
 from truepose.identification.recording.load import load_recording
+from truepose.models.file.driver import SESSION, TIME
 from truepose.models.load import load_machine
+from truepose.models.machine.machine import Machine
 from truepose.models.sensors.pose import Position
 
 RULER = """
@@ -46,7 +53,7 @@ class Grouped(Position):
 
 def test_sensors_that_group_rows_are_refused() -> None:
     machine = machine_of("serial")
-    with pytest.raises(InputError, match="'grouped': its readings depend on how several rows are grouped"):
+    with input_error("'grouped': its readings depend on how several rows are grouped"):
         plan(replace(machine, sensors=(Grouped(0.01),)), 5)
 
 
@@ -125,24 +132,11 @@ def test_plans_are_reproducible_and_can_be_measured(name: str, method: str, tmp_
     assert ("from" in table) == (name == "distance")
 
 
-def test_changes_count_from_the_pose_before(tmp_path: Path) -> None:
-    table = plan_table(plan(machine_of("distance"), 6))
-    assert table["pose"].to_list() == [1, 2, 3, 4, 5, 6]
-    assert table["from"].to_list() == [1, 1, 2, 3, 4, 5]
-
-
 def test_repeats_share_a_pose_number(tmp_path: Path) -> None:
     found = plan(load_machine(written(tmp_path, RULER)), 4)
     table = plan_table(found)
     assert table["pose"].nunique() == 2 and found.repeats(0.01) == 2
     assert table.groupby("pose")["q1"].nunique().max() == 1
-
-
-def test_directions_that_nothing_sees_do_not_matter() -> None:
-    """A frame turned and moved with what follows it: fewer directions are determined than there are constants."""
-    found = plan(machine_of("serial"), 12, method="exchange")
-    assert np.isfinite(found.value) and np.isfinite(found.random).all()
-    assert 0 < found.determined < len(PoseInformation(found.machine).names)
 
 
 def test_poses_that_cannot_be_assembled_are_never_planned(tmp_path: Path) -> None:
@@ -155,16 +149,6 @@ def test_poses_that_cannot_be_assembled_are_never_planned(tmp_path: Path) -> Non
     assert information.at(found.q).good.all() and np.isfinite(found.value)
 
 
-def test_candidates_stay_where_they_are() -> None:
-    machine = machine_of("serial")
-    information = PoseInformation(machine)
-    given = poses(information, 40)
-    found = plan(machine, 8, method="exchange", candidates=given)
-    assert all((row == given).all(axis=1).any() for row in found.q)
-    assert len(np.unique(found.q, axis=0)) == 8
-    assert found.value >= np.max(found.random)
-
-
 @pytest.mark.parametrize(
     ("text", "says"),
     [
@@ -173,6 +157,59 @@ def test_candidates_stay_where_they_are() -> None:
     ],
 )
 def test_machines_without_ranges_or_unknowns_are_refused(text: str, says: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError) as error:
+    with input_error(says=says):
         plan(load_machine(written(tmp_path, text)), 5)
-    assert says in str(error.value)
+
+
+Q = np.array([[0.5, 10.0], [1.0, 20.0], [0.5, 10.0], [0.5, 20.0]])
+
+
+def machine(*declared: Any) -> Machine:
+    """Of a joint that turns, in the file in degrees, and one that slides, in the file in cm."""
+    actuators = [
+        SimpleNamespace(reading="q1", reading_unit="rad"),
+        SimpleNamespace(reading="q2", reading_unit="mm"),
+    ]
+    units = {a.reading: a.reading_unit for a in actuators}
+    own = {driver.name: driver for driver in declared}
+    made = SimpleNamespace(
+        mechanism=SimpleNamespace(actuators=actuators, reading_units=units),
+        column_unit={"q1": "deg", "q2": "cm"}.__getitem__,
+        declared=own.get,
+    )
+    return cast(Machine, made)
+
+
+def experiment(
+    drivers: dict[str, Array], reference: Array | None = None, *declared: Any, q: Array = Q
+) -> Experiment:
+    made = SimpleNamespace(rows=Rows(q, drivers), machine=machine(*declared), reference=reference)
+    return cast(Experiment, made)
+
+
+@pytest.mark.parametrize(
+    ("name", "apart"),
+    [("payload", True), ("temperature.air", True), (SESSION, True), ("approach.q1", False), (TIME, False)],
+)
+def test_repeats_differ_by_nothing_but_the_side_of_approach_and_the_time(name: str, apart: bool) -> None:
+    same = np.tile(Q[0], (3, 1))
+    table = experiment_table(experiment({name: np.array([1.0, 2.0, 2.0])}, q=same))
+    assert table["pose"].tolist() == ([1, 2, 2] if apart else [1, 1, 1])
+
+
+def test_rows_that_are_due_at_once_come_one_after_the_other() -> None:
+    table = experiment_table(experiment({TIME: np.array([0.0, 0.0, 0.0, 600.0])}))
+    assert table["time"].tolist() == [0.0, BETWEEN, 2 * BETWEEN, 600.0] and BETWEEN == 30.0
+    both = experiment_table(experiment({TIME: np.zeros(4), SESSION: np.array([1.0, 1.0, 2.0, 2.0])}))
+    assert list(both) == ["pose", "session", "time", "q1", "q2"]
+    assert both["session"].dtype == np.int64 and both["session"].tolist() == [1, 1, 2, 2]
+
+
+def test_drivers_are_in_the_units_that_the_file_declares() -> None:
+    """A load of a joint goes with the units of its joint; what has no unit stays as it is."""
+    oil = SimpleNamespace(name="oil", unit="degC", written="degF")
+    values = np.array([20.0, 100.0, 20.0, 0.0])
+    table = experiment_table(experiment({"oil": values, "fan": values}, None, oil))
+    np.testing.assert_allclose(table["oil"], 1.8 * values + 32.0)
+    assert table["fan"].tolist() == values.tolist()
+    assert list(table)[-2:] == ["oil", "fan"]

@@ -83,14 +83,8 @@ def test_quadrants_count_quarter_turns_from_zero(place: int, axis: int) -> None:
 @pytest.mark.parametrize(("place", "axis"), [(0, 1), (1, 4), (2, 6)])
 def test_a_quadrant_is_written_anew_where_its_axis_left_it(place: int, axis: int) -> None:
     numbers, now = [0.0, 0.0, 0.0, 5.0], [0.0, 0.0, 0.0, 5.0]
-    for before, value, after in (
-        (1, 1.5, 0),
-        (1, 1.6, 1),
-        (1, 3.2, 2),
-        (-1, 0.1, 0),
-        (-1, -1.6, -2),
-        (3, 4.71, 2),
-    ):
+    moves = [(1, 1.5, 0), (1, 1.6, 1), (1, 3.2, 2), (-1, 0.1, 0), (-1, -1.6, -2), (3, 4.71, 2)]
+    for before, value, after in moves:
         numbers[place], now[place] = float(before), float(after)
         assert Quadrants().renewed(tuple(numbers), at(axis, value, 0.5)) == tuple(now)
     # on the border, within rounding, either quadrant stays

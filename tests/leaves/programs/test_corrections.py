@@ -7,13 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
-from numpy.typing import NDArray
 
 from support import MACHINES
+from support.command import input_error
 from support.program_robots import (
     RANGES,
-    TOOL,
     Arm,
     arms,
     frame,
@@ -22,21 +20,15 @@ from support.program_robots import (
     numbers_of,
     status_turn,
 )
-from truepose.errors import InputError
+from truepose.arrays import Array
 from truepose.identification.leaves.programs.correct import Correction, correct
 from truepose.identification.leaves.programs.dialects import DIALECTS
 from truepose.identification.leaves.programs.program import Cell
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 DRAWN, REAL = arms()
 GUN = frame((30.0, 0.0, 150.0, 0.0, 80.0, 15.0))
-
-
-@pytest.fixture(scope="module")
-def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    return load_machine(machine_file(tmp_path_factory.mktemp("arm"), REAL))
 
 
 def corrected(machine: Machine, text: str, dialect: str = "kuka", **cell: Any) -> Correction:
@@ -65,7 +57,7 @@ def test_programs_of_other_robots_are_refused(machine: Machine) -> None:
         (axes(joints(1)[0]), "arm: found 3 joints, expected 6 joints in angles and lengths, as the program"),
         ("DEF a()\n", "found no target in the program, expected poses or joints"),
     ):
-        with pytest.raises(InputError, match=says):
+        with input_error(says):
             corrected(small, text)
     three = DIALECTS["csv"].read("q1,q2,q3\n1,2,3\n", small)
     assert len(correct(small, three).done) == 1
@@ -75,7 +67,7 @@ def test_programs_of_other_robots_are_refused(machine: Machine) -> None:
         mechanism=replace(machine.mechanism, actuators=(*turning, *machine.mechanism.actuators[2:])),
     )
     program = DIALECTS["kuka"].read(axes(joints(1)[0]), machine)
-    with pytest.raises(InputError, match="found joints q1, q2 in turns, expected 6 joints in angles"):
+    with input_error("found joints q1, q2 in turns, expected 6 joints in angles"):
         correct(odd, program)
 
 
@@ -93,19 +85,6 @@ def test_what_would_leave_the_range_or_swing_is_left_and_told(machine: Machine) 
     assert left.why.startswith("next to a singular pose: the correction would move q")
     told = float(left.why.rpartition(" by ")[2].removesuffix(" deg"))
     assert abs(told) > np.degrees(0.1)
-
-
-def test_what_was_not_named_is_counted_where_the_user_says_nothing_either(machine: Machine) -> None:
-    q = joints(2)
-    poses = [ptp(DRAWN, row) for row in q]
-    text = axes(q[0]) + poses[0] + "$BASE=$WORLD\n" + poses[1]
-    here = "0,0,0,0,0,0"
-    assert corrected(machine, text).unnamed == (1, 2)
-    x, y, z, rx, ry, rz = TOOL
-    own = f"{x},{y},{z},{rz},{ry},{rx}"
-    assert corrected(machine, text, base=here).unnamed == (0, 2)
-    assert corrected(machine, text, tool=own).unnamed == (1, 0)
-    assert corrected(machine, text, base=here, tool=own).unnamed == (0, 0)
 
 
 def test_a_correction_without_a_nominal_drawing_is_of_effects_alone(tmp_path: Path) -> None:

@@ -6,15 +6,14 @@ import re
 from itertools import pairwise
 
 import numpy as np
-import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from support.program_robots import RAPID_MODULE, arms, machine_file
+from support.command import input_error
+from support.program_robots import RAPID_MODULE, arms
 from truepose.errors import InputError
 from truepose.identification.leaves.programs.dialects import DIALECTS
 from truepose.identification.leaves.programs.program import Program
-from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
 DRAWN, REAL = arms()
@@ -79,11 +78,6 @@ end
 """
 
 
-@pytest.fixture(scope="module")
-def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    return load_machine(machine_file(tmp_path_factory.mktemp("arm"), REAL))
-
-
 def told(program: Program) -> list[tuple[int, str, str | None, str | None]]:
     return [(t.line, t.name, t.base, t.tool and t.tool.partition("@")[0]) for t in program.targets]
 
@@ -132,9 +126,7 @@ ENDDAT
 
 
 def test_a_tool_that_is_fixed_in_the_cell_is_refused(machine: Machine) -> None:
-    with pytest.raises(
-        InputError, match=r"line 1: found \$IPO_MODE=#TCP, expected tools that the robot holds"
-    ):
+    with input_error(r"line 1: found \$IPO_MODE=#TCP, expected tools that the robot holds"):
         DIALECTS["kuka"].read("$IPO_MODE=#TCP\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\n", machine)
 
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from support.command import input_error
 from support.partial_machines import as_built, partial_machine, readings
 from support.program_robots import numbers_of
-from truepose.errors import InputError
 from truepose.identification.compensation.inverse import PoseSolver
 from truepose.identification.leaves.programs.correct import correct
 from truepose.identification.leaves.programs.dialects import DIALECTS
@@ -26,11 +26,8 @@ def test_the_nominal_controller_is_told_where_the_real_tool_is_right(
     drawn = partial_machine(tmp_path, name)
     machine = as_built(drawn, 9, length=0.1, angle=3e-4)
     robot, solver = Robot(machine, {}), PoseSolver(drawn)
-    near = (
-        solver.model.q_home
-        + 0.1 * (readings(drawn, 6, 10) - solver.model.q_home)
-        + [0.0, 0.4, *[0.1] * 9][: len(solver.model.q_home)]
-    )
+    home = solver.model.q_home
+    near = home + 0.1 * (readings(drawn, 6, 10) - home) + [0.0, 0.4, *[0.1] * 9][: len(home)]
     robot.nominal(None)
     goals = robot.solver.forward(near)[0]
     inside = np.linalg.inv(robot.base) @ goals
@@ -50,15 +47,6 @@ def test_the_nominal_controller_is_told_where_the_real_tool_is_right(
         assert np.max(np.abs(one.after[3:])) < 1e-5
         assert not one.reconfigured
     assert ",S 2,T 35}" in done.text or dialect == "rapid"
-
-
-def test_poses_that_joints_do_not_tell_are_refused(tmp_path: Path) -> None:
-    flat = partial_machine(tmp_path, "planar3")
-    program = DIALECTS["kuka"].read("LIN {X 400.0,Y 100.0,Z 0.0,A 10.0,B 0.0,C 0.0}\n", flat)
-    with pytest.raises(
-        InputError, match=r"planar3: found 3 joints, which meet x and y of .*, expected six, or fewer that"
-    ):
-        correct(flat, program)
 
 
 @pytest.mark.parametrize(
@@ -97,5 +85,5 @@ def test_axis_targets_of_four_axes_have_four_values(tmp_path: Path, dialect: str
 )
 def test_axes_that_the_robot_has_not_are_refused(tmp_path: Path, dialect: str, text: str) -> None:
     machine = partial_machine(tmp_path, "scara")
-    with pytest.raises(InputError, match="found 4 joints, expected 6 joints"):
+    with input_error("found 4 joints, expected 6 joints"):
         correct(machine, DIALECTS[dialect].read(text, machine), Cell())

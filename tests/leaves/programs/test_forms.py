@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose.arrays import Array
 from truepose.identification.leaves.programs.program import Euler, Form, Quaternion, RotationVector, written
 
-Array = NDArray[np.float64]
 VECTOR = RotationVector(("m",) * 3, ("rad",) * 3, (7,) * 6, "m and rad")
 UNITS = RotationVector(("um", "mm", "m"), ("deg", "rad", "mrad"), (1,) * 6, "of several units")
 RNG = np.random.default_rng(4)
@@ -51,9 +50,8 @@ def test_numbers_of_a_pose_are_those_that_stood_there(form: Form, numbers: Array
         near = numbers + 1e-4 * np.sin(np.arange(numbers.size)).reshape(numbers.shape)
         np.testing.assert_allclose(form.numbers(poses, near), numbers, rtol=1e-9, atol=1e-8)
     again = form.poses(form.numbers(poses, np.ones_like(numbers)))
-    np.testing.assert_allclose(
-        again, poses, atol=1e-7
-    )  # far from what stood there, the same pose all the same
+    # far from what stood there, the same pose all the same
+    np.testing.assert_allclose(again, poses, atol=1e-7)
     assert len(form.decimals) == numbers.shape[1]
 
 
@@ -123,9 +121,8 @@ def test_a_number_is_written_in_the_style_of_the_one_before(
 @pytest.mark.parametrize("form", [Euler(), Quaternion()], ids=["Euler", "quaternion"])
 def test_what_is_rounded_is_less_than_a_tenth_of_a_micrometre_a_metre_away(form: Form) -> None:
     """And with one decimal fewer it would be more: controllers show no endless numbers."""
-    size = 1000.0 * (
-        np.pi / 180 if len(form.decimals) == 6 else 2.0
-    )  # mm, of a turn by one in the last numbers
+    # mm, of a turn by one in the last numbers
+    size = 1000.0 * (np.pi / 180 if len(form.decimals) == 6 else 2.0)
     for k, decimals in enumerate(form.decimals):
         step = 10.0**-decimals * (1.0 if k < 3 else size)
         assert step <= 1.0001e-4 < 10 * step

@@ -7,14 +7,12 @@ import contextlib
 import numpy as np
 import pytest
 
-from support.program_robots import arms, machine_file
 from truepose.errors import InputError
 from truepose.identification.compensation.inverse import PoseSolver
 from truepose.identification.leaves.programs.correct import correct
 from truepose.identification.leaves.programs.dialects import DIALECTS
 from truepose.identification.leaves.programs.meaning import ArmShape
 from truepose.identification.leaves.programs.program import closing
-from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
 N = 10_000
@@ -27,11 +25,6 @@ WORST = {
                  "".join(f"a{k}=p[1,2,3,4,5,6]\n" for k in range(N // 10))),
     "csv": ("x" + " " * N + "[", "x,y,z,rx,ry,rz\n" + "1," * N, "x [" * N, '"' * N),
 }  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    return load_machine(machine_file(tmp_path_factory.mktemp("robot"), arms()[1]))
 
 
 @pytest.mark.parametrize(("dialect", "k"), [(d, k) for d, texts in WORST.items() for k in range(len(texts))])

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
+from support.command import invoke, run
 from support.program_robots import (
     arms,
     difference,
@@ -26,10 +26,9 @@ from support.program_robots import (
     quadrants,
     status_turn,
 )
-from truepose.cli import app
+from truepose.arrays import Array
 from truepose.identification.leaves.programs.correct import edited
 
-Array = NDArray[np.float64]
 DRAWN, REAL = arms()
 NUMBER = r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?"
 
@@ -39,8 +38,7 @@ def corrected(where: Path, file: str, text: str, *options: str) -> tuple[str, Re
     machine = machine_file(where, REAL)
     (where / file).write_bytes(text.encode("latin-1"))
     out = where / f"out{Path(file).suffix}"
-    command = ["compensate", str(machine), str(where / file), "-o", str(out), "--json", "--anyway", *options]
-    done = CliRunner().invoke(app, command)
+    done = invoke("compensate", machine, where / file, "-o", out, "--json", "--anyway", *options)
     return (out.read_bytes().decode("latin-1") if out.exists() else ""), done
 
 
@@ -119,6 +117,12 @@ HEADS = {
 }
 
 
+def program(dialect: str, count: int, more: str = "") -> str:
+    """Return a program with a target for each of some joints."""
+    (before, after), line = HEADS[dialect], WRITTEN[dialect].line
+    return before + "\r\n".join(line(k, row) for k, row in enumerate(joints(count))) + more + after
+
+
 def targets(how: Written, text: str) -> list[list[float]]:
     """Numbers of the targets of a text, but those in comments."""
     bare = re.sub(r"(?m)^\s*[;!#].*$|; \{X.*$", "", text)
@@ -128,8 +132,7 @@ def targets(how: Written, text: str) -> list[list[float]]:
 @pytest.mark.parametrize("dialect", WRITTEN)
 def test_the_real_tool_goes_where_the_program_meant(tmp_path: Path, dialect: str) -> None:
     how, q = WRITTEN[dialect], joints(16)
-    before, after = HEADS[dialect]
-    text = before + "\r\n".join(how.line(k, row) for k, row in enumerate(q)) + after
+    text = program(dialect, 16)
     out, done = corrected(tmp_path, how.file, text)
     assert done.exit_code == 0, done.output
     said = json.loads(done.stdout)
@@ -151,13 +154,7 @@ def test_the_real_tool_goes_where_the_program_meant(tmp_path: Path, dialect: str
 @pytest.mark.parametrize("dialect", WRITTEN)
 def test_nothing_else_changes(tmp_path: Path, dialect: str) -> None:
     how = WRITTEN[dialect]
-    before, after = HEADS[dialect]
-    text = (
-        before
-        + "\r\n".join(how.line(k, row) for k, row in enumerate(joints(8)))
-        + "\n\t; ! # \xe9\xff"
-        + after
-    )
+    text = program(dialect, 8, "\n\t; ! # \xe9\xff")
     out, _ = corrected(tmp_path, how.file, text)
     number = re.compile(r"(?<![\w.])[-+]?\d+\.\d{9,}")
     assert out != text
@@ -167,12 +164,10 @@ def test_nothing_else_changes(tmp_path: Path, dialect: str) -> None:
 @pytest.mark.parametrize("dialect", WRITTEN)
 def test_an_arm_as_drawn_leaves_its_program_as_it_is(tmp_path: Path, dialect: str) -> None:
     how = WRITTEN[dialect]
-    before, after = HEADS[dialect]
-    text = before + "\r\n".join(how.line(k, row) for k, row in enumerate(joints(8))) + after
+    text = program(dialect, 8)
     (tmp_path / how.file).write_text(text, newline="")
     machine = machine_file(tmp_path, DRAWN)
-    command = ["compensate", str(machine), str(tmp_path / how.file), "-o", str(tmp_path / "out"), "--anyway"]
-    assert CliRunner().invoke(app, command).exit_code == 0
+    run("compensate", machine, tmp_path / how.file, "-o", tmp_path / "out", "--anyway")
     assert (tmp_path / "out").read_bytes() == text.encode()
 
 
@@ -206,14 +201,9 @@ def test_joint_targets_put_the_flange_where_nominal_links_would(tmp_path: Path, 
 
 def test_a_table_of_poses_is_corrected_cell_by_cell(tmp_path: Path) -> None:
     """A table tells no configuration: the arm takes the one next to home, and then next to the row before."""
-    q = np.array([0.2, 0.3, -0.2, 0.3, 0.6, -0.4]) + np.linspace(0.0, 0.5, 6)[:, None] * [
-        1,
-        -1,
-        1,
-        0.5,
-        0.5,
-        2,
-    ]
+    q = np.array([0.2, 0.3, -0.2, 0.3, 0.6, -0.4]) + np.outer(
+        np.linspace(0.0, 0.5, 6), [1, -1, 1, 0.5, 0.5, 2]
+    )
     poses = [DRAWN.pose(row) for row in q]
     rows = [
         ",".join(f"{v:.9f}" for v in [*p[:3, 3] * 1000, *Rotation.from_matrix(p[:3, :3]).as_rotvec()])
@@ -304,18 +294,18 @@ def test_a_work_object_without_numbers_is_asked_for(tmp_path: Path, dialect: str
 def test_a_program_that_reads_otherwise_is_not_published(
     fault: str, dialect: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    how, (before, after) = WRITTEN[dialect], HEADS[dialect]
-    lines = [how.line(k, row) for k, row in enumerate(joints(4))]
+    how = WRITTEN[dialect]
+    last = how.line(3, joints(4)[3])
 
     def faulty(*given: Any) -> str:
         text = edited(*given)
         number = list(re.finditer(r"\d\.(\d{9,})", text))[7]
         changed = text[: number.start(1)] + str(9 - int(number[1][0])) + text[number.start(1) + 1 :]
-        return changed if fault == "digit" else text.replace(lines[-1][:3], "; ", 1)
+        return changed if fault == "digit" else text.replace(last[:3], "; ", 1)
 
     monkeypatch.setattr("truepose.identification.leaves.programs.correct.edited", faulty)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    out, done = corrected(tmp_path, how.file, before + "\r\n".join(lines) + after)
+    out, done = corrected(tmp_path, how.file, program(dialect, 4))
     assert out == "" and done.exit_code == 1
     said = r"(\d+:)? what was to be written (reads as another target|has )"
     assert re.search(rf"ReadBackError: \S*out{Path(how.file).suffix}:{said}", done.stderr)

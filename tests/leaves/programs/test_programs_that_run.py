@@ -14,20 +14,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from support.examples import examples
-from support.program_robots import difference, machine_file
+from support.program_robots import difference
 from support.run_controller import Controller, stands
 from support.run_programs import DRAWN, REAL, Node, functions, programs, written
 from truepose.identification.leaves.programs.correct import Correction, correct
 from truepose.identification.leaves.programs.dialects import DIALECTS
-from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
 DIALECT_NAMES = ("urscript", "kuka", "rapid")
-
-
-@pytest.fixture(scope="module")
-def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    return load_machine(machine_file(tmp_path_factory.mktemp("arm"), REAL))
 
 
 def check_law(dialect: str, text: str, found: Correction, taken: bool) -> int:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
 from support.calibrated_machines import calibrated
+from support.command import run
 from support.program_robots import arms, difference, joints, machine_file, numbers_of, status_turn
-from truepose.cli import app
 from truepose.identification.compensation.compensate import ideal_constants
 from truepose.identification.compensation.inverse import PoseSolver, base_frame
 
@@ -26,37 +26,26 @@ effects:
 """
 
 
-def run(*arguments: str) -> dict[str, object]:
-    done = CliRunner().invoke(app, [*arguments, "--anyway", "--json"])
-    assert done.exit_code == 0, done.output
-    out: dict[str, object] = json.loads(done.stdout)
-    return out
+def compensated(*words: object) -> Any:
+    return json.loads(run("compensate", *words, "--anyway", "--json").stdout)
 
 
 def test_joint_targets_under_a_load_are_those_of_a_table_with_that_load(tmp_path: Path) -> None:
     """The same joints as a path with a column ``payload``, which other code solves."""
-    machine = str(machine_file(tmp_path, REAL, LOADED))
+    machine = machine_file(tmp_path, REAL, LOADED)
     q = np.degrees(joints(5))
     (tmp_path / "job.script").write_text(
         "\n".join(f"movej([{', '.join(f'{v:.13f}' for v in np.radians(row))}])" for row in q)
     )
     rows = "\n".join(",".join(f"{v!r}" for v in row) + ",3.0" for row in q.tolist())
     (tmp_path / "path.csv").write_text("q1,q2,q3,q4,q5,q6,payload\n" + rows + "\n")
-    run("compensate", machine, str(tmp_path / "path.csv"), "-o", str(tmp_path / "table.csv"))
-    said = run(
-        "compensate",
-        machine,
-        str(tmp_path / "job.script"),
-        "-o",
-        str(tmp_path / "o.script"),
-        "--at",
-        "payload=3",
-    )
+    compensated(machine, tmp_path / "path.csv", "-o", tmp_path / "table.csv")
+    said = compensated(machine, tmp_path / "job.script", "-o", tmp_path / "o.script", "--at", "payload=3")
     table = np.loadtxt(tmp_path / "table.csv", delimiter=",", skiprows=1)[:, :6]
     found = np.array([float(v) for v in re.findall(r"-?\d+\.\d+", (tmp_path / "o.script").read_text())])
     np.testing.assert_allclose(np.degrees(found.reshape(-1, 6)), table, rtol=0, atol=1e-8)
     assert said["drivers"] == {"payload": 3.0}
-    bare = run("compensate", machine, str(tmp_path / "job.script"), "-o", str(tmp_path / "bare.script"))
+    bare = compensated(machine, tmp_path / "job.script", "-o", tmp_path / "bare.script")
     assert bare["drivers"] == {"payload": 0.0}
     assert (tmp_path / "bare.script").read_text() != (tmp_path / "o.script").read_text()
 
@@ -64,7 +53,7 @@ def test_joint_targets_under_a_load_are_those_of_a_table_with_that_load(tmp_path
 def test_points_of_a_hexapod_are_corrected_in_their_table(tmp_path: Path) -> None:
     """Six legs close to the pose that a row means: judged by the machine's own forward kinematics, nominal and real."""
     machine = calibrated("hexapod", tmp_path)
-    file = str(machine.file.path) if machine.file else ""
+    assert machine.file is not None
     solver = PoseSolver(machine)
     solver.p = ideal_constants(machine, solver.model)
     low, high = np.transpose([a.range or (-5.0, 5.0) for a in machine.mechanism.actuators])
@@ -78,16 +67,15 @@ def test_points_of_a_hexapod_are_corrected_in_their_table(tmp_path: Path) -> Non
     (tmp_path / "points.csv").write_text(
         "x,y,z,rx,ry,rz\n" + "\n".join(",".join(f"{v:.9f}" for v in r) for r in rows)
     )
-    said = run(
-        "compensate", file, str(tmp_path / "points.csv"), "-o", str(tmp_path / "out.csv"), "--dialect", "csv"
-    )
+    files = (machine.file.path, tmp_path / "points.csv", "-o", tmp_path / "out.csv")
+    said = compensated(*files, "--dialect", "csv")
     assert said["targets"] == 4 and said["left"] == []
-    before, after = (said["largest_error"][w]["position"]["value"] for w in ("before", "after"))  # type: ignore[index]
+    before, after = (said["largest_error"][w]["position"]["value"] for w in ("before", "after"))
     assert after < 1e-6 and before > 0.01
 
 
 def test_a_dat_beside_its_src_takes_the_base_that_motions_go_by(tmp_path: Path) -> None:
-    machine = str(machine_file(tmp_path, REAL))
+    machine = machine_file(tmp_path, REAL)
     q, base = joints(1)[0], np.eye(4)
     base[:3, 3] = [250.0, -30.0, 12.5]
     inside = np.linalg.inv(base) @ DRAWN.pose(q)
@@ -95,7 +83,7 @@ def test_a_dat_beside_its_src_takes_the_base_that_motions_go_by(tmp_path: Path) 
     literal = numbers_of(inside, "kuka")[:-1] + f",S {s},T {t}}}"
     (tmp_path / "Job.DAT").write_text(f"DEFDAT JOB\nDECL E6POS XP1={literal}\nENDDAT\n")
     (tmp_path / "Job.src").write_text(f"DEF JOB()\n$BASE={numbers_of(base, 'kuka')}\nLIN XP1\nEND\n")
-    said = run("compensate", machine, str(tmp_path / "Job.DAT"), "-o", str(tmp_path / "out.dat"))
+    said = compensated(machine, tmp_path / "Job.DAT", "-o", tmp_path / "out.dat")
     assert said["targets"] == 1 and said["without_base"] == 0
     numbers = [float(v) for v in re.findall(r"[XYZABC] (-?[\d.]+)", (tmp_path / "out.dat").read_text())]
     pose = np.eye(4)

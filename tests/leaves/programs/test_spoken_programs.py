@@ -5,15 +5,15 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from typing import Any
 
-import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
+from support.command import invoke, refused
 from support.program_robots import RAPID_MODULE, arms, joints, machine_file, quadrants, status_turn
-from truepose.cli import app
+from truepose.arrays import Array
 
 DRAWN, REAL = arms()
 Q = joints(1)[0]
@@ -26,13 +26,17 @@ def run(
     machine = machine_file(where, REAL if real else DRAWN)
     (where / file).write_text(text, newline="")
     out = where / f"out{Path(file).suffix}"
-    done = CliRunner().invoke(
-        app, ["compensate", str(machine), str(where / file), "-o", str(out), "--anyway", *options]
-    )
+    done = invoke("compensate", machine, where / file, "-o", out, "--anyway", *options)
     return done, out.read_text() if out.exists() else ""
 
 
-def krl(q: NDArray[np.float64]) -> str:
+def told(where: Path, text: str, *options: str, file: str = "job.src") -> tuple[dict[str, Any], str]:
+    """What is said of a corrected program as data, and the program."""
+    done, out = run(where, text, file, *options, "--json")
+    return json.loads(done.stdout), out
+
+
+def krl(q: Array) -> str:
     pose = DRAWN.pose(q)
     x, y, z = pose[:3, 3]
     a, b, c = Rotation.from_matrix(pose[:3, :3]).as_euler("ZYX", degrees=True)
@@ -51,8 +55,7 @@ def test_an_axis_that_passes_zero_takes_its_turn_bit_with_it(tmp_path: Path) -> 
     """Axis 6 stands a hair above zero; the real arm's zero of it is off, so that its command is below."""
     q = Q.copy()
     q[5] = 1e-4
-    done, out = run(tmp_path, krl(q), "job.src", "--json")
-    said = json.loads(done.stdout)
+    said, out = told(tmp_path, krl(q))
     moved = re.search(r"T (\d+)", out)
     assert moved is not None
     bit = int(moved[1]) >> 5 & 1
@@ -67,8 +70,7 @@ def test_a_configuration_that_no_joints_have_is_left_and_said(tmp_path: Path) ->
     text = krl(Q)
     t = int(re.search(r"T (\d+)", text)[1])  # type: ignore[index]
     wrong = re.sub(r"T \d+", f"T {t ^ 2 ^ 4}", text)
-    done, out = run(tmp_path, text + wrong, "job.src", "--json")
-    said = json.loads(done.stdout)
+    said, out = told(tmp_path, text + wrong)
     assert [one["line"] for one in said["left"]] == [2] and "configuration" in said["left"][0]["why"]
     assert out.splitlines()[1] + "\n" == wrong and said["targets"] == 1
 
@@ -78,8 +80,8 @@ def test_motions_that_do_not_look_at_a_configuration_need_none(tmp_path: Path) -
     taught = krl(Q)
     line = re.sub(r"S \d+,T \d+", "S 0,T 0", taught.replace("PTP", "LIN"))
     for text, count in ((taught + line, 2), (taught + line.replace("LIN", "PTP"), 1)):
-        done, out = run(tmp_path, text, "job.src", "--json")
-        assert json.loads(done.stdout)["targets"] == count
+        said, out = told(tmp_path, text)
+        assert said["targets"] == count
     assert "S 0,T 0" in out
     x, y, z, w = Rotation.from_matrix(DRAWN.pose(Q)[:3, :3]).as_quat().tolist()
     pose = f"[{POSITION.tolist()},{[w, x, y, z]}"
@@ -88,16 +90,14 @@ def test_motions_that_do_not_look_at_a_configuration_need_none(tmp_path: Path) -
     )
     moves = f"MoveL {first},v100,fine,tool0x;\nMoveL {other},v100,fine,tool0x;\n"
     for head, count in (("ConfL\\Off;\n", 2), ("", 1)):
-        done, _ = run(tmp_path, head + moves, "job.mod", "--json")
-        assert json.loads(done.stdout)["targets"] == count
+        assert told(tmp_path, head + moves, file="job.mod")[0]["targets"] == count
 
 
 def test_a_tool_without_numbers_is_the_machine_file_s_unless_the_user_says_another(tmp_path: Path) -> None:
     text = "$TOOL=TOOL_DATA[7]\n" + krl(Q)
-    done, out = run(tmp_path, text, "job.src", "--json")
-    assert json.loads(done.stdout)["assumed_tools"] == ["TOOL_DATA[7]"]
-    other, moved = run(tmp_path, text, "job.src", "--tool", "12,-7,94,20,-5,3", "--json")
-    assert json.loads(other.stdout)["assumed_tools"] == [] and moved != out
+    said, out = told(tmp_path, text)
+    other, moved = told(tmp_path, text, "--tool", "12,-7,94,20,-5,3")
+    assert (said["assumed_tools"], other["assumed_tools"]) == (["TOOL_DATA[7]"], []) and moved != out
     two = text + "$TOOL=TOOL_DATA[8]\n" + krl(Q)
     done, _ = run(tmp_path, two, "job.src")
     assert (
@@ -106,8 +106,7 @@ def test_a_tool_without_numbers_is_the_machine_file_s_unless_the_user_says_anoth
 
 
 def test_large_corrections_are_pointed_out(tmp_path: Path) -> None:
-    done, _ = run(tmp_path, krl(Q), "job.src", "--limit", "0.001", "--json")
-    (one,) = json.loads(done.stdout)["beyond_limit"]
+    (one,) = told(tmp_path, krl(Q), "--limit", "0.001")[0]["beyond_limit"]
     assert one["line"] == 1 and one["position"]["value"] > 0.1
     spoken, _ = run(tmp_path, krl(Q), "job.src", "--limit", "0.001")
     assert re.search(r"note: corrections of more than 0.001 mm or 1 deg: line 1 \(PTP, ", spoken.stderr)
@@ -136,11 +135,9 @@ def test_what_cannot_be_done_is_refused_in_one_line(
     machine = machine_file(tmp_path, REAL)
     (tmp_path / file).write_bytes(text.encode("latin-1"))
     out = tmp_path / f"out{Path(file).suffix}"
-    done = CliRunner().invoke(
-        app, ["compensate", str(machine), str(tmp_path / file), "-o", str(out), "--anyway", *options]
+    assert re.search(
+        message, refused("compensate", machine, tmp_path / file, "-o", out, "--anyway", *options)
     )
-    assert done.exit_code == 2 and len(done.stderr.splitlines()) == 1
-    assert re.search(message, done.stderr), done.stderr
     assert not out.exists()
 
 

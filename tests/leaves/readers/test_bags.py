@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from truepose.errors import InputError
+from support.command import input_error
 from truepose.identification.leaves.readers.bags import read_bag
 from truepose.identification.recording.joint_readings import JointColumn
 from truepose.identification.recording.load import tables
@@ -150,7 +150,7 @@ def test_a_gripper_on_the_topic_takes_no_rows_from_a_machine_without_it(tmp_path
     assert found.names == still.names and found.n_rows == 3
     for name in found.names:
         np.testing.assert_array_equal(found.numbers(name), still.numbers(name))
-    with pytest.raises(InputError, match=r"\(joints: b, a, gripper; --joint of"):
+    with input_error(r"\(joints: b, a, gripper; --joint of"):
         bag_table(path)
     samples = found.numbers("samples")
     assert samples.min() > 30 and {c.name: c.unit for c in found.columns}["x.sigma"] == "m"
@@ -176,28 +176,24 @@ def test_one_frame_among_several_is_chosen(tmp_path: Path) -> None:
         return [("/tf", tf(*both))]
 
     path = write(tmp_path / "bag", run(see))
-    with pytest.raises(
-        InputError, match=r"bag: found poses in 'tracker->probe', 'tracker->link', expected one.*--topic"
-    ):
+    with input_error(r"bag: found poses in 'tracker->probe', 'tracker->link', expected one.*--topic"):
         bag_table(path)
     np.testing.assert_allclose(bag_table(path, "tracker->link").numbers("x"), [1, 2, 3], atol=1e-12)
-    with pytest.raises(
-        InputError, match="--topic: found 'probe', expected 'tracker->probe' or 'tracker->link'"
-    ):
+    with input_error("--topic: found 'probe', expected 'tracker->probe' or 'tracker->link'"):
         bag_table(path, "probe")
 
 
 def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
     said = run(tracker)
     joints = [item for item in said if item[1] == "/joint_states"]
-    with pytest.raises(InputError, match="found no pose"):
+    with input_error("found no pose"):
         bag_table(write(tmp_path / "a", joints))
-    with pytest.raises(InputError, match="no message of type JointState"):
+    with input_error("no message of type JointState"):
         bag_table(write(tmp_path / "b", [item for item in said if item[1] != "/joint_states"]))
     brief = [item for item in said if item[1] != "/joint_states" or item[0] < said[0][0] + 0.3]
-    with pytest.raises(InputError, match=r"found 0 stretches in which all joints stand still for 0\.5 s"):
+    with input_error(r"found 0 stretches in which all joints stand still for 0\.5 s"):
         bag_table(write(tmp_path / "c", brief))
     broken = shutil.copy(next((tmp_path / "c").glob("*.mcap")), tmp_path / "broken.mcap")
     Path(broken).write_bytes(Path(broken).read_bytes()[:300])
-    with pytest.raises(InputError, match=r"broken\.mcap: cannot read the bag"):
+    with input_error(r"broken\.mcap: cannot read the bag"):
         bag_table(Path(broken))

@@ -14,14 +14,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import truepose
+from support.command import input_error
 from support.examples import examples
+from support.machine_texts import machine_from
 from support.recordings import BASIC, JOINTS, SENSOR, read, refusal
 from support.workbook import write_workbook
-from truepose.errors import InputError
 from truepose.identification.recording.load import as_recording, load_recording, tables
 from truepose.identification.recording.read import read_recording
 from truepose.identification.recording.recording import Recording
-from truepose.models.load import load_machine
 from truepose.models.units import UnitSystem
 
 VALUES = st.floats(-99.0, 99.0, allow_nan=False).map(lambda v: v + 0.0)
@@ -138,13 +138,13 @@ def test_a_workbook_has_one_sheet_with_data_and_its_rows_are_lines(tmp_path: Pat
     path = tmp_path / "book.xlsx"
     rows: list[list[object]] = [[*BASIC.splitlines()[0].split(",")], [], [1.0, 2.0, "far", 4.0]]
     write_workbook(path, {"rows": rows})
-    with pytest.raises(InputError, match=r"book\.xlsx: row 1 \(line 3\), column 'x': found 'far'"):
+    with input_error(r"book\.xlsx: row 1 \(line 3\), column 'x': found 'far'"):
         _load(path)
     write_workbook(path, {"rows": rows, "more": rows})
-    with pytest.raises(InputError, match="found sheets with data: 'rows', 'more'; expected one"):
+    with input_error("found sheets with data: 'rows', 'more'; expected one"):
         _load(path)
     path.write_bytes(path.read_bytes()[:200])
-    with pytest.raises(InputError, match="no Excel workbook"):
+    with input_error("no Excel workbook"):
         _load(path)
 
 
@@ -186,9 +186,7 @@ sensor: {type: position, sigma: {xyz: 0.01}}
 
 
 def test_anything_that_is_a_recording_is_taken_by_the_public_functions(tmp_path: Path) -> None:
-    path = tmp_path / "arm.yaml"
-    path.write_text(ARM, encoding="utf-8")
-    machine = load_machine(path)
+    machine = machine_from(tmp_path, ARM, "arm")
     rng = np.random.default_rng(1)
     joints = {name: rng.uniform(-90, 90, 12) for name in ("q1", "q2")}
     rows = pd.concat([pd.DataFrame(joints), truepose.simulate(machine, joints, seed=2)], axis=1)
@@ -222,5 +220,5 @@ def test_anything_that_is_a_recording_is_taken_by_the_public_functions(tmp_path:
     ],
 )  # fmt: skip
 def test_what_is_no_recording_is_refused(source: Any, expected: str) -> None:
-    with pytest.raises(InputError, match=expected):
+    with input_error(expected):
         _load(source)

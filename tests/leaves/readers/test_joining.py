@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from truepose.errors import InputError
-from truepose.identification.leaves.readers.importing import frame_of, read_foreign, renamed, with_joints
+from support.command import input_error
+from truepose.identification.leaves.readers.importing import frame_of, read_foreign, with_joints
 from truepose.identification.leaves.readers.points import is_marked, read_points
 from truepose.identification.leaves.readers.tpoint import is_tpoint, read_tpoint
 from truepose.identification.leaves.readers.turns import with_rotation_vector
@@ -60,17 +60,8 @@ def test_a_clock_of_the_joints_stands_for_that_of_the_points() -> None:
     """What else both have could be of either."""
     found = with_joints(points("a", "b", "c"), joints(time=[5.0, 6.0, 7.0]))
     assert found.names == ("q1", "time", "x") and found.numbers("time").tolist() == [5, 6, 7]
-    with pytest.raises(InputError, match="joints: column 'x': found there and in points, expected it in one"):
+    with input_error("joints: column 'x': found there and in points, expected it in one"):
         with_joints(points("a", "b", "c"), joints(x=[5.0, 6.0, 7.0]))
-
-
-def test_columns_get_other_names() -> None:
-    found = renamed(joints(a=[1, 2, 3]), {"a": "b"})
-    assert found.names == ("q1", "b")
-    with pytest.raises(InputError, match="--rename c=d: found no column 'c', expected q1 or b"):
-        renamed(found, {"c": "d"})
-    with pytest.raises(InputError, match="--rename b=q1: found a column 'q1' already"):
-        renamed(found, {"b": "q1"})
 
 
 def test_whole_numbers_are_written_whole_and_units_stand_in_headers() -> None:
@@ -124,7 +115,7 @@ def test_a_name_in_another_case_is_read_where_one_alone_is_meant() -> None:
     found = in_known_case(table, ["q1", "d2", "q1"])
     assert found.names == ("q1", "D2", "d2") and found.notes == ("rows: read without case: 'Q1' as 'q1'",)
     assert in_known_case(found, ["q1", "Q1"]) is found  # both are known: neither is meant
-    with pytest.raises(InputError, match="rows: found the columns 'AB' and 'Ab', expected one column 'ab'"):
+    with input_error("rows: found the columns 'AB' and 'Ab', expected one column 'ab'"):
         in_known_case(table_in_memory({"AB": [1.0], "Ab": [2.0]}, "rows"), ["ab"])
 
 
@@ -133,7 +124,7 @@ def test_a_quaternion_is_of_length_one_up_to_its_rounding(length: float) -> None
     cells = {"qx": 0.0, "qy": 0.0, "qz": 0.5, "qw": np.sqrt(0.75)}
     table = table_in_memory({name: [length * v, v, None] for name, v in cells.items()}, "rows")
     if abs(length - 1.0) > 0.05:
-        with pytest.raises(InputError, match=r"row 1.*found a quaternion of length .*, expected 1"):
+        with input_error(r"row 1.*found a quaternion of length .*, expected 1"):
             with_rotation_vector(table)
     else:
         turned = with_rotation_vector(table)
@@ -146,9 +137,7 @@ def test_a_rotation_vector_is_found_only_where_it_stands() -> None:
     assert with_rotation_vector(table, "vector") is table and with_rotation_vector(table) is table
     for form, wanted in (("quaternion", "qx, qy, qz and qw"), ("rpy", "roll, pitch and yaw")):
         bare = table_in_memory({"a": [1.0]}, "rows")
-        with pytest.raises(
-            InputError, match=f"rows: --rotation {form}: found the columns a, expected {wanted}"
-        ):
+        with input_error(f"rows: --rotation {form}: found the columns a, expected {wanted}"):
             with_rotation_vector(bare, form)
     rpy = with_rotation_vector(table_in_memory({"rx": [0.0], "ry": [0.0], "rz": [90.0]}, "rows"), "rpy")
     np.testing.assert_allclose(rpy.readings("rz"), [90.0])
@@ -215,9 +204,7 @@ def test_a_place_beyond_everything_is_none(size: str, fits: bool) -> None:
     if fits:
         assert read_points(text, "points", "mm").numbers("y").tolist() == [float(size)]
     else:
-        with pytest.raises(
-            InputError, match=r"points: line 3: found '1 .* 3', expected x y z of at most 1e\+12"
-        ):
+        with input_error(r"points: line 3: found '1 .* 3', expected x y z of at most 1e\+12"):
             read_points(text, "points", "mm")
 
 

@@ -6,7 +6,6 @@ The motion, the kinematics and the clocks are plain numpy (``support.probe_logs`
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -14,10 +13,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
+from support.command import invoke
 from support.probe_logs import OFF, OFFSET, START, joints_at, pose_of, written
-from truepose.cli import app
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.leaves.readers.turns import with_rotation_vector
 from truepose.identification.recording.load import load_recording
@@ -25,24 +23,30 @@ from truepose.identification.recording.table import table_in_memory
 from truepose.models.load import load_machine
 
 
-def imported(folder: Path, *words: object) -> Any:
-    paths = [folder / "probe.csv", "--log", folder / "robot.csv", "-o", folder / "out.csv"]
-    return CliRunner().invoke(app, ["import", *map(str, [*paths, *words])])
+def imported(folder: Path, *words: object, ends: int = 0) -> str:
+    """Import a probe with a robot's log; return what is said, in one line."""
+    files = (folder / "probe.csv", "--log", folder / "robot.csv", "-o", folder / "out.csv")
+    done = invoke("import", *files, *words)
+    assert done.exit_code == ends, done.output
+    return " ".join(done.output.split())
+
+
+def rows_of(folder: Path) -> pd.DataFrame:
+    return pd.read_csv(folder / "out.csv", comment="#")
 
 
 @pytest.mark.parametrize("ppm", [0.0, 40.0])
 def test_the_machine_tells_the_clocks_and_a_calibration_follows(tmp_path: Path, ppm: float) -> None:
     written(tmp_path, 90.0, ppm)
-    done = imported(tmp_path, "--model", tmp_path / "cell.yaml", "--every", 0.2)
-    assert done.exit_code == 0, done.output
-    rows = pd.read_csv(tmp_path / "out.csv", comment="#")
+    said = imported(tmp_path, "--model", tmp_path / "cell.yaml", "--every", 0.2)
+    rows = rows_of(tmp_path)
     true = (rows["time [s]"] - START).to_numpy()
     # 0.02 mm at about 300 mm/s is 0.07 ms for one sample; by many it is told to microseconds
     q = rows[[f"q{k}" for k in range(1, 7)]].to_numpy()
     assert np.abs(q - joints_at(true)).max() < 0.01
     _, place = pose_of(q)
     assert np.sqrt(np.mean((place - rows[["x", "y", "z"]].to_numpy()) ** 2)) < 0.03
-    told = " ".join(done.output.split()).partition("drift apart by ")[2].split()
+    told = said.partition("drift apart by ")[2].split()
     assert float(told[0]) == pytest.approx(ppm, rel=0.05) if ppm else not told
     machine = load_machine(tmp_path / "cell.yaml")
     fit = calibrate(machine, load_recording(machine, tmp_path / "out.csv")).fit
@@ -53,9 +57,7 @@ def test_the_machine_tells_the_clocks_and_a_calibration_follows(tmp_path: Path, 
 
 def test_the_motion_alone_tells_the_clocks_to_milliseconds(tmp_path: Path) -> None:
     written(tmp_path, 90.0)
-    done = imported(tmp_path)
-    assert done.exit_code == 0, done.output
-    note = " ".join(done.output.split())
+    note = imported(tmp_path)
     offset = float(note.partition("probe.csv plus ")[2].split()[0])
     sigma = float(note.partition("+- ")[2].split()[0])
     assert abs(offset - OFFSET) < min(0.02, 4 * sigma)
@@ -64,9 +66,8 @@ def test_the_motion_alone_tells_the_clocks_to_milliseconds(tmp_path: Path) -> No
 
 def test_what_was_stated_and_logged_is_kept(tmp_path: Path) -> None:
     written(tmp_path, 30.0)
-    done = imported(tmp_path, "--offset", OFFSET, "--every", 0.5, "--rename", "q6=wrist")
-    assert done.exit_code == 0, done.output
-    rows = pd.read_csv(tmp_path / "out.csv", comment="#")
+    imported(tmp_path, "--offset", OFFSET, "--every", 0.5, "--rename", "q6=wrist")
+    rows = rows_of(tmp_path)
     assert list(rows.columns) == [
         "time [s]",
         *(n for k in range(1, 6) for n in (f"q{k}", f"velocity.q{k}")),
@@ -89,12 +90,11 @@ def test_markers_tell_the_clocks_too(tmp_path: Path) -> None:
     probe.columns = pd.Index(["time", "P1.x", "P1.y", "P1.z"])
     probe["P1.x"] = probe["P1.x"].where(np.arange(len(probe)) % 7 > 0)  # seen no more
     probe.to_csv(tmp_path / "probe.csv", index=False)
-    done = imported(tmp_path, "--every", 1)
-    assert done.exit_code == 0, done.output
-    rows = pd.read_csv(tmp_path / "out.csv", comment="#")
+    said = imported(tmp_path, "--every", 1)
+    rows = rows_of(tmp_path)
     assert list(rows.columns)[-3:] == ["P1.x", "P1.y", "P1.z"]
     assert rows["P1.x"].isna().any()
-    offset = float(" ".join(done.output.split()).partition("probe.csv plus ")[2].split()[0])
+    offset = float(said.partition("probe.csv plus ")[2].split()[0])
     assert abs(offset - OFFSET) < 0.02
 
 
@@ -104,9 +104,8 @@ def test_dates_are_times(tmp_path: Path) -> None:
     pd.DataFrame({"time": stamps, "a": time}).to_csv(tmp_path / "robot.csv", index=False)
     stamps = [f"2026-05-01T12:11:{12 + t:09.6f}+02:00" for t in time]
     pd.DataFrame({"t": stamps, "x": time, "y": 0, "z": 0}).to_csv(tmp_path / "probe.csv", index=False)
-    done = imported(tmp_path, "--offset", 0)
-    assert done.exit_code == 0, done.output
-    rows = pd.read_csv(tmp_path / "out.csv", comment="#")
+    imported(tmp_path, "--offset", 0)
+    rows = rows_of(tmp_path)
     np.testing.assert_allclose(rows["a"], rows["x"], atol=1e-6)
 
 
@@ -121,20 +120,16 @@ def _plain(folder: Path, **probe: object) -> None:
 
 def test_a_motion_that_repeats_itself_does_not_tell_the_clocks(tmp_path: Path) -> None:
     written(tmp_path, 120.0, period=12.0)
-    done = imported(tmp_path)
-    assert done.exit_code != 0
-    assert "the motion repeats itself" in " ".join(done.output.split())
+    assert "the motion repeats itself" in imported(tmp_path, ends=2)
 
 
 def test_what_cannot_be_paired_is_told(tmp_path: Path) -> None:
     _plain(tmp_path)
-    assert "no time shift at which the probe moves when the joints do" in " ".join(
-        imported(tmp_path).output.split()
-    )
-    assert "found no sample at a time of" in " ".join(imported(tmp_path, "--offset", 500).output.split())
-    assert "found no joint 'b'" in imported(tmp_path, "--joint", "b", "--offset", 0).output
+    assert "no time shift at which the probe moves when the joints do" in imported(tmp_path, ends=2)
+    assert "found no sample at a time of" in imported(tmp_path, "--offset", 500, ends=2)
+    assert "found no joint 'b'" in imported(tmp_path, "--joint", "b", "--offset", 0, ends=2)
     _plain(tmp_path, a=1.0)
-    assert "column 'a': found there and in" in " ".join(imported(tmp_path, "--offset", 0).output.split())
+    assert "column 'a': found there and in" in imported(tmp_path, "--offset", 0, ends=2)
 
 
 def test_a_joint_that_moves_by_next_to_nothing_tells_no_clock(tmp_path: Path) -> None:
@@ -144,9 +139,8 @@ def test_a_joint_that_moves_by_next_to_nothing_tells_no_clock(tmp_path: Path) ->
     log = pd.DataFrame({"time": time, "a": turning, "b": 1e-200 * np.sin(time)})
     log.to_csv(tmp_path / "robot.csv", index=False)
     pd.DataFrame({"time": time, "x": turning, "y": 0.0, "z": 0.0}).to_csv(tmp_path / "probe.csv", index=False)
-    done = imported(tmp_path)
-    assert done.exit_code == 0, done.output
-    rows = pd.read_csv(tmp_path / "out.csv", comment="#")
+    imported(tmp_path)
+    rows = rows_of(tmp_path)
     np.testing.assert_allclose(rows["a"], rows["x"], atol=0.1)
 
 
@@ -159,9 +153,7 @@ def test_a_run_that_hardly_moves_tells_no_clock(tmp_path: Path, moving: int) -> 
     turning[40 + moving :] = turning[39 + moving]
     pd.DataFrame({"time": time, "a": turning}).to_csv(tmp_path / "robot.csv", index=False)
     pd.DataFrame({"time": time, "x": turning, "y": 0.0, "z": 0.0}).to_csv(tmp_path / "probe.csv", index=False)
-    done = imported(tmp_path)
-    told = " ".join(done.output.split())
-    assert (done.exit_code == 0) == (moving == 60), told
+    told = imported(tmp_path, ends=0 if moving == 60 else 2)
     few = "samples at which the probe moves, that clocks could be compared"
     assert (few in told) == (moving == 12)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +11,13 @@ import pytest
 import yaml
 
 from recording_columns import LOGGED, ORDER
-from truepose.errors import InputError
+from support.command import input_error
+from support.machine_texts import machine_from
 from truepose.identification.compensation.path_table import path_rows
 from truepose.identification.prediction.predict import predict
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.table import read_table
 from truepose.models.leaves.starting.written import PRESETS
-from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import AXIS_UNITS
 from truepose.models.machine.sensor import sensors
@@ -29,15 +30,8 @@ def gantry(folder: Path, joints: tuple[str, ...], sensor: dict[str, object], **o
     """A gantry whose joints are called as told."""
     bodies = ["floor", "bridge", "carriage", "ram"]
     rows = [
-        {
-            "name": name,
-            "kind": "prismatic",
-            "parent": bodies[k],
-            "child": bodies[k + 1],
-            "axis": axis,
-            "actuated": True,
-        }
-        for k, (name, axis) in enumerate(zip(joints, AXES, strict=True))
+        {"name": name, "kind": "prismatic", "parent": below, "child": above, "axis": axis, "actuated": True}
+        for name, (below, above), axis in zip(joints, pairwise(bodies), AXES, strict=True)
     ]
     document = {
         "schema": "truepose/machine/1",
@@ -48,8 +42,7 @@ def gantry(folder: Path, joints: tuple[str, ...], sensor: dict[str, object], **o
         "tolerances": {"length": 0.1, "angle": 0.05},
         **others,
     }
-    (folder / "gantry.yaml").write_text(yaml.safe_dump(document))
-    return load_machine(folder / "gantry.yaml")
+    return machine_from(folder, yaml.safe_dump(document), "gantry")
 
 
 def section(kind: str, **others: object) -> dict[str, object]:
@@ -59,16 +52,14 @@ def section(kind: str, **others: object) -> dict[str, object]:
 @pytest.mark.parametrize("column", [column.name for column in (*ORDER, *LOGGED)])
 def test_a_joint_may_not_be_called_as_a_column_that_means_something_else(tmp_path: Path, column: str) -> None:
     name = re.sub("<.*>", "Y", column)
-    with pytest.raises(InputError, match=rf"gantry\.yaml: mechanism: found a joint called {name!r}"):
+    with input_error(rf"gantry\.yaml: mechanism: found a joint called {name!r}"):
         gantry(tmp_path, ("X", "Y", name), section("position"))
 
 
 @pytest.mark.parametrize("kind", [kind for kind, preset in PRESETS.items() if preset.columns])
 def test_a_joint_may_not_be_called_as_what_a_sensor_reads(tmp_path: Path, kind: str) -> None:
     for column in PRESETS[kind].columns.keys() - {"pose", "from"}:
-        with pytest.raises(
-            InputError, match=rf"gantry\.yaml: sensor: found the column {column!r}, which is a"
-        ):
+        with input_error(rf"gantry\.yaml: sensor: found the column {column!r}, which is a"):
             gantry(tmp_path, ("A", "B", column), section(kind))
 
 
@@ -91,12 +82,12 @@ def test_with_a_named_sensor_joints_are_called_as_one_likes(tmp_path: Path, kind
 
 @pytest.mark.parametrize("opening", ["temperature", "approach", "pose", "recording"])
 def test_a_sensor_may_not_open_columns_that_mean_something_else(tmp_path: Path, opening: str) -> None:
-    with pytest.raises(InputError, match=rf"found the column '{opening}\.x', which has a meaning of its own"):
+    with input_error(rf"found the column '{opening}\.x', which has a meaning of its own"):
         gantry(tmp_path, ("A", "B", "C"), section("position", name=opening))
 
 
 def test_a_driver_is_no_column_of_the_sensor(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"drivers: found 'x', which the sensor reads"):
+    with input_error(r"drivers: found 'x', which the sensor reads"):
         gantry(tmp_path, ("A", "B", "C"), section("position"), drivers=[{"name": "x", "unit": "mm"}])
 
 
@@ -105,9 +96,7 @@ def test_a_path_holds_joints_or_poses_and_says_which(tmp_path: Path) -> None:
     named = gantry(tmp_path, ("x", "y", "z"), section("position", name="sensor"), task=["x", "y", "z"])
     path, poses = tmp_path / "path.csv", np.arange(18.0).reshape(3, 6) / 10.0
     np.savetxt(path, poses, delimiter=",", header="x,y,z,rx,ry,rz", comments="")
-    with pytest.raises(
-        InputError, match=r"poses or the joints x, y, z, expected the joints alone, or poses in pose.x"
-    ):
+    with input_error(r"poses or the joints x, y, z, expected the joints alone, or poses in pose.x"):
         path_rows(named, read_table(path))
     np.savetxt(path, poses, delimiter=",", header=",".join(f"pose.{a}" for a in AXIS_UNITS), comments="")
     np.testing.assert_allclose(path_rows(named, read_table(path))[1].q, poses[:, :3], atol=1e-6)

@@ -8,18 +8,17 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from support.command import input_error
 from support.described_machines import mjcf_machine
 from support.examples import examples
-from support.exported import closed_in_mujoco, mujoco_module
-from truepose.errors import InputError
+from support.exported import closed_in_mujoco, mujoco_module, site_pose
+from truepose.arrays import Array
 from truepose.identification.compensation.inverse import PoseSolver
 from truepose.models.leaves.starting.mjcf import mjcf_start
 from truepose.models.machine.machine import Machine
 
 mujoco = mujoco_module()
-Array = NDArray[np.float64]
 HEAD = '<mujoco><compiler angle="degree" autolimits="true"/><default><geom type="sphere" size="0.02"/></default><worldbody>'
 LEFT = """<body name="c1" pos="-0.1 0 0.3" euler="0 0 120"> <joint name="a1" ref="30" range="-60 90"/> <geom/>
   <body name="r1" pos="0.15 0 0" euler="0 0 -75"> <joint name="e1"/> <geom/>
@@ -62,15 +61,9 @@ def check_stands(machine: Machine, xml: str, base: str, tip: str, spread: float 
     assert good.all()
     for q, pose in zip([home, *rows], poses, strict=True):
         data = closed_in_mujoco(model, machine, q)
-        expected = np.linalg.inv(frame_of(data, base)) @ frame_of(data, tip)
+        expected = np.linalg.inv(site_pose(data.body(base))) @ site_pose(data.body(tip))
         np.testing.assert_allclose(pose, expected, atol=1e-8)
     assert np.ptp(poses, axis=0).max() > 0.1
-
-
-def frame_of(data: object, body: str) -> Array:
-    out, found = np.eye(4), data.body(body)  # type: ignore[attr-defined]
-    out[:3, :3], out[:3, 3] = found.xmat.reshape(3, 3), 1000.0 * found.xpos
-    return out
 
 
 @pytest.mark.parametrize(
@@ -198,6 +191,11 @@ def test_what_no_machine_holds_is_listed(tmp_path: Path) -> None:
         assert told in text
 
 
+def coupled(equality: str) -> str:
+    world = COUPLED.format(kind="hinge", ref=0)
+    return f"{HEAD}{world}</worldbody><equality>{equality}</equality></mujoco>"
+
+
 POLYNOMIAL = '<joint joint1="b" joint2="a" polycoef="0 1 0.3 0 0"/>'
 CONNECT = '<connect body1="r2" body2="pen" anchor="0.25 0 0"/>'
 
@@ -206,19 +204,17 @@ CONNECT = '<connect body1="r2" body2="pen" anchor="0.25 0 0"/>'
     ("xml", "tip", "message"),
     [
         (
-            f"{HEAD}{COUPLED.format(kind='hinge', ref=0)}</worldbody><equality>{POLYNOMIAL}</equality></mujoco>",
+            coupled(POLYNOMIAL),
             "",
             "equality of joint 'b': found the polynomial 0 1 0.3 0 0 .*of 'a', expected a linear one",
         ),
         (
-            f"{HEAD}{COUPLED.format(kind='hinge', ref=0)}</worldbody><equality>{POLYNOMIAL.replace('0.3', '0')}"
-            '<joint joint1="b" joint2="c"/></equality></mujoco>',
+            coupled(POLYNOMIAL.replace("0.3", "0") + '<joint joint1="b" joint2="c"/>'),
             "",
             "equality of joint 'b': found a second one",
         ),
         (
-            f"{HEAD}{COUPLED.format(kind='hinge', ref=0)}</worldbody><equality>{POLYNOMIAL.replace('0.3', '0')}"
-            '<joint joint1="a" joint2="b"/></equality></mujoco>',
+            coupled(POLYNOMIAL.replace("0.3", "0") + '<joint joint1="a" joint2="b"/>'),
             "",
             "found that it follows '.', which follows itself",
         ),
@@ -235,5 +231,5 @@ CONNECT = '<connect body1="r2" body2="pen" anchor="0.25 0 0"/>'
 )  # fmt: skip
 def test_what_is_no_machine_is_refused_by_name(tmp_path: Path, xml: str, tip: str, message: str) -> None:
     (tmp_path / "m.xml").write_text(xml, encoding="utf-8")
-    with pytest.raises(InputError, match=message):
+    with input_error(message):
         mjcf_start(tmp_path / "m.xml", tip)

@@ -8,10 +8,8 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from typer.testing import CliRunner
 
-from truepose.cli import app
-from truepose.errors import InputError
+from support.command import input_error, run
 from truepose.models.leaves.starting.start import readings_of, tidy
 from truepose.models.leaves.starting.table import cell, interval, table_start
 from truepose.models.load import load_machine
@@ -100,13 +98,13 @@ def test_a_range_is_read_as_data_sheets_print_it(text: str, ends: tuple[float, f
     ],
 )
 def test_what_is_no_number_is_refused(text: str, dimension: str, variable: bool, message: str) -> None:
-    with pytest.raises(InputError, match=f"^here: .*{message}"):
+    with input_error(f"^here: .*{message}"):
         cell(text, dimension, "", "here", variable=variable)
 
 
 @pytest.mark.parametrize("text", ["170", "-170", "1..2..3", ""])
 def test_what_is_no_range_is_refused(text: str) -> None:
-    with pytest.raises(InputError, match=r"^here: .*expected two numbers"):
+    with input_error(r"^here: .*expected two numbers"):
         interval(text, "angle", "", "here")
 
 
@@ -196,9 +194,8 @@ def test_tables_are_refused_rather_than_guessed(
 ) -> None:
     path = tmp_path / "arm.csv"
     path.write_text(text)
-    with pytest.raises(InputError) as caught:
+    with input_error(says=message):
         table_start(path, convention)
-    assert message in str(caught.value)
 
 
 FRANKA = [(0, 333), (0, 0), (0, 316), (82.5, 0), (-82.5, 384), (0, 0), (88, 0)]
@@ -251,9 +248,7 @@ def test_a_flange_s_row_is_a_frame_of_the_machine(tmp_path: Path) -> None:
     (tmp_path / "panda.csv").write_text(typed("q{k}", "", "0", ("flange", "", "0")), encoding="utf-8")
     for convention in ("standard", "modified"):
         path = tmp_path / f"{convention}.yaml"
-        words = ["init", "--table", str(tmp_path / "panda.csv"), "--convention", convention, "-o", str(path)]
-        done = CliRunner().invoke(app, words)
-        assert done.exit_code == 0, done.output
+        run("init", "--table", tmp_path / "panda.csv", "--convention", convention, "-o", path)
         machine = load_machine(path)
         assert machine.mechanism.readings == tuple(f"q{k}" for k in range(1, 8))
         assert machine.geometry["flange_frame.r"].nominal == 107

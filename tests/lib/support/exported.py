@@ -11,18 +11,21 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import casadi as ca
 import numpy as np
 import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
 from support import plain_kinematics
-from support.generated_machines import BODIES
+from support.generated_machines import BODIES, HEAD, machine_of
+from support.machine_texts import machine_from
 from support.skips import NO_MUJOCO
 from truepose.arrays import Array
 from truepose.identification.compensation.inverse import PoseSolver
 from truepose.models.file.machine_file import SCHEMA, checked_machine
 from truepose.models.load import build_machine
+from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine
 
 Pose = Callable[[Array], Array]
@@ -63,6 +66,28 @@ EXTRA = {
     "mounted": BODIES["nano"].split("frames")[0] + MOUNTED,
 }
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+
+
+def machine_named(folder: Path, name: str, body: str | None = None) -> Machine:
+    """Return the machine of a name, or of the text of a mechanism under that name."""
+    if body is None and name in BODIES:
+        return machine_of(folder, name)
+    return machine_from(folder, HEAD.format(name=name) + (body or EXTRA[name]), name)
+
+
+def readings_of(machine: Machine, count: int = 20, seed: int = 4) -> Array:
+    """Return random readings (count, nq), mm and rad, within ranges where there are some."""
+    actuators = machine.mechanism.actuators
+    ends = [a.range or ((-3.0, 3.0) if a.unit == "rad" else (-200.0, 200.0)) for a in actuators]
+    low, high = np.transpose(ends)
+    return np.random.default_rng(seed).uniform(low, high, (count, len(low)))
+
+
+def pose_of(machine: Machine, *, world: bool = False, effects: bool = False) -> Pose:
+    """Tool in the base's or the sensor's frame, from the machine's own expressions, drivers at their defaults."""
+    model = symbolic_model(machine, machine.effects if effects else ())
+    at = ca.Function("pose", [model.q, model.z, model.p], [model.world if world else model.pose])
+    return lambda q: np.array(at(q, model.z_home, model.p_home))
 
 
 def tool_of(machine: Machine, file: Path, format: str) -> Pose:
@@ -204,8 +229,9 @@ def closed_in_mujoco(model: Any, machine: Machine, q: Array) -> Any:
     return data
 
 
-def urdf_pose(urdf: str, readings: dict[str, float], tip: str, root: str) -> Array:
-    """Forward kinematics of a URDF in m and rad by the format's definition, (4, 4) in mm; readings in mm and rad."""
+def urdf_pose(urdf: str, machine: Machine, q: Array, tip: str, root: str = "base") -> Array:
+    """Forward kinematics of a URDF in m and rad by the format's definition, (4, 4) in mm; q in mm and rad."""
+    readings = dict(zip(machine.mechanism.readings, q.tolist(), strict=True))
     robot = ElementTree.fromstring(urdf)
     above = {j.find("child").get("link"): j for j in robot.findall("joint")}  # type: ignore[union-attr]
     out, link = np.eye(4), tip

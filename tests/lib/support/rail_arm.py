@@ -10,11 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from typer.testing import CliRunner
 
 from support.calibrated_machines import calibrated
+from support.command import run
 from truepose.arrays import Array
-from truepose.cli import app
 from truepose.codegen.c import generate
 from truepose.codegen.printer import Real
 from truepose.models.load import load_machine
@@ -51,8 +50,7 @@ def compensated(folder: Path, machine: Path, nominal: Array, drivers: Array) -> 
     """The path with the commands that the command line gives for it."""
     table, commands = folder / "path.csv", folder / "commands.csv"
     pd.DataFrame(np.hstack([drivers, nominal]), columns=[*DRIVERS, *READINGS]).to_csv(table, index=False)
-    done = CliRunner().invoke(app, ["compensate", str(machine), str(table), "-o", str(commands)])
-    assert done.exit_code == 0, done.output
+    run("compensate", machine, table, "-o", commands)
     return Path6(nominal, drivers, pd.read_csv(commands)[READINGS].to_numpy())
 
 

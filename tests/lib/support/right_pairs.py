@@ -8,9 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from hypothesis import Phase, settings
+from scipy.spatial.transform import Rotation
 
 from support import MACHINES
 from support.checked_arm import document
+from support.examples import examples
 from truepose.arrays import Array
 from truepose.identification.identifiability.analysis import drawn_poses
 from truepose.identification.prediction.predictor import Predictor
@@ -126,3 +129,15 @@ def known_machine(family: str, sensor: str, base: str, tool: str) -> Machine:
 def fewest_rows(machine: Machine) -> int:
     """Return the fewest rows with as many readings as constants have a tolerance."""
     return -(-sum(p.free for p in machine.parameters) // len(machine.channels))
+
+
+def law(count: int = 12) -> settings:
+    """Return settings of a law; an example that fails is told as it is, since a smaller one takes minutes."""
+    return settings(max_examples=examples(count), phases=(Phase.explicit, Phase.generate))
+
+
+def poses_read(recording: Recording) -> tuple[Array, Rotation]:
+    """Return measured positions (n, 3) and turns (n) of poses."""
+    read = recording.observations
+    position, turns = (np.column_stack([read[f"{kind}{axis}"] for axis in "xyz"]) for kind in ("", "r"))
+    return position, Rotation.from_rotvec(turns)

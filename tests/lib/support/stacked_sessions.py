@@ -6,6 +6,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from truepose.arrays import Array
@@ -98,3 +100,11 @@ def dense(top: Likeliest) -> tuple[Array, Array]:
     gain = prior @ seen.T @ np.linalg.inv(seen @ prior @ seen.T + noise)
     mean, covariance = gain @ -top.stack.offset.ravel(), prior - gain @ seen @ prior
     return np.asarray(mean, dtype=np.float64), np.asarray(covariance, dtype=np.float64)
+
+
+def distance_rows(n: int, sessions: int, rng: np.random.Generator) -> tuple[pd.DataFrame, NDArray[np.intp]]:
+    """Return poses whose changes of distance count from the row before, in sessions; the first of each counts from itself."""
+    rows = pd.DataFrame(rng.uniform(-3.0, 3.0, (n, 3)), columns=["x", "y", "t"])
+    session = np.arange(n) // (n // sessions)
+    origin = np.where(np.arange(n) % (n // sessions) == 0, np.arange(n), np.arange(n) - 1)
+    return rows.assign(pose=np.arange(n), **{"from": origin}, session=session, dL=0.0), origin

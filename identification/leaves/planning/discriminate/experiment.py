@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -42,12 +41,8 @@ from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.file.driver import AIR, PAYLOAD, Driver
 from truepose.models.machine.machine import Machine, Mass
-from truepose.shown.result import Shown, frame
+from truepose.shown.result import Shown
 from truepose.wording import joined
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 # -- What an experiment that tells explanations apart is expected to say, as data
 
@@ -84,6 +79,8 @@ class Experiment(Shown):
 
     expected: of the worst pair; already: of the rows that exist; random (DRAWS,): of as many random rows; held: drivers that
     explanations read and nobody offered to vary.
+    ``to_frame()``: the rows that ``truepose plan --discriminate`` writes: joints and what else varies, in the machine
+    file's units.
     """
 
     machine: Machine
@@ -113,10 +110,6 @@ class Experiment(Shown):
     def hopeless(self) -> bool:
         """Whether no row that may be taken tells any pair apart."""
         return not any(pair.separable for pair in self.pairs)
-
-    def to_frame(self) -> pd.DataFrame:
-        """The rows that ``truepose plan --discriminate`` writes: joints and what else varies, in the machine file's units."""
-        return frame(self)
 
 
 # -- The experiment that splits explanations which a diagnosis cannot tell apart

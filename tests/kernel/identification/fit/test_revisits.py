@@ -14,7 +14,7 @@ from truepose.identification.fit.repeatability import FEWEST, revisits
 from truepose.identification.fit.summary import rms_by_kind
 from truepose.identification.recording.recording import Recording, frozen
 from truepose.identification.report.notes import held_out_notes, repeat_notes
-from truepose.identification.report.numbers import measure
+from truepose.identification.report.phrases import measure
 
 PLACES = 120
 

@@ -59,7 +59,7 @@ def test_what_is_known_by_turned_steps_is_what_all_entries_say() -> None:
     assert turned.share(by_steps) == pytest.approx(known.share(part))
     louder, own = known.root_with(0.7, [0.5 * part]), turned.root_with(0.7, [0.5 * by_steps])
     np.testing.assert_allclose(own @ own.T, louder @ louder.T, atol=1e-9)
-    seen = TURN.matrix.toarray() @ turned.step_root
+    seen = TURN.matrix.toarray() @ turned.own.root
     np.testing.assert_allclose(turned.root[:, : seen.shape[1]], seen, atol=1e-12)
 
 

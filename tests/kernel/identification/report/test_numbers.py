@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truepose.identification.report.numbers import measure, p_value, percent, significant, times, uncertain
+from truepose.identification.report.phrases import measure, p_value, percent, significant, times, uncertain
 
 NAN = float("nan")
 

@@ -13,10 +13,9 @@ from truepose.identification.fit.tolerance_classes import PartClass
 from truepose.identification.fit.tool_pose import READINGS, TOLERANCES, tool_spread
 from truepose.identification.identifiability.observability import Note
 from truepose.identification.recording.recording import Recording
-from truepose.identification.report.closing import geometry_words
+from truepose.identification.report.closing import geometry_words, uncertainty_section
 from truepose.identification.report.notes import tolerance_notes, worded
 from truepose.identification.report.results import fit_json
-from truepose.identification.report.uncertainty import uncertainty_section
 from truepose.models.machine.machine import Machine
 from truepose.shown.document import Table, Text
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import truepose
 from support.simulated import machine_from
-from truepose.codegen.left_out import left_out
+from truepose.codegen.features import left_out
 from truepose.models.effect_text import parse_effect
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.placed import PlacedEffect

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from support.checked_arm import document
-from support.right_pairs import loaded
 from truepose.errors import InputError
+from truepose.models.file.machine_file import checked_machine
 from truepose.models.file.names import LONGEST, check_machine_name, nearest_name
+
+JOINT = {"name": "q1", "kind": "revolute"}
+ARM: dict[str, Any] = {"schema": "truepose/machine/1", "mechanism": {"type": "serial", "joints": [JOINT]}}
 
 
 @given(st.text(max_size=200))
@@ -26,7 +30,7 @@ def test_the_nearest_name_of_a_text_is_one_that_a_machine_may_have(text: str) ->
     assert check_machine_name(found) == found
     if found != text:
         with pytest.raises(InputError) as refused:
-            loaded(document() | {"name": text})
+            checked_machine(Path("arm.yaml"), ARM | {"name": text})
         said = str(refused.value)
         assert "name: " in said and (
             "only characters that are seen" in said or f"letter first: {found}" in said
@@ -35,4 +39,4 @@ def test_the_nearest_name_of_a_text_is_one_that_a_machine_may_have(text: str) ->
 
 @pytest.mark.parametrize("name", ["arm", "UR5e", "doubles", "a" * LONGEST])
 def test_a_name_that_c_can_have_stays_as_it_is_written(name: str) -> None:
-    assert loaded(document() | {"name": name}).name == name == nearest_name(name)
+    assert checked_machine(Path("arm.yaml"), ARM | {"name": name}).name == name == nearest_name(name)

@@ -10,11 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from truepose.errors import InputError
-from truepose.identification.leaves.check.run import check
+from support.command import input_error
+from support.machine_texts import machine_from
 from truepose.identification.load import load_recording
 from truepose.identification.recording.recording import Recording
-from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
 ARM = """
@@ -35,10 +34,7 @@ WRAPPED = {
     "wide": ", range: [-350, 350], wrap: 360",
 }
 """What the file says of both joints: of their ranges, and that readings come modulo a turn."""
-DRIVERS = [f"{kind}.{joint}" for kind in ("approach", "step") for joint in ("q1", "q2")] + [
-    "stop.q1~0.01",
-    "stop.q2~0.3",
-]
+DRIVERS = ["approach.q1", "approach.q2", "step.q1", "step.q2", "stop.q1~0.01", "stop.q2~0.3"]
 
 
 @pytest.fixture(scope="module")
@@ -46,16 +42,21 @@ def arms(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Machine]:
     """Return arms by what their files say of the joints."""
     out = {}
     for name, text in WRAPPED.items():
-        path = tmp_path_factory.mktemp(name) / "arm.yaml"
-        path.write_text(ARM % (text, text))
-        out[name] = load_machine(path)
+        out[name] = machine_from(tmp_path_factory.mktemp(name), ARM % (text, text), "arm")
     return out
 
 
-def recorded(machine: Machine, q: np.ndarray, **more: object) -> Recording:
+def readings(machine: Machine, **columns: np.ndarray | list[float]) -> Recording:
+    """Return the recording of columns of joints, in the file's units; joints without one rest."""
+    count = len(next(iter(columns.values())))
+    moving = {name.partition(" ")[0] for name in columns}
+    rest = [name for name in machine.mechanism.readings if name not in moving]
+    return load_recording(machine, {**columns, **dict.fromkeys([*rest, *"xyz"], [0.0] * count)})
+
+
+def recorded(machine: Machine, q: np.ndarray) -> Recording:
     """Return the recording of columns q (n, 2), deg."""
-    table = {"q1": q[:, 0].tolist(), "q2": q[:, 1].tolist(), **dict.fromkeys("xyz", [0.0] * len(q)), **more}
-    return load_recording(machine, table)
+    return readings(machine, q1=q[:, 0], q2=q[:, 1])
 
 
 def logged(q: np.ndarray, lowest: float) -> np.ndarray:
@@ -128,17 +129,7 @@ sensor: {type: position, sigma: {xyz: 0.1}}
 
 def gantry(folder: Path, rail: str = "", q2: str = "") -> Machine:
     """Return a rail with an arm; what their rows say beside their constants."""
-    path = folder / "gantry.yaml"
-    path.write_text(RAIL % (rail, q2))
-    return load_machine(path)
-
-
-def gantry_readings(machine: Machine, **columns: np.ndarray | list[float]) -> Recording:
-    """Return the recording of the columns of a rail, mm, and of an arm, which rests if it has none."""
-    count = len(next(iter(columns.values())))
-    table = {name: list(values) for name, values in columns.items()}
-    rest = [name for name in ("rail", "q2") if not any(key.startswith(name) for key in table)]
-    return load_recording(machine, {**table, **dict.fromkeys([*rest, *"xyz"], [0.0] * count)})
+    return machine_from(folder, RAIL % (rail, q2), "gantry")
 
 
 @pytest.fixture(scope="module")
@@ -171,14 +162,14 @@ def test_a_path_comes_back_into_the_range_that_holds_it(
     actuators[joint] = replace(actuators[joint], wrap=period, range=ends)
     machine = replace(rail, mechanism=replace(rail.mechanism, actuators=tuple(actuators)))
     column = (path - lowest * period) % period + lowest * period
-    found = gantry_readings(machine, **{("rail [mm]", "q2 [rad]")[joint]: column})
+    found = readings(machine, **{("rail [mm]", "q2 [rad]")[joint]: column})
     np.testing.assert_allclose(found.q[:, joint], path, atol=1e-9 * period * (1 + abs(start)), rtol=0)
 
 
 def test_each_session_stands_in_the_range(tmp_path: Path) -> None:
     machine = gantry(tmp_path, ", range: [0, 2500], wrap: 1000")
     path = np.concatenate([np.linspace(100.0, 2300.0, 30), np.linspace(2400.0, 200.0, 30)])
-    found = gantry_readings(machine, rail=path % 1000.0, session=[1.0] * 30 + [2.0] * 30)
+    found = readings(machine, rail=path % 1000.0, session=[1.0] * 30 + [2.0] * 30)
     np.testing.assert_allclose(found.q[:, 0], path, atol=1e-9)
 
 
@@ -194,13 +185,8 @@ def test_a_slide_whose_place_is_unknown_is_refused(tmp_path: Path, path: np.ndar
     words = (
         rf"'rail': readings modulo 1000 mm do not tell where in its range \[0, 2500\] mm the joint is: {says}"
     )
-    with pytest.raises(
-        InputError, match=f"{words}, expected steps below 250 mm, or a range of at most 1000 mm"
-    ):
-        gantry_readings(machine, rail=np.array(path) % 1000.0)
-    columns = {"rail": np.array(path) % 1000.0, **dict.fromkeys(["q2", *"xyz"], [0.0] * len(path))}
-    with pytest.raises(InputError, match=words):
-        check(machine, columns)
+    with input_error(f"{words}, expected steps below 250 mm, or a range of at most 1000 mm"):
+        readings(machine, rail=np.array(path) % 1000.0)
 
 
 @pytest.mark.parametrize(
@@ -212,17 +198,16 @@ def test_what_readings_wrap_at_has_a_unit(tmp_path: Path, wrap: str, header: str
     machine = gantry(tmp_path, q2=f", range: [-300, 300], wrap: {wrap}")
     path = np.linspace(-280.0, 250.0, 80)
     period = 90.0 if wrap.startswith(("90", "1.5")) else 360.0
-    found = gantry_readings(machine, **{f"q2{header}": path % period * scale})
+    found = readings(machine, **{f"q2{header}": path % period * scale})
     np.testing.assert_allclose(np.degrees(found.q[:, 1]), path, atol=1e-6)
 
 
 def test_a_plain_wrap_is_in_no_other_unit_than_the_files(tmp_path: Path) -> None:
     machine = gantry(tmp_path, q2=", range: [-160, 190], wrap: 6.283185")
-    with pytest.raises(
-        InputError,
-        match=r"found a column in rad and `wrap: 6.283185` without a unit, .* such as `wrap: 6.283185 rad`",
+    with input_error(
+        r"found a column in rad and `wrap: 6.283185` without a unit, .* such as `wrap: 6.283185 rad`"
     ):
-        gantry_readings(machine, **{"q2 [rad]": [0.1, 6.0]})
+        readings(machine, **{"q2 [rad]": [0.1, 6.0]})
 
 
 def test_rows_without_an_order_jump_nowhere(arms: dict[str, Machine]) -> None:
@@ -241,7 +226,5 @@ def test_readings_beyond_a_range_of_a_turn_are_brought_into_it(arms: dict[str, M
     found = recorded(arms["ranged"], q)
     np.testing.assert_allclose(np.degrees(found.q), logged(q, -180.0), atol=1e-9)
     assert any("q1, q2: readings are brought into the joint's range by whole turns" in n for n in found.notes)
-    with pytest.raises(
-        InputError, match="row 1, column 'q1': found 350 deg, expected a value in the joint's range"
-    ):
+    with input_error("row 1, column 'q1': found 350 deg, expected a value in the joint's range"):
         recorded(arms["ranged"], np.array([[350.0, 10.0], [-20.0, 20.0]]))

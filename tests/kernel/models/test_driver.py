@@ -11,14 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from support.generated_c import built_of, needs_compiler
+from support.machine_texts import machine_from
 from truepose import parse_effect, predict
 from truepose.codegen.c import generate
-from truepose.identification.leaves.planning.discriminate.factors import factors
 from truepose.identification.recording.load import load_recording
-from truepose.identification.report.drivers import columns
+from truepose.identification.report.curves import columns
 from truepose.models.effects.base import Coefficient, Effect, PlacedEffect
 from truepose.models.file.driver import AIR, Driver
-from truepose.models.load import load_machine
 from truepose.models.machine.kinematics import driver_default
 
 KINDS = ("payload", "pressure", "humidity", "temperature", "approach", "velocity", "session", "time", "tilt")
@@ -89,8 +88,7 @@ class Swelling(Effect):
 
 
 def test_humidity_is_known_wherever_a_driver_is_met(tmp_path: Path) -> None:
-    (tmp_path / "arm.yaml").write_text(ARM, encoding="utf-8")
-    machine = load_machine(tmp_path / "arm.yaml")
+    machine = machine_from(tmp_path, ARM, "arm")
     wet = machine.with_effects((PlacedEffect.at(Swelling(), machine, ("base",)),))
     frame = pd.DataFrame(
         {"q1": [0.0, 9.0, 30.0], "x": 300.0, "y": 0.0, "z": 0.0, "humidity [1]": [0.4, 0.5, 0.6]}
@@ -100,8 +98,7 @@ def test_humidity_is_known_wherever_a_driver_is_met(tmp_path: Path) -> None:
     humidity = recording.driver("humidity")
     assert humidity is not None and np.allclose(humidity, [40.0, 50.0, 60.0])
     assert [c.title for c in columns(machine, recording) if c.name == "humidity"] == ["humidity [%]"]
-    (factor,) = factors(machine, wet.effects, {})
-    assert factor.levels == (driver_default(machine, "humidity"),)
+    assert driver_default(machine, "humidity") == 50.0
     generate(wet, tmp_path / "c")
     assert "arm_Z_humidity 0 /* %: humidity */" in (tmp_path / "c" / "arm_kin.h").read_text(encoding="utf-8")
 
@@ -119,8 +116,7 @@ DRIFTS = {
 def test_without_a_clock_the_c_stands_where_a_drift_began(named: list[str], tmp_path: Path) -> None:
     """Defaults predict what the times of the recording do, but for the drift in it: seconds since 1970 are years beyond it."""
     entries = "".join(f"  - {DRIFTS[name]}\n" for name in named)
-    (tmp_path / "arm.yaml").write_text(f"{ARM.strip()}\neffects:\n{entries}", encoding="utf-8")
-    machine = load_machine(tmp_path / "arm.yaml")
+    machine = machine_from(tmp_path, f"{ARM.strip()}\neffects:\n{entries}", "arm")
     built = built_of(machine, tmp_path / "c", "double")
     q = np.array([0.3])
     (code, alone), *recorded = (
@@ -136,9 +132,7 @@ def test_without_a_clock_the_c_stands_where_a_drift_began(named: list[str], tmp_
 
 def test_a_drift_that_is_named_begins_with_those_of_the_machine(tmp_path: Path) -> None:
     for name, drift in DRIFTS.items():
-        file = tmp_path / f"{name}.yaml"
-        file.write_text(f"{ARM.strip()}\neffects:\n  - {drift}\n", encoding="utf-8")
-        machine = load_machine(file)
+        machine = machine_from(tmp_path, f"{ARM.strip()}\neffects:\n  - {drift}\n", name)
         for text, start in (("x=1", 1.8e9), ("x=1,start=60", 60.0)):
             named = parse_effect(f"mount-drift@tool:{text}", machine)
             assert named.settings_map["start"] == start

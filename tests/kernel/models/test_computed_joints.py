@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
-import subprocess
 from pathlib import Path
 
 import casadi as ca
@@ -13,12 +11,13 @@ import pytest
 import sympy  # type: ignore[import-untyped]
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 import truepose
-from support.generated_c import COMPILER, needs_compiler
+from support.command import input_error
+from support.generated_c import built_of, needs_compiler
+from support.machine_texts import machine_from
 from truepose.api import calibrate
-from truepose.codegen.c import generate
+from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.predictor import Predictor
@@ -27,7 +26,6 @@ from truepose.models.file.formula import Formula
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
-Array = NDArray[np.float64]
 GROUND, CRANK, COUPLER, ROCKER = 300.0, 120.0, 280.0, 200.0
 """mm: a four-bar linkage whose opposite bars are unequal."""
 HEAD = "schema: truepose/machine/1\nname: linkage\n{units}"
@@ -55,9 +53,16 @@ def linkage(folder: Path, law: str = LAW, *, units: str = "", more: str = "") ->
         written = written.replace("[-80, 80]", "[-1.4, 1.4]")
     if k != 1.0:
         written = written.replace("xyz: 0.01,", "xyz: 0.00001,")
-    path = folder / "linkage.yaml"
-    path.write_text(HEAD.format(units=units) + written + more, encoding="utf-8")
-    return load_machine(path)
+    return machine_from(folder, HEAD.format(units=units) + written + more, "linkage")
+
+
+def predictor_of(machine: Machine, q1: Array) -> Predictor:
+    return Predictor(machine, load_recording(machine, {"q1": q1}, need_observations=False))
+
+
+def poses_of(machine: Machine, q1: Array) -> Array:
+    predictor = predictor_of(machine, q1)
+    return predictor.poses(predictor.model.p_home)[0]
 
 
 def rocker(q: float, crank: float = CRANK) -> float:
@@ -84,9 +89,7 @@ def tool(q: float, crank: float = CRANK) -> Array:
 def test_a_four_bar_linkage_goes_where_its_circles_meet(tmp_path: Path, units: str) -> None:
     machine, q = linkage(tmp_path, units=units), np.linspace(-1.3, 1.3, 7)
     column = q if "rad" in units else np.degrees(q)
-    predictor = Predictor(machine, load_recording(machine, {"q1": column}, need_observations=False))
-    poses = predictor.poses(predictor.model.p_home)[0]
-    np.testing.assert_allclose(poses, [tool(v) for v in q], atol=1e-9)
+    np.testing.assert_allclose(poses_of(machine, column), [tool(v) for v in q], atol=1e-9)
 
 
 LOOP = f"""mechanism:
@@ -123,8 +126,7 @@ def test_a_loop_may_carry_one_or_hold_one(tmp_path: Path) -> None:
     assert "ram" in text
     path.write_text(HEAD.format(units="") + text, encoding="utf-8")
     machine = load_machine(path)
-    q = {"q1": np.array([-40.0, 15.0, 60.0])}
-    predictor = Predictor(machine, load_recording(machine, q, need_observations=False))
+    predictor = predictor_of(machine, np.array([-40.0, 15.0, 60.0]))
     p = predictor.model.p_home
     x, good = predictor.assemble(p)
     assert good.all()
@@ -144,7 +146,7 @@ def test_derivatives_are_those_of_sympy(tmp_path: Path) -> None:
     """By a bar's length, the crank's reading offset and the ground's, of the formula derived in SymPy."""
     machine = linkage(tmp_path)
     q = np.array([-0.7, 0.2, 0.9])
-    predictor = Predictor(machine, load_recording(machine, {"q1": np.degrees(q)}, need_observations=False))
+    predictor = predictor_of(machine, np.degrees(q))
     _, twist = predictor.twists(predictor.model.p_home, np.zeros((3, 0)))
     names = list(predictor.model.names)
     g, a, b, c, t, angle = sympy.symbols("g a b c t angle")
@@ -197,38 +199,25 @@ def test_rows_where_the_formula_has_no_value_are_reported_and_left_out(tmp_path:
 
 
 def test_a_sum_is_what_mimic_says(tmp_path: Path) -> None:
-    q, poses = {"q1": np.array([-50.0, 10.0, 70.0])}, []
-    for machine in (linkage(tmp_path, "90 - 2*q1"), linkage(tmp_path, "-q1*2 + 90.")):
-        predictor = Predictor(machine, load_recording(machine, q, need_observations=False))
-        poses.append(predictor.poses(predictor.model.p_home)[0])
-    path = tmp_path / "mimic.yaml"
+    q = np.array([-50.0, 10.0, 70.0])
+    poses = [poses_of(linkage(tmp_path, law), q) for law in ("90 - 2*q1", "-q1*2 + 90.")]
     text = (tmp_path / "linkage.yaml").read_text(encoding="utf-8")
     start, end = text.index("computed:"), text.index("frames:")
-    path.write_text(
-        f"{text[:start]}mimic: {{joint: q1, ratio: -2}}, offset: 90}}\n{text[end:]}", encoding="utf-8"
-    )
-    machine = load_machine(path)
-    predictor = Predictor(machine, load_recording(machine, q, need_observations=False))
-    for found in poses:
-        np.testing.assert_allclose(found, predictor.poses(predictor.model.p_home)[0], atol=1e-9)
+    follows = f"{text[:start]}mimic: {{joint: q1, ratio: -2}}, offset: 90}}\n{text[end:]}"
+    expected = poses_of(machine_from(tmp_path, follows, "mimic"), q)
+    np.testing.assert_allclose(poses, [expected, expected], atol=1e-9)
 
 
 @needs_compiler
 def test_the_c_moves_it_too(tmp_path: Path) -> None:
-    machine = linkage(tmp_path)
-    generate(machine, tmp_path / "c")
-    source, library = tmp_path / "c" / "linkage_kin.c", tmp_path / "linkage.so"
-    subprocess.run(
-        [str(COMPILER), "-O1", "-shared", "-fPIC", str(source), "-o", str(library), "-lm"], check=True
-    )
-    code = ctypes.CDLL(str(library))
+    code = built_of(linkage(tmp_path), tmp_path / "c", "double")
     for angle in (-1.0, 0.3, 1.2):
-        q, moved, near, out = np.array([angle]), np.zeros(12), np.array([angle + 0.02]), np.zeros(1)
-        places = [array.ctypes.data_as(ctypes.c_void_p) for array in (q, moved, near, out)]
-        assert code.linkage_fk(None, None, places[0], places[1]) == 0
+        ended, moved = code.fk(np.array([angle]))
+        assert ended == 0
         np.testing.assert_allclose(moved.reshape(3, 4), tool(angle)[:3], atol=1e-9)
-        assert code.linkage_ik(None, None, places[1], places[2], places[3]) == 0
-        np.testing.assert_allclose(out, q, atol=1e-8)
+        ended, out = code.ik(moved, np.array([angle + 0.02]))
+        assert ended == 0
+        np.testing.assert_allclose(out, [angle], atol=1e-8)
 
 
 # -- formulas ------------------------------------------------------------------------------------------
@@ -255,9 +244,8 @@ def test_a_formula_means_what_sympy_reads_in_it(text: str, u: float, v: float) -
     own = {"u": sympy.Float(u), "v": sympy.Float(v), "abs": sympy.Abs, "sqrt": sympy.sqrt}
     expected = complex(sympy.sympify(text, locals=own).evalf())
     if abs(expected.imag) < 1e-12 and np.isfinite(found):
-        assert (
-            found == pytest.approx(expected.real, rel=1e-9, abs=1e-9) or "atan2" in text
-        )  # on its cut the sign is free
+        # on its cut the sign is free
+        assert found == pytest.approx(expected.real, rel=1e-9, abs=1e-9) or "atan2" in text
 
 
 @pytest.mark.parametrize(
@@ -266,13 +254,9 @@ def test_a_formula_means_what_sympy_reads_in_it(text: str, u: float, v: float) -
         ("q2 + 1", "joints[1].computed: found 'q2' in 'q2 + 1', expected a driven joint or a length"),
         ("sinn(q1)", "found 'sinn' in 'sinn(q1)', expected a function; did you mean 'sin' or 'asin'?"),
         ("q1^2", "found 'q1^2' in 'q1^2', expected ** for a power"),
-        ("__import__('os').getcwd()", "expected a function"),
         ("q1.real", "found 'q1.real' in 'q1.real', expected numbers, joints"),
         ("q1 +", "found 'q1 +', expected a formula such as 90 - q2 - q3"),
         ("atan2(q1)", "expected atan2 of 2 values"),
-        ("1" * 400, "expected a number"),
-        ("(" * 450 + "q1" + ")" * 450, "expected a formula"),
-        ("-" * 900 + "q1", "expected"),
     ],
 )  # fmt: skip
 def test_what_is_no_formula_is_told_with_its_place(tmp_path: Path, law: str, said: str) -> None:
@@ -294,6 +278,5 @@ def test_lengths_and_joints_that_cannot_be_are_told(tmp_path: Path, old: str, ne
     linkage(tmp_path)
     text = (tmp_path / "linkage.yaml").read_text(encoding="utf-8")
     (tmp_path / "bad.yaml").write_text(text.replace(old, new), encoding="utf-8")
-    with pytest.raises(InputError) as told:
+    with input_error(says=said):
         load_machine(tmp_path / "bad.yaml")
-    assert said in str(told.value)

@@ -9,12 +9,10 @@ import pandas as pd
 import pytest
 
 from support.reports import fitted, gear, gear_finding, recorded, synthetic
-from support.told_drift import CHANGED, DAY, movement, told_drift
 from truepose.identification.compensation.compensate import Compensation
 from truepose.identification.compensation.inverse import Inverse, Reach
 from truepose.identification.diagnosis.result import Alternative, Levels, Quantity
 from truepose.identification.identifiability.observability import identifiable
-from truepose.identification.leaves.drift.showing import MOVEMENTS
 from truepose.identification.report.frames import CONSTANTS, FINDINGS
 from truepose.models.machine.machine import Machine
 from truepose.shown.result import frame
@@ -84,20 +82,6 @@ def test_a_finding_is_a_row_with_its_rivals_and_amplitudes(machine: Machine) -> 
     assert own.to_dict("list") == {
         "coefficient": ["a", "b"], "value": [2.0, 3.0], "std": [0.5, 0.25], "unit": ["mm", "1"],
     }  # fmt: skip
-
-
-def test_a_movement_is_told_up_to_the_last_session() -> None:
-    changed = {**CHANGED, "std": (0.0, 0.002, 0.001)}
-    moved = movement("a", "moved", extrinsic=True, hidden=0.5, steady=False, **changed)
-    still = movement("b", "still", hidden=0.002, probability=0.03)
-    table = frame(told_drift(moved, still)).set_index("parameter")
-    assert list(table.columns) == MOVEMENTS[1:]
-    assert table.loc["a"].to_dict() == {
-        "status": "moved", "probability": 0.99, "change": 0.06, "std": 0.001, "unit": "mm", "rate": 0.02 / DAY,
-        "rate_std": 0.001 / DAY, "steady": False, "hidden": 0.5, "extrinsic": True,
-    }  # fmt: skip
-    assert table.loc["b", ["change", "std", "rate", "rate_std"]].isna().all()
-    assert (table.loc["b", "hidden"], table.loc["b", "probability"]) == (0.002, 0.03)
 
 
 def test_corrected_commands_stand_beside_the_path_and_what_they_reach() -> None:

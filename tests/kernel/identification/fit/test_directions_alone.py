@@ -11,20 +11,18 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from truepose.identification.fit.align import base_by_bearings, base_of, station_of
+from support.machine_texts import machine_from
+from truepose.arrays import Array
+from truepose.identification.fit.align import base_of, station_of
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.estimated import Estimate
-from truepose.identification.leaves.check.run import check
 from truepose.identification.recording.load import load_recording
 from truepose.models import lie
-from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 from truepose.models.sensors.direction import Direction
 
-Array = NDArray[np.float64]
 MOUNT = """schema: truepose/machine/1
 name: mount
 mechanism: {type: mount, kind: KIND, latitude: 39}
@@ -68,8 +66,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def _machine(folder: Path, text: str) -> Machine:
-    (folder / "m.yaml").write_text(text)
-    return load_machine(folder / "m.yaml")
+    return machine_from(folder, text, "m")
 
 
 def _angles(v: Array) -> dict[str, Array]:
@@ -101,7 +98,6 @@ def test_stars_find_a_mount_that_is_turned_anyhow(
     read = _angles(_noisy(base.apply(star), 5, rng))
     machine = _machine(folder, MOUNT.replace("KIND", kind).replace("SECOND", second))
     recording = load_recording(machine, {first: q[:, 0], second: q[:, 1] - zero, **read})
-    assert check(machine, recording).verdict == "ok"
     fit = calibrate(machine, recording).fit
     # 30 readings less at most 7 constants: chi2 of 23 beyond 60 has a chance of 4e-5
     assert fit.chi2_per_dof < 60 / 23
@@ -123,7 +119,6 @@ def test_a_theodolite_finds_an_arm_that_stands_anywhere(
     read = _angles(_noisy(base.apply(_origin(np.radians(q))) + place, 1, rng))
     machine = _machine(folder, ARM)
     recording = load_recording(machine, {f"q{k + 1}": q[:, k] for k in range(3)} | read)
-    assert check(machine, recording).verdict == "ok"
     fit = calibrate(machine, recording).fit
     # 100 readings less about 15: chi2 of 85 beyond 150 has a chance of 2e-5
     assert fit.chi2_per_dof < 150 / 85
@@ -147,20 +142,6 @@ def _origin(q: Array) -> Array:
     turn = turn @ about_z(q[:, 1])
     at = at + turn @ [400.0, 0, 0]
     return np.asarray(at + turn @ about_z(q[:, 2]) @ [320.0, 30.0, 60.0])
-
-
-@settings(deadline=None, max_examples=40, derandomize=True)
-@given(turn=TURNS, seed=SEEDS, flat=st.booleans())
-def test_bearings_place_a_body(turn: tuple[float, ...], seed: int, flat: bool) -> None:
-    rng, rotation = np.random.default_rng(seed), Rotation.from_quat(turn)
-    points = rng.uniform(-500, 500, (20, 3)) * [1, 1, 0 if flat else 1]
-    shift, station = np.array([300.0, -2000.0, 400.0]), np.array([50.0, 20.0, -30.0])
-    seen = rotation.apply(points) + shift
-    seen /= np.linalg.norm(seen, axis=1, keepdims=True)
-    found, place = base_by_bearings(points, seen, station)
-    # it is a start: the iteration nears the solution slowly
-    assert np.degrees((Rotation.from_matrix(found).inv() * rotation).magnitude()) < 2
-    assert np.linalg.norm(place - shift - station) < 100
 
 
 @pytest.mark.parametrize(("of", "fewest"), [("origin", 3), ("x", 2), ("z", 2)])
