@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import re
-import subprocess
 from pathlib import Path
 
 import pytest
 
-from support.generated_c import COMPILER, WARNINGS, Built, cases, needs_compiler
+from support.generated_c import Built, cases, needs_compiler, run_example
 from support.generated_machines import machine_of
 from truepose.codegen.c import generate
 from truepose.codegen.printer import Real
@@ -39,29 +38,14 @@ def four_bar() -> Machine:
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_a_loop_with_more_equations_than_unknowns(tmp_path: Path, real: Real) -> None:
     generate(four_bar(), tmp_path, real)
-    assert COMPILER is not None
-    arguments = [COMPILER, *WARNINGS, "-O1", "example.c", "fourbar_kin.c", "-lm", "-o", "example"]
-    subprocess.run(arguments, cwd=tmp_path, check=True)
-    subprocess.run([tmp_path / "example"], check=True, capture_output=True)
+    run_example(tmp_path, "-O1")
 
 
 @pytest.mark.nightly
 @needs_compiler
 @cases(("arm", "turns"))
 def test_example_runs_clean_under_sanitizers(built: Built, sanitizers: list[str]) -> None:
-    assert COMPILER is not None
-    flags = [*WARNINGS, "-O0", "-g", *sanitizers]
-    made = subprocess.run(
-        [COMPILER, *flags, "example.c", f"{built.machine.name}_kin.c", "-lm", "-o", "example"],
-        cwd=built.directory,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert made.returncode == 0, made.stderr
-    ran = subprocess.run([built.directory / "example"], capture_output=True, text=True, check=False)
-    assert ran.returncode == 0, ran.stdout + ran.stderr
-    assert ran.stderr == ""
+    run_example(built.directory, "-O0", "-g", *sanitizers)
 
 
 def test_nothing_but_math_is_needed(tmp_path: Path) -> None:

@@ -8,7 +8,6 @@ import casadi as ca
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.optimize import root
 
 from support.examples import by_day
 from support.generated_c import needs_compiler
@@ -21,20 +20,6 @@ from truepose.codegen.loops import LoopExpressions, Pivots, factors_of
 from truepose.models.machine.kinematics import symbolic_model
 
 Array = NDArray[np.float64]
-
-
-def pose_at(built: Legged, q: Array, p: Array, z: Array) -> Array:
-    """Pose (12,) from the expressions, loops closed by scipy."""
-    closure, pose_of = built.expressions
-    given = [ca.DM(v) for v in (q, z, p)]
-
-    def residual(x: Array) -> tuple[Array, Array]:
-        g, by_x = closure(*given, ca.DM(x))
-        return g.full().ravel(), by_x.full()
-
-    x = root(residual, built.model.home, jac=True, tol=1e-13).x
-    pose: Array = pose_of(*given, ca.DM(x)).full()
-    return pose[:3].ravel()
 
 
 def readings(built: Legged, count: int, seed: int) -> Array:
@@ -63,7 +48,7 @@ def test_readings_are_those_of_the_pose(root_directory: Path, name: str) -> None
     for k, (q, guess) in enumerate(zip(readings(built, 8, 1), readings(built, 8, 2), strict=True)):
         p = model.p_home * (1 + (k % 2) * 1e-3 * rng.standard_normal(len(model.p_home)))
         z = model.z_home + (k % 2) * rng.uniform(0.1, 2.0, len(model.z_home))
-        pose = pose_at(built, q, p, z)
+        pose = built.pose(q, p, z)
         code, found = built.ik(pose, guess, p=p, z=z if len(z) else np.zeros(1))
         # a pose is met to 5e-7 mm where Newton's method goes over it, to rounding in closed form
         np.testing.assert_allclose(found, q, rtol=0, atol=1e-9 if name != "weighed_rails" else 2e-6)
@@ -98,15 +83,14 @@ def test_joint_ranges_are_kept(root_directory: Path, name: str) -> None:
     assert actuator.range is not None
     for beyond, expected in ((-1e-4, 0), (1e-4, 3)):
         q[limited[-1]] = actuator.range[1] + beyond
-        code, found = built.ik(pose_at(built, q, built.model.p_home, built.model.z_home), 0 * q)
+        code, found = built.ik(built.pose(q), 0 * q)
         assert code == expected
         assert (found == -7.0).all() == (expected == 3)
 
 
 def hostile(built: Legged, count: int) -> Array:
     """(count, 12) poses: reachable, out of reach, out of range, reflected, no rotation, no numbers."""
-    model = built.model
-    poses = np.array([pose_at(built, q, model.p_home, model.z_home) for q in readings(built, count, 6)])
+    poses = np.array([built.pose(q) for q in readings(built, count, 6)])
     poses[2::9, 3] += 1e5
     poses[4::9, 11] += 40.0
     poses[5::9, :] = 0.0
@@ -143,9 +127,8 @@ def test_many_poses_are_each_alone(root_directory: Path, name: str, flags: tuple
 @pytest.mark.parametrize("name", ["plain_rails", "plain_turns", "screw_rails"])
 def test_single_precision(root_directory: Path, name: str) -> None:
     built = legged(root_directory, name, "float")
-    model = built.model
     for q in readings(built, 6, 3):
-        pose = pose_at(built, q, model.p_home, model.z_home)
+        pose = built.pose(q)
         code, found = built.ik(pose, 0 * q)
         assert code == 0
         gain = 75.0 if "turns" in name else 1.0

@@ -3,44 +3,19 @@
 from __future__ import annotations
 
 import ctypes
-import subprocess
-from dataclasses import replace
 from pathlib import Path
 
-import casadi as ca
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
-from support.generated_c import COMPILER, WARNINGS, Built, build, cases, needs_compiler
+from support.generated_c import Built, build, built_of, cases, needs_compiler
 from support.generated_machines import machine_of
-from truepose.codegen.c import generate
 from truepose.codegen.texts import identifiers
-from truepose.models.machine.kinematics import SymbolicModel
 
 Array = NDArray[np.float64]
 CLOSED = ("turns", "rails", "hybrid", "planar")
-
-
-def python_pose(model: SymbolicModel, q: Array, p: Array | None = None, z: Array | None = None) -> Array:
-    """Pose (12,) from the expressions themselves, loops closed by scipy."""
-    p, z = model.p_home if p is None else p, model.z_home if z is None else z
-    inputs = [model.q, model.z, model.p, model.x]
-    closure = ca.Function("g", inputs, [model.closure, ca.jacobian(model.closure, model.x)])
-    x = model.home
-    if len(x):
-
-        def residual(v: Array) -> Array:
-            return np.array(closure(q, z, p, v)[0]).ravel()
-
-        def derivative(v: Array) -> Array:
-            return np.array(closure(q, z, p, v)[1])
-
-        x = root(residual, x, jac=derivative, tol=1e-13).x
-    pose: Array = np.array(ca.Function("pose", inputs, [ca.densify(model.pose)])(q, z, p, x))
-    return pose[:3].ravel()
 
 
 def differences(a: Array, b: Array) -> tuple[float, float]:
@@ -65,7 +40,7 @@ def test_forward_kinematics_is_the_models(built: Built) -> None:
     for row in built.samples():
         code, pose = built.fk(row[: built.n])
         assert code == 0
-        expected = python_pose(built.model, row[: built.n])
+        expected = built.pose(row[: built.n])
         assert np.less(differences(pose, expected), allowed).all()
         np.testing.assert_allclose(row[built.n :], expected, rtol=0, atol=1e-9)
 
@@ -79,7 +54,7 @@ def test_inverse_meets_the_pose_from_near_and_far(built: Built) -> None:
         for guess in (row[: built.n] + 0.01 * (other - row)[: built.n], other[: built.n]):
             code, q = built.ik(pose, guess)
             assert code == 0
-            assert np.less(differences(python_pose(built.model, q), pose), tolerance(built)).all()
+            assert np.less(differences(built.pose(q), pose), tolerance(built)).all()
             for value, actuator in zip(q, built.machine.mechanism.actuators, strict=True):
                 low, high = actuator.range or (-np.inf, np.inf)
                 assert low - 1e-3 <= value <= high + 1e-3
@@ -94,7 +69,7 @@ def test_jacobian_is_the_derivative_of_forward_kinematics(built: Built) -> None:
     jacobian = flat.reshape(6, built.n)
     for j in range(built.n):
         step = 1e-5 * np.eye(built.n)[j]
-        ahead, behind = (python_pose(built.model, row[: built.n] + s).reshape(3, 4) for s in (step, -step))
+        ahead, behind = (built.pose(row[: built.n] + s).reshape(3, 4) for s in (step, -step))
         v = (ahead[:, 3] - behind[:, 3]) / 2e-5
         w = Rotation.from_matrix(ahead[:, :3] @ behind[:, :3].T).as_rotvec() / 2e-5
         relative = 1e-6 if built.real == "double" else 2e-4
@@ -115,7 +90,7 @@ def test_turning_joints_come_back_into_their_ranges(built: Built) -> None:
     assert code == 0
     assert abs(q[2]) <= np.radians(160) + 1e-9
     assert abs(q[5] - guess[5]) < 4
-    assert np.less(differences(python_pose(built.model, q), row[built.n :]), tolerance(built)).all()
+    assert np.less(differences(built.pose(q), row[built.n :]), tolerance(built)).all()
 
 
 @needs_compiler
@@ -146,12 +121,12 @@ def test_parameters_and_drivers_are_read_at_run_time(built: Built) -> None:
     z = model.z_home + rng.uniform(0.1, 2.0, len(model.z_home))
     code, pose = built.fk(row[: built.n], p=p, z=z if len(z) else np.zeros(1))
     assert code == 0
-    expected = python_pose(model, row[: built.n], p, z)
+    expected = built.pose(row[: built.n], p, z)
     assert differences(expected, row[built.n :])[0] > 0.05
     assert np.less(differences(pose, expected), (1e-9, 1e-12)).all()
     code, q = built.ik(expected, row[: built.n], p=p, z=z if len(z) else np.zeros(1))
     assert code == 0
-    assert np.less(differences(python_pose(model, q, p, z), expected), (1e-6, 1e-9)).all()
+    assert np.less(differences(built.pose(q, p, z), expected), (1e-6, 1e-9)).all()
     for k, name in enumerate(identifiers(model.names)):
         assert built.define(f"P_{name}") == k
     for k, name in enumerate(identifiers(model.drivers)):
@@ -175,20 +150,12 @@ def test_compensation_puts_the_real_tool_where_the_drawing_says(root_directory: 
     machine = machine_of(root_directory, name)
     built = build(root_directory, name, "double")
     values = {p.name: round(p.nominal, 0 if p.unit == "mm" else 2) for p in machine.mechanism.parameters}
-    directory = root_directory / f"{name}_nominal"
-    generate(machine, directory, nominal=values)
-    assert COMPILER is not None
-    subprocess.run(
-        [COMPILER, *WARNINGS, "-shared", "-fPIC", f"{name}_kin.c", "-lm", "-o", "lib.so"],
-        cwd=directory,
-        check=True,
-    )
-    other = replace(built, library=ctypes.CDLL(str(directory / "lib.so")))
+    other = built_of(machine, root_directory / f"{name}_nominal", "double", nominal=values)
     row, model = built.samples()[5], built.model
     code, q = other.call("compensate", row[: built.n], out=np.zeros(built.n))
     assert code == 0
     geometry = machine.geometry
     drawing = [values.get(n, geometry[n].nominal if n in geometry else 0.0) for n in model.names]
-    wanted = python_pose(model, row[: built.n], np.array(drawing))
+    wanted = built.pose(row[: built.n], np.array(drawing))
     assert differences(wanted, row[built.n :])[0] > 0.05
-    assert np.less(differences(python_pose(model, q), wanted), (1e-6, 1e-9)).all()
+    assert np.less(differences(built.pose(q), wanted), (1e-6, 1e-9)).all()

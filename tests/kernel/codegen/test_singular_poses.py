@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -13,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from support.examples import by_day
-from support.generated_c import COMPILER, WARNINGS, needs_compiler
+from support.generated_c import needs_compiler, run_example
 from support.partial_machines import as_built, partial_machine, readings
 from support.recordings import rows_of
 from support.wrapped import python_at
@@ -150,8 +149,4 @@ def test_the_example_of_a_machine_that_remembers_passes(name: str, real: Any, tm
     assert machine.file
     directory = tmp_path / "c"
     generate(machine, directory, real, nominal=machine.file.nominal, features="warm,cold,p,batch,state")
-    sources = [path.name for path in directory.glob("*.c")]
-    command = [str(COMPILER), *WARNINGS, "-O1", *sources, "-lm", "-o", "example"]
-    subprocess.run(command, cwd=directory, check=True)
-    done = subprocess.run([directory / "example"], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout
+    run_example(directory, "-O1")

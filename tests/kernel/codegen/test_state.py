@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import importlib.util
 import shutil
 import subprocess
 from dataclasses import dataclass
@@ -20,6 +19,8 @@ from numpy.typing import NDArray
 import truepose
 from support.examples import by_day
 from support.generated_c import COMPILER, WARNINGS, needs_compiler
+from support.simulated import machine_from
+from support.wrapped import python_at
 from truepose.codegen.c import generate, render
 from truepose.codegen.features import Features
 from truepose.codegen.printer import Real
@@ -82,10 +83,7 @@ def library(where: Path, effects: str, real: Real, coupled: str = "") -> Library
     machine = truepose.load_machine(file)
     directory = where / f"mem_{real}_{len(effects)}_{len(coupled)}"
     generate(machine, directory, real)
-    spec = importlib.util.spec_from_file_location("mem_kin", directory / "wrappers" / "mem_kin.py")
-    assert spec and spec.loader
-    wrapper = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(wrapper)
+    wrapper = python_at(directory / "wrappers" / "mem_kin.py")
     kinematics = wrapper.build(COMPILER, WARNINGS)
     update = ctypes.CDLL(str(next((directory / "wrappers").glob("libmem_kin.*")))).mem_state_update
     update.argtypes = [ctypes.c_void_p, ctypes.c_void_p, wrapper.REAL, ctypes.c_void_p, ctypes.c_void_p]
@@ -246,21 +244,6 @@ def test_bad_input_is_refused_and_changes_nothing(root_directory: Path, real: Re
     assert state.update(q, 0.5) is not None
 
 
-@pytest.mark.nightly
-@needs_compiler
-@both
-def test_example_and_state_run_clean_under_sanitizers(
-    root_directory: Path, tmp_path: Path, real: Real, sanitizers: list[str]
-) -> None:
-    built = library(root_directory, EFFECTS, real)
-    assert COMPILER is not None
-    files = [str(built.directory / name) for name in ("example.c", "mem_kin.c", "mem_state.c")]
-    command = [COMPILER, *WARNINGS, "-O1", *sanitizers, *files, "-lm", "-o", str(tmp_path / "example")]
-    subprocess.run(command, check=True)
-    ran = subprocess.run([tmp_path / "example"], capture_output=True, text=True, check=False)
-    assert (ran.returncode, ran.stderr) == (0, ""), ran.stdout
-
-
 @needs_compiler
 def test_the_state_of_cpp(root_directory: Path, tmp_path: Path) -> None:
     compiler = shutil.which("g++")
@@ -304,7 +287,6 @@ def test_there_is_a_state_where_something_remembers_or_it_is_asked_for(root_dire
     assert "plain_state.c" not in render(plain, "double")
     asked = render(plain, "double", features=Features.of("warm,state"))
     assert "plain_state.c" in asked and "#define plain_HAS_STATE 1" in asked["plain_kin.h"]
-    (root_directory / "mem.yaml").write_text(HEAD + EFFECTS)
-    machine = truepose.load_machine(root_directory / "mem.yaml")
+    machine = machine_from(root_directory, HEAD + EFFECTS, "mem")
     without = render(machine, "double", features=Features.of("warm"))
     assert "mem_state.c" not in without and "#define mem_HAS_STATE 0" in without["mem_kin.h"]

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
-import subprocess
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -12,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from support.generated_c import COMPILER, WARNINGS, needs_compiler
+from support.generated_c import Built, built_of, needs_compiler, run_example
 from support.partial_machines import PARTIAL, as_built, partial_machine, readings
 from support.recordings import rows_of
 from truepose.codegen.c import generate
@@ -20,61 +17,30 @@ from truepose.codegen.printer import Real
 from truepose.errors import InputError
 from truepose.identification.compensation.compensate import compensate, twists_between
 from truepose.identification.compensation.inverse import PoseSolver, base_frame
-from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
 CASES = [(name, real) for real in ("double", "float") for name in PARTIAL]
 ROWS = 25
 
 
-@dataclass(frozen=True)
-class Built:
-    """A machine as built, and its C."""
-
-    machine: Machine
-    library: ctypes.CDLL
-    directory: Path
-    real: Real
-
-    def call(self, function: str, *inputs: Array, size: int) -> tuple[int, Array]:
-        dtype = np.float64 if self.real == "double" else np.float32
-        arrays = [
-            None,
-            None,
-            *(np.ascontiguousarray(v, dtype=dtype) for v in inputs),
-            np.full(size, -7.0, dtype=dtype),
-        ]
-        code = getattr(self.library, f"{self.machine.name}_{function}")(
-            *(None if a is None else a.ctypes.data_as(ctypes.c_void_p) for a in arrays)
-        )
-        return int(code), np.asarray(arrays[-1], dtype=float)
-
-
 @cache
-def built(where: Path, name: str, real: Real) -> Built:
-    assert COMPILER is not None
+def compiled(where: Path, name: str, real: Real) -> Built:
+    """A machine as built, and its C."""
     machine = as_built(partial_machine(where, name), 6)
     assert machine.file
-    directory = where / f"{name}_{real}"
-    generate(machine, directory, real, nominal=machine.file.nominal)
-    sources = [f"{name}_kin.c", f"{name}_batch.c"]
-    command = [COMPILER, *WARNINGS, "-O1"]
-    subprocess.run([*command, "-shared", "-fPIC", *sources, "-lm", "-o", "lib.so"], cwd=directory, check=True)
-    subprocess.run([*command, "example.c", *sources, "-lm", "-o", "example"], cwd=directory, check=True)
-    return Built(machine, ctypes.CDLL(str(directory / "lib.so")), directory, real)
+    return built_of(machine, where / f"partial_{name}_{real}", real, nominal=machine.file.nominal)
 
 
 @pytest.fixture
 def made(root_directory: Path, request: pytest.FixtureRequest) -> Built:
-    name, real = request.param
-    return built(root_directory, name, real)
+    return compiled(root_directory, *request.param)
 
 
-DAY = [pytest.param(case, id="-".join(case)) for case in CASES if case[1] == "double"]
-NIGHT = [
-    pytest.param(case, id="-".join(case), marks=pytest.mark.nightly) for case in CASES if case[1] == "float"
-]
-every = pytest.mark.parametrize("made", [*DAY, *NIGHT], indirect=True)
+every = pytest.mark.parametrize(
+    "made",
+    [pytest.param(c, id="-".join(c), marks=pytest.mark.nightly if c[1] == "float" else ()) for c in CASES],
+    indirect=True,
+)
 
 
 def left(made: Built, solver: PoseSolver, goals: Array, q: Array) -> Array:
@@ -87,8 +53,7 @@ def left(made: Built, solver: PoseSolver, goals: Array, q: Array) -> Array:
 @needs_compiler
 @every
 def test_its_own_example_passes(made: Built) -> None:
-    done = subprocess.run([made.directory / "example"], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout
+    run_example(made.directory, "-O1")
 
 
 @needs_compiler
@@ -99,8 +64,7 @@ def test_solved_means_that_the_task_is_met(made: Built) -> None:
     q = readings(made.machine, ROWS, 7)
     goals = base @ PoseSolver(partial_machine(made.directory, made.machine.name)).forward(q)[0]
     found = [
-        made.call("ik", (np.linalg.inv(base) @ goal)[:3].ravel(), row, size=q.shape[1])
-        for goal, row in zip(goals, q, strict=True)
+        made.ik((np.linalg.inv(base) @ goal)[:3].ravel(), row) for goal, row in zip(goals, q, strict=True)
     ]
     solved = np.array([code == 0 for code, _ in found])
     own = solver.inverse(goals, q)
@@ -119,7 +83,7 @@ def test_commands_are_those_of_numpy(made: Built) -> None:
     found = compensate(made.machine, rows_of(q, joints=made.machine.mechanism.readings))
     assert np.mean(found.eased) < 0.2
     for row, expected in zip(q[~found.eased], found.command[~found.eased], strict=True):
-        code, command = made.call("compensate", row, size=len(row))
+        code, command = made.call("compensate", row, out=np.zeros(len(row)))
         assert code == 0
         if len(row) == len(found.task.rows):  # of several commands that meet the task, each is right
             np.testing.assert_allclose(

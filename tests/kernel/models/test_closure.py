@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from support import MACHINES
+from support.simulated import machine_from
 from truepose.codegen.layout import layout_of
 from truepose.codegen.reference import Reference
 from truepose.errors import InputError
@@ -165,9 +166,7 @@ mechanism:
 def test_vectors_of_the_c_are_in_the_assembly_of_the_file_s_home(tmp_path: Path, side: int) -> None:
     """Joints without ranges: the readings at home are the file's, not zeros, at which no loop closes."""
     degrees = {"a1": 150 * side, "e1": -118 * side, "a2": 30 * side, "e2": 78 * side}
-    path = tmp_path / "fivebar.yaml"
-    path.write_text(FIVE_BAR.replace("HOME", str(degrees).replace("'", "")))
-    machine = load_machine(path)
+    machine = machine_from(tmp_path, FIVE_BAR.replace("HOME", str(degrees).replace("'", "")))
     vectors = layout_of(symbolic_model(machine), "double").vectors
     poses, good = PoseSolver(machine).forward(np.array([q for q, _ in vectors]))
     assert good.all()
@@ -176,9 +175,8 @@ def test_vectors_of_the_c_are_in_the_assembly_of_the_file_s_home(tmp_path: Path,
 
 def test_no_c_is_written_of_a_home_where_assemblies_meet(tmp_path: Path) -> None:
     """Stretched out along a line, the elbow may turn to either side."""
-    path = tmp_path / "fivebar.yaml"
-    path.write_text(FIVE_BAR.replace("HOME", "{a1: 0, a2: 0}"))
+    machine = machine_from(tmp_path, FIVE_BAR.replace("HOME", "{a1: 0, a2: 0}"))
     with pytest.raises(
         InputError, match=r"fivebar: mechanism\.home: found a singular pose, .* expected a home off it"
     ):
-        layout_of(symbolic_model(load_machine(path)), "double")
+        layout_of(symbolic_model(machine), "double")

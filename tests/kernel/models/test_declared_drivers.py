@@ -7,16 +7,14 @@ from pathlib import Path
 import pytest
 
 from support.short_arm import FRAMES, HEAD, JOINTS, POSE
+from support.simulated import machine_from
 from truepose.errors import InputError
 from truepose.models.file.driver import DeclaredDriver, Driver
-from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
 
 def declaring(folder: Path, drivers: str) -> Machine:
-    file = folder / "arm.yaml"
-    file.write_text(HEAD + JOINTS + FRAMES + POSE + f"drivers: {drivers}\n", encoding="utf-8")
-    return load_machine(file)
+    return machine_from(folder, HEAD + JOINTS + FRAMES + POSE + f"drivers: {drivers}\n", "arm")
 
 
 def test_names_and_mappings_stand_side_by_side(tmp_path: Path) -> None:

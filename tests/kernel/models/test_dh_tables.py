@@ -15,6 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from support.plain_kinematics import frame
+from support.simulated import machine_from
 from truepose.errors import InputError
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import write_calibrated
@@ -53,24 +55,7 @@ def machine_of(folder: Path, rows: Sequence[Row], convention: str, more: str = "
     named = [{"name": f"q{k}", **row} for k, row in enumerate(rows, start=1)]
     mechanism = {"type": "serial", "convention": convention, "joints": named}
     text = yaml.safe_dump({"schema": "truepose/machine/1", "name": "arm", "mechanism": mechanism})
-    path = folder / "arm.yaml"
-    path.write_text(
-        f"{text}sensor: {{type: pose, sigma: {{xyz: 0.02, rot: 0.01}}}}\n{more}", encoding="utf-8"
-    )
-    return load_machine(path)
-
-
-def turned(axis: int, degrees: float) -> Array:
-    out, (c, s) = np.eye(4), (np.cos(np.radians(degrees)), np.sin(np.radians(degrees)))
-    i, j = ((1, 2), (2, 0), (0, 1))[axis]
-    out[i, i], out[i, j], out[j, i], out[j, j] = c, -s, s, c
-    return out
-
-
-def moved(axis: int, mm: float) -> Array:
-    out = np.eye(4)
-    out[axis, 3] = mm
-    return out
+    return machine_from(folder, f"{text}sensor: {{type: pose, sigma: {{xyz: 0.02, rot: 0.01}}}}\n{more}")
 
 
 def product(rows: Sequence[Row], q: Sequence[float], convention: str) -> Array:
@@ -78,8 +63,8 @@ def product(rows: Sequence[Row], q: Sequence[float], convention: str) -> Array:
     out = np.eye(4)
     for row, value in zip(rows, q, strict=True):
         turn, slide = (value if row["kind"] == kind else 0.0 for kind in ("revolute", "prismatic"))
-        own = turned(2, row["theta"] + turn) @ moved(2, row["d"] + slide)
-        link = moved(0, row["a"]) @ turned(0, row["alpha"])
+        own = frame([0, 0, row["d"] + slide], np.radians([0, 0, row["theta"] + turn]))
+        link = frame([row["a"], 0, 0], np.radians([row["alpha"], 0, 0]))
         out = out @ (own @ link if convention == "standard" else link @ own)
     return out
 
@@ -160,7 +145,7 @@ def test_masses_of_a_written_file_weigh_where_they_did(tmp_path: Path) -> None:
     )
     rng = np.random.default_rng(1)
     q = rng.uniform(-60, 60, (30, 4))
-    tool = moved(0, 10) @ moved(1, 20) @ moved(2, 100)
+    tool = frame([10, 20, 100])
     poses = np.array([product(ARM, row, "standard") @ tool for row in q])
     recording = load_recording(machine, [rows_of(tmp_path, q, poses, rng)])
     write_calibrated(tmp_path / "calibrated.yaml", estimate(machine, recording), recording)

@@ -103,14 +103,6 @@ def test_elementary_rotations_turn_about_their_axis(angle: float) -> None:
 
 
 @LAWS
-@given(vectors(2.0))
-def test_modified_rodrigues_parameters(mrp: Array) -> None:
-    s = ca.SX.sym("s", 3)
-    found = numeric(lie.mrp_rotation(s), (s, mrp))
-    np.testing.assert_allclose(found, Rotation.from_mrp(mrp).as_matrix(), atol=1e-12)
-
-
-@LAWS
 @given(vectors(1.0), st.floats(0, 1))
 def test_symbolic_logarithm_is_smooth_through_the_identity(direction: Array, size: float) -> None:
     w = ca.SX.sym("w", 3)

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from support.closed_kinematics import readings
 from support.moving_machines import FRAMED, HEAD, POSE, PUS, UPS
 from support.pushed_arm import COLUMNS, RANGES, SENSOR, TOOL, placed, sensor_turn, text, torques
+from support.simulated import machine_from
 from support.telescope_models import LOADED, TRAVEL
 from support.telescope_models import machine_of as machine_of_telescope
 from truepose.errors import InputError
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.models.effects.base import PlacedEffect, effects
-from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
@@ -26,9 +26,7 @@ GRAVITY = np.array([0.5, -0.3, -9.8])
 
 
 def machine_of(folder: Path, written: str) -> Machine:
-    path = folder / "pushed.yaml"
-    path.write_text(written, encoding="utf-8")
-    return load_machine(path)
+    return machine_from(folder, written, "pushed")
 
 
 def drawn(n: int, seed: int = 3) -> tuple[Array, Array]:
@@ -151,9 +149,8 @@ def _without_payload(written: str) -> str:
 
 def _pair(folder: Path, written: str) -> tuple[Machine, Machine]:
     """A machine with a payload of 2 kg at [50, -20, 40] of the tool, and the same without it, pushed at."""
-    folder.joinpath("hung.yaml").write_text(written, encoding="utf-8")
-    folder.joinpath("pushed.yaml").write_text(_without_payload(written) + PUSHED, encoding="utf-8")
-    return load_machine(folder / "hung.yaml"), load_machine(folder / "pushed.yaml")
+    pushed = _without_payload(written) + PUSHED
+    return machine_from(folder, written, "hung"), machine_from(folder, pushed, "pushed")
 
 
 @pytest.mark.parametrize("form", [PUS, UPS], ids=["6-pus", "6-ups"])

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from support.simulated import machine_from
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
-from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mount_terms import ARCSEC, terms_of
 
@@ -90,8 +90,7 @@ ALT_AZ: dict[str, Law] = {
 def _machine(folder: Path, kind: str) -> Machine:
     first, second = AXES[kind]
     text = FILE.format(kind=kind, first=first, second=second)
-    (folder / "mount.yaml").write_text(text + (OF_FORKS if kind == "equatorial" else ""))
-    return load_machine(folder / "mount.yaml")
+    return machine_from(folder, text + (OF_FORKS if kind == "equatorial" else ""), "mount")
 
 
 def _angles(kind: str) -> Array:
@@ -146,11 +145,8 @@ def test_both_sides_of_the_pier_see_the_same_sky(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("lean", [0.0, 0.3, -2.0])
 def test_play_is_closed_by_the_side_that_is_heavy(tmp_path: Path, lean: float) -> None:
-    (tmp_path / "mount.yaml").write_text(
-        FILE.format(kind="alt-az", first="az", second="alt")
-        + f"  - {{effect: backlash, place: [alt], lean: {lean}, parameters: {{b: {{value: 2.0e-6, unit: rad}}}}}}\n"
-    )
-    machine = load_machine(tmp_path / "mount.yaml")
+    play = f"  - {{effect: backlash, place: [alt], lean: {lean}, parameters: {{b: {{value: 2.0e-6, unit: rad}}}}}}\n"
+    machine = machine_from(tmp_path, FILE.format(kind="alt-az", first="az", second="alt") + play)
     alt = np.radians(np.array([-60.0, 10.0, 45.0, 130.0, 170.0]))
     q = np.column_stack([np.zeros(5), alt])
     moved = np.sin(_seen(machine, q, {})[:, 1]) - np.sin(alt)
@@ -162,7 +158,6 @@ def test_play_is_closed_by_the_side_that_is_heavy(tmp_path: Path, lean: float) -
 
 def test_an_equatorial_mount_needs_its_latitude_for_weight(tmp_path: Path) -> None:
     text = FILE.partition("effects:")[0].format(kind="equatorial").replace(", latitude: 39", "")
-    (tmp_path / "mount.yaml").write_text(text)
-    machine = load_machine(tmp_path / "mount.yaml")
+    machine = machine_from(tmp_path, text, "mount")
     assert machine.gravity is None
     assert not machine.masses

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import accumulate
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,8 @@ import pandas as pd
 import pytest
 from numpy.typing import NDArray
 
+from support.plain_kinematics import step
+from support.simulated import machine_from
 from truepose.api import calibrate
 from truepose.errors import InputError
 from truepose.identification.fit.write_machine import write_calibrated
@@ -21,6 +24,7 @@ Array = NDArray[np.float64]
 GRAVITY, KG, COM = 9.81, 20.0, np.array([0.0, 40.0, 0.0, 1.0])
 ON_BASE, ON_ARM = np.array([100.0, 0.0, 50.0]), np.array([250.0, -30.0, 0.0, 1.0])
 STIFFNESS, FREE, PUSH = 4.0, 180.0, -300.0
+ROWS = ((0.0, 0.0, 0.0, 0.0, 300.0), (0.0, -np.pi / 2, 0.0, 0.0, 0.0), (0.0, 0.0, 400.0, 0.0, 0.0))
 SOFT = 3e-5  # rad/(N m)
 TEXT = """schema: truepose/machine/1
 name: balanced
@@ -45,17 +49,8 @@ EFFECT = """effects:
 
 
 def links(q: Array) -> list[Array]:
-    """Frames (4, 4) of link1, link2, link3, mm: RotX(alpha) TransX(d) RotZ(theta) TransZ(r)."""
-    out, here = [], np.eye(4)
-    for k, (alpha, d, r) in enumerate(((0.0, 0.0, 300.0), (-np.pi / 2, 0.0, 0.0), (0.0, 400.0, 0.0))):
-        turn, step, spin = np.eye(4), np.eye(4), np.eye(4)
-        turn[1:3, 1:3] = [[np.cos(alpha), -np.sin(alpha)], [np.sin(alpha), np.cos(alpha)]]
-        step[0, 3] = d
-        spin[:2, :2] = [[np.cos(q[k]), -np.sin(q[k])], [np.sin(q[k]), np.cos(q[k])]]
-        spin[2, 3] = r
-        here = here @ turn @ step @ spin
-        out.append(here)
-    return out
+    """Frames (4, 4) of link1, link2, link3, mm."""
+    return list(accumulate(map(step, ROWS, q), np.matmul))
 
 
 def energy(q: Array, stiffness: float = STIFFNESS) -> float:
@@ -74,9 +69,7 @@ def torque(q: Array, joint: int, stiffness: float = STIFFNESS) -> float:
 
 
 def machine_of(folder: Path, text: str = TEXT) -> Machine:
-    path = folder / "balanced.yaml"
-    path.write_text(text, encoding="utf-8")
-    return load_machine(path)
+    return machine_from(folder, text, "balanced")
 
 
 def rows(q: Array) -> dict[str, Array]:

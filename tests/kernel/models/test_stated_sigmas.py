@@ -11,8 +11,8 @@ from typing import Any
 import casadi as ca
 import pytest
 
+from support.simulated import machine_from
 from truepose.errors import InputError
-from truepose.models.load import load_machine
 from truepose.models.machine.builder import BuildContext
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.sensor import Channel, Sensor, sensors
@@ -44,9 +44,9 @@ effects: [{effect: backlash, place: [q1], parameters: {b: {value: 0.01, unit: de
 
 
 def _load(folder: Path, sensor: str, arm: str = ARM) -> Machine:
-    path = folder / "machine.yaml"
-    path.write_text(f"{arm}sensor:\n- {{type: position, sigma: {{xyz: 1}}}}\n- {sensor}\n", encoding="utf-8")
-    return load_machine(path)
+    return machine_from(
+        folder, f"{arm}sensor:\n- {{type: position, sigma: {{xyz: 1}}}}\n- {sensor}\n", "machine"
+    )
 
 
 def _refusal(folder: Path, sensor: str, arm: str = ARM) -> str:

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from support.simulated import machine_from
 from truepose.errors import InputError
 from truepose.models.file.fields import quantity
-from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
 MACHINE = """
@@ -37,9 +37,7 @@ WITH_UNITS = {
 
 
 def _load(folder: Path, **fields: str) -> Machine:
-    path = folder / "arm.yaml"
-    path.write_text(MACHINE.format(**{**PLAIN, **fields}), encoding="utf-8")
-    return load_machine(path)
+    return machine_from(folder, MACHINE.format(**{**PLAIN, **fields}), "arm")
 
 
 @pytest.mark.parametrize("field", PLAIN)

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from support.partial_machines import partial_machine
+from support.simulated import machine_from
 from truepose.errors import InputError
 from truepose.identification.compensation.inverse import PoseSolver
-from truepose.models.load import load_machine
 from truepose.models.task import COMPONENTS, WHOLE, Task
 
 Array = NDArray[np.float64]
@@ -127,10 +127,9 @@ def test_what_counts_counts_once(task: Task, at: Array, way: Array, base: Array)
     ],
 )
 def test_what_is_no_task_is_refused_by_name(stated: str, says: str, tmp_path: Path) -> None:
-    path = tmp_path / "scara.yaml"
-    path.write_text((partial_file(tmp_path)).read_text() + f"task: {stated}\n", encoding="utf-8")
+    text = partial_file(tmp_path).read_text()
     with pytest.raises(InputError, match=says):
-        load_machine(path)
+        machine_from(tmp_path, text + f"task: {stated}\n")
 
 
 def partial_file(folder: Path) -> Path:
@@ -140,9 +139,8 @@ def partial_file(folder: Path) -> Path:
 
 def test_what_the_joints_cannot_hold_is_refused(tmp_path: Path) -> None:
     """As many conditions as joints, and no joint that tilts the axis."""
-    path = tmp_path / "scara.yaml"
-    path.write_text(partial_file(tmp_path).read_text() + "task: [x, y, axis]\n", encoding="utf-8")
+    machine = machine_from(tmp_path, partial_file(tmp_path).read_text() + "task: [x, y, axis]\n")
     with pytest.raises(
         InputError, match=r"task: found \['x', 'y', 'axis'\], expected components that q1, q2, q3, q4 move"
     ):
-        PoseSolver(load_machine(path))
+        PoseSolver(machine)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from support.simulated import machine_from
 from support.telescope_models import (
     LENGTH,
     MODELS,
@@ -191,9 +192,8 @@ def test_what_a_model_lacks_is_told(tmp_path: Path, model: str, old: str, new: s
 def test_beam_theory_without_flexures_is_refused(tmp_path: Path) -> None:
     text = model_text("beam")
     kept = [line for line in text.splitlines() if not line.strip().startswith("flexure:")]
-    (tmp_path / "m.yaml").write_text("\n".join(kept).replace("beta: 0.025, ", ""))
     with pytest.raises(InputError, match=r"mechanism.flexure: found none, expected one: model beam"):
-        load_machine(tmp_path / "m.yaml")
+        machine_from(tmp_path, "\n".join(kept).replace("beta: 0.025, ", ""))
 
 
 @pytest.mark.parametrize("model", ["beam", "elastic"])

@@ -13,6 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 from support import ROOT
+from support.simulated import readings_of
 from truepose.cli import app
 from truepose.identification.prediction.predict import predict, simulate
 from truepose.identification.recording.load import load_recording
@@ -74,10 +75,8 @@ def written(machine: Machine, path: Path, seed: int) -> Recording:
     steps = rng.normal(0, 1, (ROWS, 2)) * np.where(rng.random((ROWS, 2)) < 0.5, 0.15, 1.5)
     way = np.abs((np.cumsum(steps, axis=0) + 1.8) % 7.2 - 3.6) - 1.8  # it turns back at 1.8 rad
     frame = pd.DataFrame(way, columns=["q1 [rad]", "q2 [rad]"])
-    frame.to_csv(path, index=False)
     cable = PlacedEffect.at(effects.get("cable-drag", "test")(), machine, ("q1",), None, {"k": TRUE_K})
-    poses = load_recording(machine, [path], need_observations=False)
-    pd.concat([frame, simulate(machine, poses, [cable], seed=seed)], axis=1).to_csv(path, index=False)
+    readings_of(machine, frame, cable, seed=seed).to_csv(path, index=False)
     return load_recording(machine, [path])
 
 

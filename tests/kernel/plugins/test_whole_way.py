@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import ctypes
 import json
-import subprocess
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import casadi as ca
 import numpy as np
 import pandas as pd
 import pytest
 from numpy.typing import NDArray
 from typer.testing import CliRunner
 
-from support.generated_c import COMPILER, needs_compiler
+from support.generated_c import Built, compile_library, needs_compiler
 from truepose.cli import app
 from truepose.models.load import load_machine
 from truepose.models.machine.kinematics import symbolic_model
@@ -148,34 +144,13 @@ def test_a_new_mechanism_and_sensor_are_diagnosed(slides: Job) -> None:
 def test_a_new_mechanism_is_compiled(slides: Job, tmp_path: Path) -> None:
     job = Job(slides.plugin, slides.out / "calibrated.yaml", slides.recording, tmp_path / "c")
     machine = job.load(job.machine)
-    q = np.array([[0.0, 0.0], [50.0, 150.0], [-80.0, 20.0]])
-    for row, pose in zip(*compiled_poses(job, machine, q), strict=True):
-        np.testing.assert_allclose(pose, modelled_pose(machine, row), rtol=0, atol=1e-9)
+    run("codegen", job.machine, "-o", job.out, "--plugin", job.plugin)
+    library = compile_library(job.out, [f"{machine.name}_kin.c"], "-O1")
+    built = Built(machine, symbolic_model(machine, machine.effects), "double", job.out, library)
+    for row in np.array([[0.0, 0.0], [50.0, 150.0], [-80.0, 20.0]]):
+        code, pose = built.fk(row)
+        assert code == 0
+        np.testing.assert_allclose(pose, built.pose(row), rtol=0, atol=1e-9)
         tilt = machine.geometry["tilt"].nominal
         expected = [row[0] + row[1] * np.sin(tilt), 0.0, row[1] * np.cos(tilt)]
-        np.testing.assert_allclose(pose[:3, 3], expected, atol=1e-9)
-
-
-def compiled_poses(job: Job, machine: Machine, q: Array) -> tuple[Array, list[Array]]:
-    """``truepose codegen`` with the plugin, compiled: readings and the C's base-to-tool poses (4, 4)."""
-    assert COMPILER is not None
-    run("codegen", job.machine, "-o", job.out, "--plugin", job.plugin)
-    name = machine.name
-    flags: Sequence[str] = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-O1", "-shared", "-fPIC")
-    subprocess.run([COMPILER, *flags, f"{name}_kin.c", "-lm", "-o", "lib.so"], cwd=job.out, check=True)
-    forward = getattr(ctypes.CDLL(str(job.out / "lib.so")), f"{name}_fk")
-    numbers = ctypes.POINTER(ctypes.c_double)
-    poses = []
-    for row in q:
-        out, inputs = np.zeros(12), np.ascontiguousarray(row)
-        code = forward(None, None, inputs.ctypes.data_as(numbers), out.ctypes.data_as(numbers))
-        assert code == 0
-        poses.append(np.vstack([out.reshape(3, 4), [0, 0, 0, 1]]))
-    return q, poses
-
-
-def modelled_pose(machine: Machine, q: Array) -> Array:
-    """The Python model's pose, nominal base to tool, of an open chain with its effects."""
-    model = symbolic_model(machine, machine.effects)
-    pose = ca.Function("pose", [model.q, model.z, model.p], [model.pose])
-    return np.array(pose(q, model.z_home, model.p_home))
+        np.testing.assert_allclose(pose[3::4], expected, atol=1e-9)

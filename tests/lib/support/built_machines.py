@@ -42,7 +42,11 @@ HEXAPOD = "mechanism:\n  type: 6-pus\n  home: [0, 0, 440, 0, 0, 0]\n  legs:\n" +
 TEXTS = {"arm": MADE + FRAMES + ARM + POSE, "hexapod": MADE + FRAMES + HEXAPOD + POSE}
 
 
-def read_machines(folder: Path) -> Mapping[str, Machine]:
+Machines = Mapping[str, Machine]
+"""By name."""
+
+
+def read_machines(folder: Path) -> Machines:
     """Both by name, by way of files in this folder."""
     return {name: written(folder, text, name) for name, text in TEXTS.items()}
 

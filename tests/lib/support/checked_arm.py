@@ -13,6 +13,7 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 import truepose
+from support.plain_kinematics import frame, step
 from truepose.identification.leaves.check.result import Check
 from truepose.identification.leaves.check.rig import Rig
 from truepose.identification.leaves.check.run import check_files
@@ -48,23 +49,8 @@ Document = dict[str, Any]
 Spoilt = tuple[Document, pd.DataFrame]
 
 
-def turn(axis: str, angle: np.ndarray) -> np.ndarray:
-    out = np.tile(np.eye(4), (len(angle), 1, 1))
-    out[:, :3, :3] = Rotation.from_euler(axis, np.ravel(angle)[:, None]).as_matrix()
-    return out
-
-
-def shift(axis: int, length: float) -> np.ndarray:
-    out = np.eye(4)
-    out[axis, 3] = length
-    return out
-
-
-def standing(frame: Document) -> np.ndarray:
-    out = np.eye(4)
-    out[:3, :3] = Rotation.from_euler("xyz", frame["rpy"], degrees=True).as_matrix()
-    out[:3, 3] = frame["xyz"]
-    return out
+def standing(where: Document) -> np.ndarray:
+    return frame(where["xyz"], np.radians(where["rpy"]))
 
 
 def recorded(seed: int = 3) -> pd.DataFrame:
@@ -75,9 +61,8 @@ def recorded(seed: int = 3) -> pd.DataFrame:
     pose = np.tile(standing(ARM["frames"]["base"]), (ROWS, 1, 1))
     for k, row in enumerate(ARM["mechanism"]["joints"]):
         off = rng.standard_normal(4) * [0.2, 0.0009, 0.2, 0.0009]
-        pose = pose @ turn("z", q[:, k] + np.radians(row["theta"]) + off[1]) @ shift(2, row["d"] + off[0])
-        pose = pose @ shift(0, row["a"] + off[2])
-        pose = pose @ turn("x", np.full(ROWS, np.radians(row["alpha"]) + off[3]))
+        pose = pose @ step([0.0, 0.0, 0.0, np.radians(row["theta"]) + off[1], row["d"] + off[0]], q[:, k])
+        pose = pose @ step([0.0, np.radians(row["alpha"]) + off[3], row["a"] + off[2], 0.0, 0.0])
     pose = pose @ standing(ARM["frames"]["tool"])
     noise = rng.standard_normal((ROWS, 6)) * [0.03, 0.03, 0.03, 9e-5, 9e-5, 9e-5]
     seen = Rotation.from_matrix(pose[:, :3, :3]) * Rotation.from_rotvec(noise[:, 3:])

@@ -1,14 +1,13 @@
-"""Kinematics in closed form: rows of a serial chain by SymPy, inverses of hexapods, frames about them."""
+"""Kinematics in closed form: links of a serial chain, inverses of hexapods, frames about them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from functools import cache
+from collections.abc import Mapping
 
 import numpy as np
-import sympy as sp  # type: ignore[import-untyped]
 
 from support.moving_machines import nominal
+from support.plain_kinematics import frame_of, step
 from truepose.arrays import Array
 from truepose.models import lie
 from truepose.models.machine.machine import Machine
@@ -67,33 +66,7 @@ def readings(machine: Machine, rng: np.random.Generator, n: int = 4) -> Array:
 
 def base_to_flange(machine: Machine, world: Array, c: Mapping[str, float]) -> Array:
     """(n, 4, 4) flange in the base frame, out of the sensor's view of the tool."""
-
-    def frame(name: str) -> Array:
-        out = np.eye(4)
-        out[:3, 3] = [c[f"{name}.{axis}"] for axis in "xyz"]
-        out[:3, :3] = lie.rpy_matrix(np.array([c[f"{name}.r{axis}"] for axis in "xyz"]))
-        return out
-
-    out: Array = lie.inverse_pose(frame("base")) @ world @ lie.inverse_pose(frame("tool"))
-    return out
-
-
-@cache
-def khalil() -> Callable[..., Array]:
-    """One row of the table as SymPy multiplies it out."""
-    beta, alpha, d, theta, r = symbols = sp.symbols("beta alpha d theta r")
-
-    def turn(axis: int, angle: sp.Symbol) -> sp.Matrix:
-        plain = {0: sp.rot_ccw_axis1, 1: sp.rot_ccw_axis2, 2: sp.rot_ccw_axis3}[axis](angle)
-        return sp.Matrix(sp.BlockDiagMatrix(plain, sp.eye(1)))
-
-    def shift(x: sp.Symbol | int, z: sp.Symbol | int) -> sp.Matrix:
-        out = sp.eye(4)
-        out[0, 3], out[2, 3] = x, z
-        return out
-
-    product = turn(1, beta) * turn(0, alpha) * shift(d, 0) * turn(2, theta) * shift(0, r)
-    out: Callable[..., Array] = sp.lambdify(symbols, product)
+    out: Array = lie.inverse_pose(frame_of(c, "base")) @ world @ lie.inverse_pose(frame_of(c, "tool"))
     return out
 
 
@@ -103,6 +76,6 @@ def chain(machine: Machine, q: Array, c: Mapping[str, float]) -> list[Array]:
     for joint, reading in zip(machine.mechanism.joints, q, strict=True):
         row = {key: c[f"{joint.name}.{key}"] for key in ("beta", "alpha", "d", "theta", "r")}
         row["theta" if joint.kind == "revolute" else "r"] += reading
-        here = here @ khalil()(*row.values())
+        here = here @ step(list(row.values()))
         links.append(here)
     return links

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
-from support.plain_kinematics import frame, step
+from support.plain_kinematics import chain, frame_of
 from truepose.arrays import Array
 
 JOINTS = {
@@ -36,13 +36,8 @@ MOVES, KEYS = "xyz", ("beta", "alpha", "d", "theta", "r")
 
 def tool_pose(p: Mapping[str, float], q: Array) -> Array:
     """Khalil and Kleinfinger's chain with Hayati's turn, mm and rad."""
-    base, tool = (
-        frame([p[f"{name}.{a}"] for a in MOVES], [p[f"{name}.r{a}"] for a in MOVES])
-        for name in ("base", "tool")
-    )
-    for name, reading in zip(JOINTS, q, strict=True):
-        base = base @ step([p[f"{name}.{key}"] for key in KEYS], reading)
-    return base @ tool
+    rows = ([p[f"{name}.{key}"] for key in KEYS] for name in JOINTS)
+    return chain(rows, q, frame_of(p, "base"), frame_of(p, "tool"))
 
 
 def noisy(pose: Array, rng: np.random.Generator, factor: float = 1.0) -> list[float]:

@@ -150,8 +150,12 @@ READINGS = {
 STRAIGHT = {"hybrid": [730.0, 730.0, 730.0, 0.0, 0.0, 0.0]}
 
 
+Machines = Mapping[str, Machine]
+"""By name."""
+
+
 @cache
-def read_machines(folder: Path) -> Mapping[str, Machine]:
+def read_machines(folder: Path) -> Machines:
     """All of them by name, by way of files in a new folder; read once a folder."""
     folder.mkdir()
     return {name: written(folder, text, name) for name, text in TEXTS.items()}

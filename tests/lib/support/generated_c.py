@@ -7,13 +7,15 @@ import ctypes
 import re
 import shutil
 import subprocess
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
+from scipy.optimize import root
 
 from support.examples import NIGHT
 from support.generated_machines import BODIES, machine_of
@@ -78,6 +80,30 @@ class Built:
     ) -> tuple[int, Array]:
         return self.call("ik", pose, guess, out=np.full(self.n, -7.0), p=p, z=z)
 
+    @cached_property
+    def expressions(self) -> tuple[ca.Function, ca.Function]:
+        """What the loops lack with its derivative, and the pose, of readings, drivers, parameters and unknowns."""
+        model = self.model
+        inputs = [model.q, model.z, model.p, model.x]
+        loops = [ca.densify(model.closure), ca.densify(ca.jacobian(model.closure, model.x))]
+        return ca.Function("g", inputs, loops), ca.Function("T", inputs, [ca.densify(model.pose)])
+
+    def pose(self, q: Array, p: Array | None = None, z: Array | None = None) -> Array:
+        """Pose (12,) from the model's expressions, loops closed by scipy."""
+        closure, pose_of = self.expressions
+        model = self.model
+        given = [ca.DM(v) for v in (q, model.z_home if z is None else z, model.p_home if p is None else p)]
+
+        def residual(x: Array) -> tuple[Array, Array]:
+            g, by_x = closure(*given, ca.DM(x))
+            return g.full().ravel(), by_x.full()
+
+        x = model.home
+        if len(x):
+            x = root(residual, x, jac=True, tol=1e-13).x
+        pose: Array = pose_of(*given, ca.DM(x)).full()
+        return pose[:3].ravel()
+
     def samples(self, count: int = 8) -> Array:
         text = (self.directory / "test_vectors.csv").read_text()
         rows = list(csv.reader(text.splitlines()))[1:]
@@ -98,13 +124,25 @@ def build(where: Path, name: str, real: Real) -> Built:
     return built_of(machine_of(where, name), where / f"{name}_{real}", real)
 
 
-def built_of(machine: Machine, directory: Path, real: Real) -> Built:
+def built_of(
+    machine: Machine, directory: Path, real: Real, nominal: Mapping[str, float] | None = None
+) -> Built:
     """A machine's C, generated and compiled in a folder."""
-    generate(machine, directory, real)
+    generate(machine, directory, real, nominal=nominal)
     # some warnings come with optimisation; the C is the same in both
     level = "-O1" if real == "double" else LEVEL
     library = compile_library(directory, [f"{machine.name}_kin.c"], level, name="kin.so")
     return Built(machine, symbolic_model(machine, machine.effects), real, directory, library)
+
+
+def run_example(directory: Path, *flags: str) -> None:
+    """Compile all C of a folder with its example, which must end well and say nothing of errors."""
+    assert COMPILER is not None
+    sources = [path.name for path in directory.glob("*.c")]
+    command = [COMPILER, *WARNINGS, *flags, *sources, "-lm", "-o", "example"]
+    subprocess.run(command, cwd=directory, check=True)
+    done = subprocess.run([directory / "example"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, ""), done.stdout + done.stderr
 
 
 def cases(

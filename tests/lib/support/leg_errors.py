@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
+from support.plain_kinematics import frame, frame_of
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
@@ -21,23 +20,13 @@ def leg_errors(fit: Estimate, recording: Recording) -> np.ndarray:
     world[:, :3, 3] = np.column_stack([recording.observations[c] for c in ("x", "y", "z")])
     world[:, :3, :3] = lie.exp_so3(np.column_stack([recording.observations[c] for c in ("rx", "ry", "rz")]))
     shift = {a: values.get(f"frame-shift@base,session=1:{a}", 0.0) for a in ("x", "y", "z", "rx", "ry", "rz")}
-    moved = _pose([shift[a] for a in ("x", "y", "z")], [shift[a] for a in ("rx", "ry", "rz")])
+    moved = frame([shift[a] for a in ("x", "y", "z")], [shift[a] for a in ("rx", "ry", "rz")])
     after = (recording.session_rank() >= 1)[:, None, None]
-    base = np.where(after, _frame(values, "base") @ moved, _frame(values, "base"))
-    platform = np.linalg.inv(base) @ world @ np.linalg.inv(_frame(values, "tool"))
+    base = np.where(after, frame_of(values, "base") @ moved, frame_of(values, "base"))
+    platform = np.linalg.inv(base) @ world @ np.linalg.inv(frame_of(values, "tool"))
     out = []
     for leg in range(1, 7):
         a, b = (np.array([values[f"leg{leg}.{point}.{c}"] for c in "xyz"]) for point in "ab")
         length = np.linalg.norm(platform[:, :3, :3] @ b + platform[:, :3, 3] - a, axis=1)
         out.append(length - values[f"leg{leg}.offset"] - values[f"leg{leg}.gain"] * recording.q[:, leg - 1])
     return np.array(out).T
-
-
-def _frame(values: dict[str, float], frame: str) -> np.ndarray:
-    return _pose([values[f"{frame}.{a}"] for a in "xyz"], [values[f"{frame}.r{a}"] for a in "xyz"])
-
-
-def _pose(xyz: Sequence[float], rpy: Sequence[float]) -> np.ndarray:
-    out = np.eye(4)
-    out[:3, :3], out[:3, 3] = lie.rpy_matrix(np.array(rpy)), xyz
-    return out

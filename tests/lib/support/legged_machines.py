@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import ctypes
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 from pathlib import Path
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -56,14 +55,6 @@ BY_NEWTON = ("screw_rails", "coupled_rails")
 @dataclass(frozen=True)
 class Legged(Built):
     """The same with the functions for many poses."""
-
-    @cached_property
-    def expressions(self) -> tuple[ca.Function, ca.Function]:
-        """What the loops lack with its derivative, and the pose, of readings, drivers, parameters and unknowns."""
-        model = self.model
-        inputs = [model.q, model.z, model.p, model.x]
-        loops = [ca.densify(model.closure), ca.densify(ca.jacobian(model.closure, model.x))]
-        return ca.Function("g", inputs, loops), ca.Function("T", inputs, [ca.densify(model.pose)])
 
     def ik_n(
         self, poses: Array, guess: Array, p: Array | None = None

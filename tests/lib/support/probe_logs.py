@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
-from support.plain_kinematics import frame, step
+from support.plain_kinematics import chain, frame
 from truepose.arrays import Array
 
 JOINTS = ((0, 0, 330), (50, -90, 0), (440, 0, 0), (35, -90, 420), (0, 90, 0), (0, -90, 80))
@@ -48,11 +48,9 @@ def joints_at(time: Array, period: float = 0.0) -> Array:
 
 def pose_of(q: Array) -> tuple[Array, Array]:
     """Rotations (n, 3, 3) and places (n, 3), mm, of the probe by the tracker."""
-    pose = np.tile(np.eye(4), (len(q), 1, 1))
-    for k, (d, alpha, r) in enumerate(JOINTS):
-        row = [0.0, np.radians(alpha), d, np.radians(OFF * (k == 2) - 90.0 * (k == 1)), r]
-        pose = pose @ step(row, np.radians(q[:, k]))
-    pose = pose @ frame([20.0, 30.0, 90.0])
+    zeros = np.radians([0.0, -90.0, OFF, 0.0, 0.0, 0.0])
+    rows = [(0.0, np.radians(alpha), d, zero, r) for (d, alpha, r), zero in zip(JOINTS, zeros, strict=True)]
+    pose = chain(rows, np.radians(q), np.eye(4), frame([20.0, 30.0, 90.0]))
     turn, place = pose[:, :3, :3], pose[:, :3, 3]
     base = Rotation.from_euler("ZYX", [140, 3, -5], degrees=True).as_matrix()
     probe = Rotation.from_euler("ZYX", [10, 20, 30], degrees=True).as_matrix()

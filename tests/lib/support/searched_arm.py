@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from support.simulated import machine_from, readings_of
 from truepose.identification.diagnosis.null_fits import Fits
 from truepose.identification.diagnosis.search import Found, search
 from truepose.identification.diagnosis.selection_problem import selection_problem
@@ -18,13 +19,10 @@ from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.posterior.posterior import Posterior
 from truepose.identification.posterior.state import State, best_point, nearest_top
-from truepose.identification.prediction.predict import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue, catalogue
 from truepose.identification.signatures.signatures import Signatures
-from truepose.models.effect_text import parse_effect
-from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
 ARM = """
@@ -55,16 +53,12 @@ class Case:
     @classmethod
     def of(cls, folder: Path, *truth: str, only_from: int = 0) -> Case:
         """``only_from``: earlier rows are read from the machine without what is missing."""
-        (folder / "arm.yaml").write_text(ARM)
-        machine, rng = load_machine(folder / "arm.yaml"), np.random.default_rng(12)
+        machine, rng = machine_from(folder, ARM, "arm"), np.random.default_rng(12)
         table = pd.DataFrame(rng.uniform(-1, 1, (ROWS, 2)) * [160, 95], columns=["q1 [deg]", "q2 [deg]"])
         table["approach.q1"], table["approach.q2"] = rng.choice([-1.0, 1.0], (2, ROWS))
-        table.to_csv(folder / "poses.csv", index=False)
-        poses = load_recording(machine, [folder / "poses.csv"], need_observations=False)
-        read = simulate(machine, poses, [parse_effect(text, machine) for text in truth], seed=3)
-        if only_from:
-            read.iloc[:only_from] = simulate(machine, poses, [], seed=3).iloc[:only_from]
-        pd.concat([table, read], axis=1).to_csv(folder / "rows.csv", index=False)
+        rows = readings_of(machine, table, *truth)
+        rows.iloc[:only_from] = readings_of(machine, table).iloc[:only_from]
+        rows.to_csv(folder / "rows.csv", index=False)
         return cls.on(machine, load_recording(machine, [folder / "rows.csv"]))
 
     @classmethod

@@ -6,13 +6,14 @@ import ctypes
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from support.generated_c import LEVEL, compile_library
+from support.plain_kinematics import frame, step
 from truepose.arrays import Array
 from truepose.codegen.c import generate
 from truepose.models.load import load_machine
@@ -70,26 +71,19 @@ class Arm:
         drawn: Array = np.random.default_rng(seed).uniform(low, high, (count, 6))
         return drawn
 
-    @cached_property
-    def _fixed(self) -> Array:
-        """(6, 4, 4): what stands before each joint's turn."""
-        rows = [
-            _turn(1, np.radians([beta])) @ _turn(0, np.radians([alpha])) @ _shift(d, 0, 0)
-            for beta, alpha, d, _, _ in self.table
-        ]
-        return np.concatenate(rows)
-
     def frames(self, q: Array) -> Array:
         """(n, 7, 3, 4): the frame of every joint after its turn, then the tool's, at readings (n, 6)."""
-        pose = np.broadcast_to(np.eye(4), (len(q), 4, 4))
-        out = []
-        for k, ((*_, theta, r), fixed) in enumerate(zip(self.table, self._fixed, strict=True)):
-            angle, along = (0.0 * q[:, k], q[:, k, None]) if k in self.slides else (q[:, k], 0.0)
-            turned = fixed @ _turn(2, np.radians(theta) + angle)
-            turned[:, :, 3] += (r + along) * turned[:, :, 2]
+        pose, out = np.eye(4), []
+        for k, (beta, alpha, d, theta, r) in enumerate(self.table):
+            slides = k in self.slides
+            turned = step(
+                [*np.radians([beta, alpha]), d, np.radians(theta), r], 0.0 * q[:, k] if slides else q[:, k]
+            )
+            if slides:
+                turned[:, :3, 3] += q[:, k, None] * turned[:, :3, 2]
             pose = pose @ turned
             out.append(pose)
-        out.append(pose @ _shift(*self.tool))
+        out.append(pose @ frame(self.tool))
         return np.stack(out, axis=1)[:, :, :3]
 
     def poses(self, q: Array) -> Array:
@@ -212,22 +206,6 @@ def counted(where: Path, name: str) -> BuiltArm:
     assert places == 2
     (made.directory / "counted.c").write_text("int evaluations;\n" + text)
     return replace(made, library=compile_library(made.directory, ["counted.c"], LEVEL, name="counted.so"))
-
-
-def _turn(axis: int, angle: Array) -> Array:
-    """(n, 4, 4) about coordinate axis 0, 1 or 2."""
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    out = np.tile(np.eye(4), (len(angle), 1, 1))
-    out[:, i, i] = out[:, j, j] = np.cos(angle)
-    out[:, j, i] = np.sin(angle)
-    out[:, i, j] = -np.sin(angle)
-    return out
-
-
-def _shift(x: float, y: float, z: float) -> Array:
-    out = np.eye(4)
-    out[:3, 3] = x, y, z
-    return out
 
 
 def _drawn(

@@ -14,9 +14,9 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 
+from support.simulated import machine_from
 from support.tiny_fleets import write_fleet
 from truepose.cli import app
-from truepose.models.load import load_machine
 
 EXAMPLE = re.compile(r"^\s*Example: (truepose .*)$", re.MULTILINE)
 HEAVY = (
@@ -107,8 +107,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Small files of the names that the examples use: an arm that gives way and has play, and what was read of it."""
     folder = tmp_path_factory.mktemp("examples")
     rng = np.random.default_rng(1)
-    (folder / "machine.yaml").write_text(MACHINE, encoding="utf-8")
-    machine = load_machine(folder / "machine.yaml")
+    machine = machine_from(folder, MACHINE, "machine")
     ranges = {a.reading: np.degrees(a.range).tolist() for a in machine.mechanism.actuators if a.range}
     for name, rows in (("poses.csv", 30), ("path.csv", 5)):
         values = {joint: rng.uniform(low, high, rows) for joint, (low, high) in ranges.items()}

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from support.effect_machines import TEXTS, read_machines
+from support.effect_machines import TEXTS, Machines, read_machines
 from support.exact_fits import fit_at, posed, read
 from support.examples import by_day
 from support.results import machine, recording
@@ -33,7 +32,7 @@ ROWS = 40
 
 
 @pytest.fixture(scope="module")
-def machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Machine]:
+def machines(tmp_path_factory: pytest.TempPathFactory) -> Machines:
     return read_machines(tmp_path_factory.getbasetemp() / "round_trips")
 
 
@@ -68,7 +67,7 @@ def said(effects: tuple[PlacedEffect, ...]) -> list[dict[str, Any]]:
 
 
 @pytest.mark.parametrize("name", TEXTS)
-def test_every_candidate_is_read_as_it_was_written(name: str, machines: Mapping[str, Machine]) -> None:
+def test_every_candidate_is_read_as_it_was_written(name: str, machines: Machines) -> None:
     machine, rng = machines[name], np.random.default_rng(1)
     found = catalogue(machine, varied(machine)).candidates
     assert len(found) > 10
@@ -77,15 +76,13 @@ def test_every_candidate_is_read_as_it_was_written(name: str, machines: Mapping[
 
 
 @pytest.mark.parametrize(("first", "last"), [(1.0, 60.0), (61.0, 90.0), (121.0, HARMONIC.high)])
-def test_a_series_is_read_as_it_was_written(
-    first: float, last: float, machines: Mapping[str, Machine]
-) -> None:
+def test_a_series_is_read_as_it_was_written(first: float, last: float, machines: Machines) -> None:
     made = PlacedEffect.at(TransmissionError(), machines["arm"], ("q1",), {"first": first, "orders": last})
     assert said(reread(machines["arm"], (made,))) == said((made,))
 
 
 def test_a_fit_with_a_series_above_the_catalogue_s_is_read_and_generated(
-    machines: Mapping[str, Machine], tmp_path: Path
+    machines: Machines, tmp_path: Path
 ) -> None:
     machine = machines["arm"]
     waves = PlacedEffect.at(TransmissionError(), machine, ("q1",), {"first": 61.0, "orders": 90.0})
@@ -106,9 +103,7 @@ def test_a_diagnosed_demo_is_the_machine_of_its_file(name: str, tmp_path: Path) 
 @pytest.mark.parametrize(
     "name", by_day(sorted(TEXTS.keys() - {"cavity"}), *TEXTS.keys() - {"planar", "hybrid"})
 )  # its readings are changes, and these poses no order
-def test_a_file_is_the_model_that_was_fitted(
-    name: str, machines: Mapping[str, Machine], tmp_path: Path
-) -> None:
+def test_a_file_is_the_model_that_was_fitted(name: str, machines: Machines, tmp_path: Path) -> None:
     """With every effect of the catalogue, and constants far from the drawing: formulas hold none of the file's values."""
     machine, rng, kept = machines[name], np.random.default_rng(3), dict[str, int]()
     terms = list[PlacedEffect]()

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from support import ROOT
+from support.simulated import machine_from
 from truepose.identification.compensation.inverse import PoseSolver
-from truepose.models.load import load_machine
 
 POLISHER = ROOT / "models" / "machines" / "polisher" / "machine.yaml"
 YIELDING = """
@@ -21,9 +21,7 @@ effects:
 @pytest.mark.parametrize("effects", ["", YIELDING])
 def test_leg_forces_do_not_hide_the_pose(effects: str, tmp_path: Path) -> None:
     """From home, in one attempt: N and N mm beside mm would make a valley that takes hundreds of steps, or no end."""
-    path = tmp_path / "machine.yaml"
-    path.write_text(POLISHER.read_text(encoding="utf-8") + effects, encoding="utf-8")
-    solver = PoseSolver(load_machine(path))
+    solver = PoseSolver(machine_from(tmp_path, POLISHER.read_text(encoding="utf-8") + effects))
     assert len(solver.model.home) == (18 if effects else 9)  # with leg forces, or without
     low, high = np.array([a.range for a in solver.machine.mechanism.actuators], dtype=float).T
     share = np.random.default_rng(8).uniform(-1, 1, (60, 6))

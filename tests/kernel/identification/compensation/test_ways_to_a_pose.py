@@ -9,20 +9,18 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from support.calibrated_machines import SIX_AXES
+from support.simulated import machine_from
 from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.compensation.compensate import ideal_constants, twists_between
 from truepose.identification.compensation.inverse import PoseSolver, Reach, inverse
-from truepose.models.load import load_machine
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine
 
 
 @pytest.fixture(scope="module")
 def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    path = tmp_path_factory.mktemp("arm") / "m.yaml"
-    path.write_text(SIX_AXES)
-    return load_machine(path)
+    return machine_from(tmp_path_factory.mktemp("arm"), SIX_AXES, "m")
 
 
 def random_poses(n: int, rng: np.random.Generator) -> Array:
@@ -51,8 +49,7 @@ def test_the_drawing_has_its_links_the_calibrated_frames_and_no_effect(tmp_path:
         "nominal:\n  q2.d: 30\n  tool.x: 99\n"
         "effects:\n  - {effect: actuator-scale, place: [q4], parameters: {s: {value: 0.01, unit: '1'}}}\n"
     )
-    (tmp_path / "m.yaml").write_text(text)
-    drawn = load_machine(tmp_path / "m.yaml")
+    drawn = machine_from(tmp_path, text, "m")
     model = symbolic_model(drawn, drawn.effects)
     value = dict(zip(model.names, ideal_constants(drawn, model).tolist(), strict=True))
     own = {p.name: p.nominal for p in drawn.parameters}

@@ -18,6 +18,7 @@ from scipy.stats import binom, kstest
 
 from support.reports import diagnosis_lines
 from support.shifting_bench import Bench, clock, the_only
+from support.simulated import machine_from
 from truepose.api import diagnose
 from truepose.arrays import Array
 from truepose.identification.diagnosis import alarms
@@ -30,11 +31,12 @@ from truepose.identification.report.finding_words import form_words
 from truepose.identification.report.results import diagnosis_json
 from truepose.identification.signatures.candidates import catalogue
 from truepose.identification.signatures.signatures import Signatures
-from truepose.models.load import load_machine
+
+Benches = Callable[[str, int], Bench]
 
 
 @pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, int], Bench]:
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Benches:
     folder = tmp_path_factory.mktemp("benches")
     return lambda name, seed: Bench(folder, name, seed)
 
@@ -43,9 +45,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, int], Benc
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_where_nothing_is_missing_the_model_is_adequate(
-    bench: Callable[[str, int], Bench], seed: int
-) -> None:
+def test_where_nothing_is_missing_the_model_is_adequate(bench: Benches, seed: int) -> None:
     table = bench("table", seed)
     found = table.diagnose(table.frame(table.readings(50), time=clock(50)))
     assert found.verdict == "adequate"
@@ -57,7 +57,7 @@ def test_where_nothing_is_missing_the_model_is_adequate(
     assert found.fits["after"].chi2_per_dof == pytest.approx(1.0, abs=0.35)
 
 
-def test_alarms_are_uniform_where_nothing_is_missing(bench: Callable[[str, int], Bench]) -> None:
+def test_alarms_are_uniform_where_nothing_is_missing(bench: Benches) -> None:
     """p-values over recordings with parameters drawn from their tolerances and noise as stated."""
     drawn: dict[str, list[float]] = {"residual": [], "prior_conflict": [], "structure": []}
     for seed in range(30):
@@ -94,7 +94,7 @@ def play(q: Array, width: float) -> Array:
 
 
 @pytest.fixture(scope="module")
-def backlash(bench: Callable[[str, int], Bench]) -> tuple[Bench, pd.DataFrame, Diagnosis]:
+def backlash(bench: Benches) -> tuple[Bench, pd.DataFrame, Diagnosis]:
     """A revolute joint with 0.5 mrad of play, visited in random order."""
     table, width = bench("table", 5), 5e-4
     q = table.readings(60)
@@ -147,7 +147,7 @@ def test_what_cannot_be_tested_is_listed_with_its_reason(
     assert "no time column" in why["mount-drift"]
 
 
-def test_a_misread_drawing_is_concealed_by_the_free_fit(bench: Callable[[str, int], Bench]) -> None:
+def test_a_misread_drawing_is_concealed_by_the_free_fit(bench: Benches) -> None:
     """An offset of 3 mm where 0.1 mm is the tolerance: the ordinary fit swallows it whole."""
     table = bench("table", 10)
     names = [p.name for p in table.machine.parameters]
@@ -165,7 +165,7 @@ def test_a_misread_drawing_is_concealed_by_the_free_fit(bench: Callable[[str, in
     assert finding.flip_lambda > 2
 
 
-def test_rows_that_are_no_readings_are_told_apart_from_physics(bench: Callable[[str, int], Bench]) -> None:
+def test_rows_that_are_no_readings_are_told_apart_from_physics(bench: Benches) -> None:
     table = bench("table", 11)
     frame = table.frame(table.readings(60))
     frame.loc[[7, 30], "x [mm]"] += 1.0
@@ -174,7 +174,7 @@ def test_rows_that_are_no_readings_are_told_apart_from_physics(bench: Callable[[
     assert found.verdict == "adequate"
 
 
-def test_what_no_effect_explains_is_unknown(bench: Callable[[str, int], Bench]) -> None:
+def test_what_no_effect_explains_is_unknown(bench: Benches) -> None:
     """The slide's error follows the product of both joints' positions."""
     table = bench("table", 12)
     q = table.readings(60)
@@ -188,7 +188,7 @@ def test_what_no_effect_explains_is_unknown(bench: Callable[[str, int], Bench]) 
     assert "hypothesised" in form_words(left)
 
 
-def test_a_body_that_lags_its_thermometer_is_thermal_expansion(bench: Callable[[str, int], Bench]) -> None:
+def test_a_body_that_lags_its_thermometer_is_thermal_expansion(bench: Benches) -> None:
     """The column follows the air with a lag that the catalogue does not have; its length is 400 mm."""
     arm, rows, lag, alpha = bench("arm", 7), 60, 1300.0, 2.0e-5
     seconds = clock(rows, 90.0)
@@ -211,7 +211,7 @@ def test_a_body_that_lags_its_thermometer_is_thermal_expansion(bench: Callable[[
     assert finding.settings[0]["lag"] > 0
 
 
-def test_a_gear_that_stiffens_is_a_compliant_joint(bench: Callable[[str, int], Bench]) -> None:
+def test_a_gear_that_stiffens_is_a_compliant_joint(bench: Benches) -> None:
     """Torque winds the joint up, less and less as it grows."""
     arm, rows = bench("arm", 8), 60
     q, kg = arm.readings(rows), np.tile([0.0, 4.0, 8.0], rows // 3)
@@ -227,7 +227,7 @@ def test_a_gear_that_stiffens_is_a_compliant_joint(bench: Callable[[str, int], B
 
 @pytest.mark.nightly
 def test_slack_that_weight_takes_up_is_not_surely_a_compliant_joint(
-    bench: Callable[[str, int], Bench],
+    bench: Benches,
 ) -> None:
     """Bends of the compliance follow it, but they carry so much of it that the form is another."""
     arm, rows = bench("arm", 8), 60
@@ -240,7 +240,7 @@ def test_slack_that_weight_takes_up_is_not_surely_a_compliant_joint(
 
 
 @pytest.mark.nightly
-def test_a_sigma_that_is_stated_too_small_takes_no_name_away(bench: Callable[[str, int], Bench]) -> None:
+def test_a_sigma_that_is_stated_too_small_takes_no_name_away(bench: Benches) -> None:
     """Most of the misfit is noise then, which no effect explains; it speaks against none."""
     arm, rows = bench("arm", 11), 240
     q, kg = arm.readings(rows), np.tile([0.0, 4.0, 8.0], rows // 3)
@@ -257,7 +257,7 @@ def test_a_sigma_that_is_stated_too_small_takes_no_name_away(bench: Callable[[st
 
 
 @pytest.mark.nightly
-def test_a_platform_that_bends_like_a_beam_is_named(bench: Callable[[str, int], Bench]) -> None:
+def test_a_platform_that_bends_like_a_beam_is_named(bench: Benches) -> None:
     """Each leg lifts its own end; the others follow with the squared cosine of the angle between them."""
     hexapod, rows = bench("hexapod", 9), 40
     q = hexapod.readings(rows)
@@ -309,8 +309,7 @@ def recorded(n: int, seed: int = 2) -> pd.DataFrame:
 
 def test_twins_are_known_together(tmp_path: Path) -> None:
     """An upright first joint's bearings and the floor below it yield alike; that one of them does is certain."""
-    (tmp_path / "arm.yaml").write_text(ARM, encoding="utf-8")
-    found = diagnose(load_machine(tmp_path / "arm.yaml"), recorded(60))
+    found = diagnose(machine_from(tmp_path, ARM), recorded(60))
     assert not any(f.probability > 0.9 for f in found.findings)
     (one,) = [t for t in found.together if t.driver == "load"]
     assert {"base", "link1"} <= set(one.places)

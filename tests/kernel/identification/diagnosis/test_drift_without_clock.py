@@ -21,6 +21,7 @@ from support.drifting_arm import (
     tool_pose,
 )
 from support.examples import by_day
+from support.simulated import machine_from
 from truepose.api import diagnose, predict
 from truepose.arrays import Array
 from truepose.identification.diagnosis.result import Diagnosis
@@ -36,8 +37,7 @@ Moves = Callable[[dict[str, float], Array, float], None]
 
 
 def arm(folder: Path) -> Machine:
-    (folder / "arm.yaml").write_text(machine_text(), encoding="utf-8")
-    return load_machine(folder / "arm.yaml")
+    return machine_from(folder, machine_text(), "arm")
 
 
 def recorded(moves: Moves, order: str = "random", seed: int = 6, n: int = N) -> pd.DataFrame:

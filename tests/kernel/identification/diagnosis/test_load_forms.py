@@ -11,6 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from support.calibrated_machines import LOADED, SIX_AXES
+from support.simulated import machine_from
 from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import estimate
@@ -37,8 +38,7 @@ STANDING = (
 
 
 def machine_of(folder: Path, text: str) -> Machine:
-    (folder / "arm.yaml").write_text(text)
-    return load_machine(folder / "arm.yaml")
+    return machine_from(folder, text, "arm")
 
 
 def poses_of(machine: Machine, folder: Path, n: int = 90) -> Recording:

@@ -13,6 +13,7 @@ import pytest
 
 import truepose
 from support.pushed_arm import COLUMNS, RANGES, G, held, placed, text
+from support.simulated import machine_from
 from truepose.arrays import Array
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.signatures.candidates import catalogue
@@ -40,8 +41,7 @@ def recording(seed: int, gravity: Array | None, *, n: int = 60) -> pd.DataFrame:
 
 def diagnosed(folder: Path, seed: int, gravity: Array | None) -> Diagnosis:
     stated = "" if gravity is None else str(gravity.tolist())
-    (folder / "arm.yaml").write_text(text(gravity=stated, tolerance=0.1), encoding="utf-8")
-    machine = truepose.load_machine(folder / "arm.yaml")
+    machine = machine_from(folder, text(gravity=stated, tolerance=0.1), "arm")
     return truepose.diagnose(machine, truepose.load_recording(machine, recording(seed, gravity)))
 
 
@@ -74,8 +74,7 @@ def test_columns_of_a_force_drive_nothing_by_themselves(tmp_path: Path) -> None:
     plain, declared = (text(tolerance=0.1), text(tolerance=0.1) + "drivers: [ft.x]\n")
     reading = []
     for written in (plain, declared):
-        (tmp_path / "arm.yaml").write_text(written, encoding="utf-8")
-        machine = truepose.load_machine(tmp_path / "arm.yaml")
+        machine = machine_from(tmp_path, written, "arm")
         rows = truepose.load_recording(machine, recording(1, None))
         candidates = catalogue(machine, rows).candidates
         reading.append({name for placed in candidates for name in placed.drivers if name in COLUMNS})

@@ -15,6 +15,7 @@ import pytest
 
 from support.effect_machines import read_machines
 from support.searched_arm import PLAY, SCALE, Case, searched
+from support.simulated import machine_from, recorded
 from truepose.identification.diagnosis.alarms import misfits
 from truepose.identification.diagnosis.diagnose import verdict
 from truepose.identification.diagnosis.naming import (
@@ -28,15 +29,12 @@ from truepose.identification.diagnosis.naming import (
 )
 from truepose.identification.diagnosis.posterior_summary import Presence, driver_of, inclusion, parts_of
 from truepose.identification.diagnosis.proof import replications
-from truepose.identification.diagnosis.result import NAMED, Alarm, Replication
+from truepose.identification.diagnosis.result import Alarm, Replication
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.posterior.state import State
-from truepose.identification.prediction.predict import simulate
 from truepose.identification.prior import TOGETHER
 from truepose.identification.recording.load import load_recording
 from truepose.identification.signatures.candidates import Catalogue, catalogue
-from truepose.models.effect_text import parse_effect
-from truepose.models.file.driver import Driver
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.placed import EffectAtPlace
@@ -103,15 +101,11 @@ COUPLED = {EffectAtPlace("axis-coupling", ("q2", "q1")): "k=1e-3"}
 
 def found_in(folder: Path, truth: Mapping[EffectAtPlace, str]) -> Found:
     """Of the arm with these effects simulated."""
-    (folder / "arm.yaml").write_text(ARM)
-    machine, rng = load_machine(folder / "arm.yaml"), np.random.default_rng(4)
+    machine = machine_from(folder, ARM, "arm")
+    rng = np.random.default_rng(4)
     rows = pd.DataFrame(rng.uniform(-95, 95, (2 * ROWS, 3)), columns=["q1 [deg]", "q2 [deg]", "q3 [deg]"])
-    rows.to_csv(folder / "poses.csv", index=False)
-    poses = load_recording(machine, [folder / "poses.csv"], need_observations=False)
     texts = [f"{slug}@{'+'.join(place)}:{values}" for (slug, place), values in truth.items()]
-    read = simulate(machine, poses, [parse_effect(text, machine) for text in texts], seed=3)
-    pd.concat([rows, read], axis=1).to_csv(folder / "rows.csv", index=False)
-    return Case.on(machine, load_recording(machine, [folder / "rows.csv"])).found()
+    return Case.on(machine, recorded(machine, rows, *texts)).found()
 
 
 def said(found: Found) -> dict[EffectAtPlace, str]:
@@ -295,38 +289,4 @@ def test_parts_have_one_name_each(tmp_path: Path) -> None:
     assert parts_of(encoded, "wrong-constant", ("q3.d",)) == ("q3",)
 
 
-def test_what_is_not_there_leads_nothing() -> None:
-    _, quiet = searched()
-    said = summarised(quiet, quiet.fit)
-    assert said.names == () and said.laws == ()
-    assert all(max(one.levels.driver, one.certainty) < NAMED for one in said.leading)
-
-
 # -- drivers as types ---------------------------------------------------------------------------------------------
-
-
-def test_drivers_of_recordings_drive_in_their_own_way() -> None:
-    names = (
-        "payload",
-        "temperature.leg1~300",
-        "time",
-        "approach.q2",
-        "stop.q2~0.01",
-        "session.after.2",
-        "tilt",
-    )
-    assert [Driver.of(name).drives for name in names] == [
-        "load", "temperature", "time", "arrival", "arrival", "session", None,
-    ]  # fmt: skip
-
-
-def test_forms_without_a_name_state_theirs(found: Found) -> None:
-    kinds = {
-        (e.place[0], tuple(k for k, _ in e.settings if k.startswith("from."))): e.kind
-        for e in found.catalogue.candidates
-        if e.effect.slug == "empirical"
-    }
-    assert kinds["q1", ("from.q1",)] == "position"
-    assert kinds["q1", ("from.q2",)] == kinds["q1", ("from.q1", "from.q2")] == "coupling"
-    assert {kind for (place, _), kind in kinds.items() if place == "sensor"} == {"sensor"}
-    assert np.all([found.catalogue.candidates[i].kind != "sensor" for i in found.catalogue.smooth])

@@ -38,6 +38,8 @@ from truepose.identification.recording.recording import Recording
 from truepose.identification.report.results import diagnosis_json
 from truepose.identification.signatures.signatures import Signatures
 
+Case = tuple[Estimate, Recording]
+
 Mask = NDArray[np.bool_]
 
 
@@ -112,7 +114,7 @@ def test_where_rows_lie_is_told_in_standard_deviations_of_what_varies() -> None:
 
 
 def test_a_row_that_the_fit_follows_is_judged_as_if_it_had_not_been_fitted(
-    case: tuple[Estimate, Recording],
+    case: Case,
 ) -> None:
     """r' (1 - H)^-1 r by the whole hat matrix, H the share that the row has in its own prediction."""
     fit, recording = case
@@ -138,7 +140,7 @@ def test_a_row_that_the_fit_follows_is_judged_as_if_it_had_not_been_fitted(
 
 
 def test_nothing_is_said_of_fewer_than_ten_rows_or_of_rows_that_are_no_candidates(
-    case: tuple[Estimate, Recording],
+    case: Case,
 ) -> None:
     fit, recording = case
     n, m = fit.residual.shape
@@ -153,7 +155,7 @@ def test_nothing_is_said_of_fewer_than_ten_rows_or_of_rows_that_are_no_candidate
     assert not outlying_rows(found, recording, np.ones(n, dtype=bool)).any()
 
 
-def test_lost_readings_count_neither_for_nor_against_a_row(case: tuple[Estimate, Recording]) -> None:
+def test_lost_readings_count_neither_for_nor_against_a_row(case: Case) -> None:
     """A row of one reading is judged by the limit of one channel; a row without any is not judged."""
     fit, recording = case
     n, m = fit.residual.shape
@@ -193,7 +195,7 @@ def test_rows_are_told_that_are_twice_as_far_as_all_others(tmp_path: Path, times
 
 @pytest.mark.parametrize("most", [1000.0, 60.0, 20.0, 1.0])
 def test_an_ordinary_fit_without_a_bottom_is_sought_with_ever_narrower_tolerances(
-    case: tuple[Estimate, Recording], monkeypatch: pytest.MonkeyPatch, most: float
+    case: Case, monkeypatch: pytest.MonkeyPatch, most: float
 ) -> None:
     """From a hundred times the stated ones to ten times; the fit under the stated ones stands in for the rest."""
     before, recording = case

@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 import truepose
 from support import plain_arm as arm
 from support.plain_arm import soft_arm
+from support.simulated import machine_from
 from truepose.cli import app
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.recording.load import try_columns
@@ -125,8 +126,7 @@ def test_torques_need_no_declaration(folder: Path, found: Diagnosis) -> None:
     """And what they found is declared where the file is written."""
     document = yaml.safe_load((folder / "arm.yaml").read_text(encoding="utf-8"))
     del document["drivers"]
-    (folder / "bare.yaml").write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
-    machine = truepose.load_machine(folder / "bare.yaml")
+    machine = machine_from(folder, yaml.safe_dump(document, sort_keys=False), "bare")
     bare = truepose.diagnose(machine, truepose.load_recording(machine, [folder / "rows.csv"]))
     assert [(f.effect, f.place) for f in bare.findings] == [(f.effect, f.place) for f in found.findings]
     truepose.write_calibrated(folder / "again.yaml", bare.after, bare.recording)

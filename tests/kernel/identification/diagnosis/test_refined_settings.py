@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from support.simulated import machine_from, poses_of
 from truepose.arrays import Array
 from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.fit.write_machine import write_calibrated
@@ -51,16 +52,13 @@ def body(drive: Array, lag: float) -> Array:
 
 def warm_boom(folder: Path, lag: float, alpha: float = ALPHA) -> tuple[Machine, Recording]:
     """A boom of 800 mm whose length follows its thermometer ``lag`` s behind, and what its tool was seen to do."""
-    path = folder / "boom.yaml"
-    path.write_text(TEXT)
-    machine = load_machine(path)
+    machine = machine_from(folder, TEXT)
     rng = np.random.default_rng(7)
     time = SECONDS * np.arange(ROWS)
     warm = 20.0 + 6.0 * (1 - np.exp(-time / 2500)) + 1.5 * np.sin(2 * np.pi * time / 1500)
     s, q = rng.uniform(-100, 100, ROWS), rng.uniform(-170, 170, ROWS)
     frame = pd.DataFrame({"s [mm]": s, "q [deg]": q, "time": time, "temperature.link2": warm})
-    unread = load_recording(machine, [written(folder, frame)], need_observations=False)
-    predictor = Predictor(machine, unread)
+    predictor = Predictor(machine, poses_of(machine, frame))
     seen = []
     for k, grown in enumerate(800.0 * alpha * (body(warm, lag) - 20.0)):
         p = predictor.model.p_home.copy()
@@ -69,13 +67,7 @@ def warm_boom(folder: Path, lag: float, alpha: float = ALPHA) -> tuple[Machine, 
         seen.append(values[k])
     noisy = np.array(seen) + rng.normal(0, 0.002, (ROWS, 3))
     both = pd.concat([frame, pd.DataFrame(noisy, columns=list(titles))], axis=1)
-    return machine, load_recording(machine, [written(folder, both)])
-
-
-def written(folder: Path, frame: pd.DataFrame) -> Path:
-    path = folder / f"rows-{len(list(folder.iterdir()))}.csv"
-    frame.to_csv(path, index=False)
-    return path
+    return machine, load_recording(machine, both)
 
 
 class Searched:
@@ -188,11 +180,9 @@ def test_a_large_effect_between_two_lags_has_its_name_and_is_written(tmp_path: P
 
 
 def recorded(folder: Path, time: Array, session: Array) -> Recording:
-    path = folder / "boom.yaml"
-    path.write_text(TEXT)
     way = 40 * np.sin(np.arange(len(time)))
     frame = pd.DataFrame({"s [mm]": way, "q [deg]": 0.0, "time": time, "session": session})
-    return load_recording(load_machine(path), [written(folder, frame)], need_observations=False)
+    return poses_of(machine_from(folder, TEXT), frame)
 
 
 def test_creep_goes_on_while_one_clock_runs(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from support.searched_arm import ARM, PLAY, SCALE, WRONG_SIGN, Case, held, searched
+from support.simulated import machine_from, readings_of
 from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.diagnosis.diagnose import diagnose
@@ -33,7 +34,6 @@ from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.summary import worst_allowed
 from truepose.identification.fit.tool_pose import ToolPoints, tool_points
 from truepose.identification.fit.write_machine import write_calibrated
-from truepose.identification.prediction.predict import simulate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
@@ -127,8 +127,7 @@ def test_what_a_sensor_does_moves_no_tool(tmp_path: Path) -> None:
 
 def test_a_volume_warps_by_no_more_than_its_makers_sigma(tmp_path: Path) -> None:
     for sigma in (0.01, 0.3):
-        (tmp_path / "arm.yaml").write_text(ARM.replace("{xyz: 0.01}", f"{{xyz: {sigma}}}"))
-        machine = load_machine(tmp_path / "arm.yaml")
+        machine = machine_from(tmp_path, ARM.replace("{xyz: 0.01}", f"{{xyz: {sigma}}}"), "arm")
         made = Empirical().coefficients(machine, ("sensor",), {})
         assert {c.scale for c in made} == {sigma}
 
@@ -143,16 +142,13 @@ def comparison(ratio: float, pose: float) -> Comparison:
 
 def test_improved_predicts_the_tool_no_worse_than_plain_calibration(tmp_path: Path) -> None:
     """A sensor that warps by thirty sigma: the tool that is applied is no worse on rows that were not fitted."""
-    (tmp_path / "arm.yaml").write_text(ARM)
-    machine, rng = load_machine(tmp_path / "arm.yaml"), np.random.default_rng(2)
+    machine = machine_from(tmp_path, ARM, "arm")
+    rng = np.random.default_rng(2)
     table = pd.DataFrame(rng.uniform(-1, 1, (60, 2)) * [160, 95], columns=["q1 [deg]", "q2 [deg]"])
     table["role"] = np.where(np.arange(60) % 3 == 0, "validation", "calibration")
-    table.to_csv(tmp_path / "poses.csv", index=False)
-    poses = load_recording(machine, [tmp_path / "poses.csv"], need_observations=False)
-    read = simulate(machine, poses, [], seed=3)
+    read = readings_of(machine, table)
     read["z"] += 0.3 * (read["x"] / 350.0) ** 2  # bent where the point is, as a volume or an arm may be
-    pd.concat([table, read], axis=1).to_csv(tmp_path / "rows.csv", index=False)
-    recording = load_recording(machine, [tmp_path / "rows.csv"])
+    recording = load_recording(machine, read)
     found = diagnose(machine, recording)
     plain, improved = (tool_error(fit, recording) for fit in (found.before, found.after))
     assert improved <= 1.02 * plain

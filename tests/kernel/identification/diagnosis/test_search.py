@@ -30,9 +30,6 @@ from truepose.identification.posterior.posterior import Posterior
 from truepose.identification.posterior.state import State, slot_odds
 from truepose.models.machine.placed import EffectAtPlace
 
-MIXING = 0.02
-"""How far probabilities may be off: by so much the chains may differ when they end."""
-
 
 def names(found: Found) -> set[EffectAtPlace]:
     """What the mode holds."""
@@ -108,37 +105,6 @@ def test_without_a_minimum_the_search_stays_where_it_is(
 
 
 # -- names --------------------------------------------------------------------------------------------------
-
-
-def joint(found: Found, one: EffectAtPlace, other: EffectAtPlace) -> float:
-    """How often both causes are there at once."""
-    problem = found.problem
-    causes = problem.spike_slab.terms.cause
-    return sum(
-        share
-        for state, share in found.posterior.states
-        if {one, other} <= {problem.causes[int(causes[term])] for term, _ in state.members}
-    )
-
-
-def test_names_have_the_probability_of_their_slot_and_what_else_may_be_there(
-    both: tuple[Case, Found],
-) -> None:
-    _, found = both
-    said = inclusion(found.problem, found.posterior)
-    told = named(found, said)
-    assert {n.cause for n in told} == TRUE
-    assert [n.gain for n in told] == sorted((n.gain for n in told), reverse=True)
-    for one in told:
-        twin = [m.cause for m in one.equivalents if m.cause == TWINS.get(one.cause)]
-        assert 0.7 < one.probability <= one.certainty <= 1.0 and one.certainty > 0.9
-        assert len(twin) == (one.cause in TWINS)  # the same function is always named beside it
-        for other in one.equivalents:  # one probability for each cause, wherever it is told
-            assert other.cause.effect == "empirical" or other.probability >= said.of(other.cause)
-            both_there = joint(found, one.cause, other.cause)
-            assert one.probability + other.probability <= 1.0 + both_there + MIXING
-        assert one.gain > 10.0 and one.family == ""
-        assert {found.catalogue.cause(i) for i in one.candidates} == {one.cause}
 
 
 # -- alone, and by halves -------------------------------------------------------------------------------------

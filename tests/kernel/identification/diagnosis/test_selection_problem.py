@@ -34,13 +34,17 @@ from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine.machine import Machine
 
+Listed = tuple[Catalogue, SelectionProblem]
+
+Shifts = tuple[PlacedEffect, ...]
+
 # -- evidence -----------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("departure", [0.0, 1.0])
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_evidence_is_that_of_readings_at_the_drawing_wherever_the_fit_stands(
-    shifts: tuple[PlacedEffect, ...], departure: float, seed: int
+    shifts: Shifts, departure: float, seed: int
 ) -> None:
     lin, j, g, e = linear(shifts[:3], seed, sizes=(0.3,), departure=departure)
     problem = selection_problem(lin, catalogue_of(shifts[:3]), 1.5)
@@ -68,7 +72,7 @@ def test_evidence_is_that_of_readings_at_the_drawing_wherever_the_fit_stands(
     assert here - there == pytest.approx(dense(at, 0.0) - dense(other, 0.0), abs=1e-5)
 
 
-def test_units_of_parameters_and_coefficients_are_nothing(shifts: tuple[PlacedEffect, ...]) -> None:
+def test_units_of_parameters_and_coefficients_are_nothing(shifts: Shifts) -> None:
     """Scales of J go with its tolerances, and the order of rows is not in a Gram matrix."""
     lin, *_ = linear(shifts[:3], 4, sizes=(0.5,), departure=1.0)
     factor = np.array([1e3, 1e-3, 7.0])
@@ -164,7 +168,7 @@ def test_forms_that_make_the_remainder_are_carried_the_largest_first(
 
 
 @pytest.fixture(scope="module")
-def listed(recorded: tuple[Machine, Recording]) -> tuple[Catalogue, SelectionProblem]:
+def listed(recorded: tuple[Machine, Recording]) -> Listed:
     """All that a recording of an arm could speak of."""
     machine, recording = recorded
     cat = catalogue(machine, recording)
@@ -183,9 +187,7 @@ def kind_of(cat: Catalogue, index: int) -> tuple[str, ...]:
     return (slug, str(len(place))) if cat.named(index) else ("", *place)
 
 
-def test_every_candidate_that_is_not_stated_is_a_term_of_its_own(
-    shifts: tuple[PlacedEffect, ...], listed: tuple[Catalogue, SelectionProblem]
-) -> None:
+def test_every_candidate_that_is_not_stated_is_a_term_of_its_own(shifts: Shifts, listed: Listed) -> None:
     """With its columns; candidates of one effect at one place are one cause."""
     lin, *_ = linear(shifts)
     for stated, own in (((), (0, 1, 2, 3)), ((1,), (0, 2, 3))):
@@ -198,7 +200,7 @@ def test_every_candidate_that_is_not_stated_is_a_term_of_its_own(
     assert len(set(problem.causes)) == len(problem.causes)
 
 
-def test_terms_of_one_cause_stand_together_where_they_add(listed: tuple[Catalogue, SelectionProblem]) -> None:
+def test_terms_of_one_cause_stand_together_where_they_add(listed: Listed) -> None:
     """Harmonics, and forms without a name; of any other effect a place has one setting only."""
     cat, problem = listed
     excludes, cause = problem.spike_slab.terms.excludes, problem.spike_slab.terms.cause
@@ -208,9 +210,7 @@ def test_terms_of_one_cause_stand_together_where_they_add(listed: tuple[Catalogu
     np.testing.assert_array_equal(excludes, alone)
 
 
-def test_prior_shares_of_all_terms_add_up_to_one(
-    shifts: tuple[PlacedEffect, ...], listed: tuple[Catalogue, SelectionProblem]
-) -> None:
+def test_prior_shares_of_all_terms_add_up_to_one(shifts: Shifts, listed: Listed) -> None:
     """Of kinds, of terms and of settings in their kind; what the machine is said to have gives its share to the others."""
     lin, *_ = linear(shifts)
     some = [selection_problem(lin, replace(catalogue_of(shifts), stated=s), 1.5) for s in ((), (3,), (1,))]
@@ -224,7 +224,7 @@ def test_prior_shares_of_all_terms_add_up_to_one(
         np.testing.assert_allclose(np.bincount(terms.feature, weights=share), urn.feature_share)
 
 
-def test_names_and_what_has_none_share_as_the_prior_says(listed: tuple[Catalogue, SelectionProblem]) -> None:
+def test_names_and_what_has_none_share_as_the_prior_says(listed: Listed) -> None:
     """Whatever their number; names among each other as the catalogue has it."""
     cat, problem = listed
     first = problem.spike_slab.terms.log_first
@@ -236,7 +236,7 @@ def test_names_and_what_has_none_share_as_the_prior_says(listed: tuple[Catalogue
 
 
 def test_one_kind_is_one_effect_at_all_its_places_and_a_nameless_place_by_itself(
-    listed: tuple[Catalogue, SelectionProblem],
+    listed: Listed,
 ) -> None:
     cat, problem = listed
     terms = problem.spike_slab.terms
@@ -248,7 +248,7 @@ def test_one_kind_is_one_effect_at_all_its_places_and_a_nameless_place_by_itself
         assert terms.urn.number[k] == len(places) and (len(places) == 1 or kind[0])
 
 
-def test_what_has_no_name_makes_no_other_place_likelier(listed: tuple[Catalogue, SelectionProblem]) -> None:
+def test_what_has_no_name_makes_no_other_place_likelier(listed: Listed) -> None:
     """Nor one likelier than another: what else there is keeps its proportions, whatever its size."""
     cat, problem = listed
     cause, before = problem.spike_slab.terms.cause, logs(problem)
@@ -261,7 +261,7 @@ def test_what_has_no_name_makes_no_other_place_likelier(listed: tuple[Catalogue,
 
 
 def test_a_name_falls_where_tolerances_are_wide_enough_to_stand_in_for_it(
-    shifts: tuple[PlacedEffect, ...],
+    shifts: Shifts,
 ) -> None:
     """The widening told is the first at which the odds of the name, all else as in the mode, are below even."""
     told = []

@@ -12,42 +12,37 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from support.searched_arm import ARM, SCALE
+from support.simulated import machine_from, recorded
 from truepose.errors import ConvergenceError
 from truepose.identification.diagnosis import search as stages
 from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimate import estimate
-from truepose.identification.prediction.predict import simulate
-from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import catalogue
 from truepose.identification.signatures.signatures import Signatures
-from truepose.models.effect_text import parse_effect
-from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
+
+Pair = tuple[Machine, Recording]
 
 ROWS = 1000
 
 
 @pytest.fixture(scope="module")
-def arm(tmp_path_factory: pytest.TempPathFactory) -> tuple[Machine, Recording]:
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Pair:
     """A small arm that moves smoothly while it is read, one row of ten for validation."""
     folder = tmp_path_factory.mktemp("arm")
-    (folder / "arm.yaml").write_text(ARM)
-    machine, t = load_machine(folder / "arm.yaml"), np.arange(ROWS) / 20.0
+    machine = machine_from(folder, ARM, "arm")
+    t = np.arange(ROWS) / 20.0
     q = {"q1 [deg]": 160.0 * np.sin(0.71 * t), "q2 [deg]": 95.0 * np.sin(1.13 * t + 1.0)}
     table = pd.DataFrame(
         q | {"time": t, "role": np.where(np.arange(ROWS) % 10 == 3, "validation", "calibration")}
     )
-    table.to_csv(folder / "poses.csv", index=False)
-    poses = load_recording(machine, [folder / "poses.csv"], need_observations=False)
-    read = simulate(machine, poses, [parse_effect(SCALE, machine)], seed=3)
-    pd.concat([table, read], axis=1).to_csv(folder / "rows.csv", index=False)
-    return machine, load_recording(machine, [folder / "rows.csv"])
+    return machine, recorded(machine, table, SCALE)
 
 
 @pytest.fixture(scope="module")
-def whole(arm: tuple[Machine, Recording]) -> Diagnosis:
+def whole(arm: Pair) -> Diagnosis:
     """The diagnosis of all rows at once."""
     return diagnose(*arm)
 
@@ -64,7 +59,7 @@ def test_stages_grow_by_the_same_step(rows: int) -> None:
 
 
 def test_each_stage_has_one_of_the_rows_that_follow_each_other(
-    arm: tuple[Machine, Recording], monkeypatch: pytest.MonkeyPatch
+    arm: Pair, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     machine, recording = arm
     assert stages.stages(machine, recording) == [recording]
@@ -79,7 +74,7 @@ def test_each_stage_has_one_of_the_rows_that_follow_each_other(
 
 
 def test_in_stages_the_answer_is_that_of_all_rows_at_once(
-    arm: tuple[Machine, Recording], whole: Diagnosis, monkeypatch: pytest.MonkeyPatch
+    arm: Pair, whole: Diagnosis, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     machine, recording = arm
     monkeypatch.setattr(stages, "MANY", 100)
@@ -96,7 +91,7 @@ def test_in_stages_the_answer_is_that_of_all_rows_at_once(
             assert value.std == pytest.approx(other.parameters[name].std, rel=0.02)
 
 
-def test_halves_and_whole_are_summed_in_one_pass(arm: tuple[Machine, Recording], whole: Diagnosis) -> None:
+def test_halves_and_whole_are_summed_in_one_pass(arm: Pair, whole: Diagnosis) -> None:
     machine, recording = arm
     cat = catalogue(machine, recording)
     signatures, fit = Signatures(machine, recording, cat.candidates), whole.before
@@ -115,7 +110,7 @@ def test_halves_and_whole_are_summed_in_one_pass(arm: tuple[Machine, Recording],
 
 @pytest.mark.nightly
 def test_a_set_without_a_minimum_among_more_rows_is_found_again(
-    arm: tuple[Machine, Recording], monkeypatch: pytest.MonkeyPatch
+    arm: Pair, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The first fit of a further stage that has effects fails once; the search then begins without them."""
     machine, recording = arm

@@ -13,6 +13,7 @@ import pytest
 
 from support.searched_arm import Case
 from support.signature_rows import columns_at
+from support.simulated import machine_from, readings_of
 from truepose.identification.diagnosis.findings import finding
 from truepose.identification.diagnosis.naming import summarised
 from truepose.identification.diagnosis.posterior_summary import SHOWN, Named, Rival
@@ -20,14 +21,11 @@ from truepose.identification.diagnosis.result import Levels
 from truepose.identification.diagnosis.rivals import beside_untested, without_untested
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.fit.estimate import estimate
-from truepose.identification.prediction.predict import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.identification.report.finding_words import driver_clauses
 from truepose.identification.signatures.signatures import Signatures
 from truepose.identification.signatures.untestable import GRAVITY, places_of
-from truepose.models.effect_text import parse_effect
 from truepose.models.effects.base import Effect, PlacedEffect, effects
-from truepose.models.load import load_machine
 from truepose.models.machine.placed import EffectAtPlace
 
 ARM = """
@@ -49,17 +47,11 @@ DOWN = "gravity: [0, 0, -9.80665]\n"
 
 def case(folder: Path, *, stated: bool) -> Case:
     """A soft q2 that carries 1 kg at the tool, in a machine file that states gravity or not."""
-    (folder / "down.yaml").write_text(ARM.format(down=DOWN))
-    (folder / "arm.yaml").write_text(ARM.format(down=DOWN if stated else ""))
-    there, rng = load_machine(folder / "down.yaml"), np.random.default_rng(12)
+    there, rng = machine_from(folder, ARM.format(down=DOWN), "down"), np.random.default_rng(12)
+    machine = machine_from(folder, ARM.format(down=DOWN if stated else ""), "arm")
     table = pd.DataFrame(rng.uniform(-1, 1, (ROWS, 2)) * [160, 80], columns=["q1 [deg]", "q2 [deg]"])
-    table.to_csv(folder / "poses.csv", index=False)
-    poses = load_recording(there, [folder / "poses.csv"], need_observations=False)
-    soft = parse_effect("joint-compliance@q2:c_kg=2e-4", there)
-    read = simulate(there, poses, [soft], seed=3)
-    pd.concat([table, read], axis=1).to_csv(folder / "rows.csv", index=False)
-    machine = load_machine(folder / "arm.yaml")
-    return Case.on(machine, load_recording(machine, [folder / "rows.csv"]))
+    rows = readings_of(there, table, "joint-compliance@q2:c_kg=2e-4")
+    return Case.on(machine, load_recording(machine, rows))
 
 
 @pytest.fixture(scope="module")
@@ -81,18 +73,6 @@ def blamed(one: Case, found: Found, slug: str) -> tuple[Found, Named]:
     found = replace(found, fit=fit)
     levels = Levels(0.99, one.cat.candidates[wanted].kind, 0.97)
     return found, Named(EffectAtPlace(slug, ("q2",)), (wanted,), 0.96, 0.97, (), 30.0, levels=levels)
-
-
-def test_a_wave_that_may_be_a_deflection_is_no_sure_wave(searched: Searched) -> None:
-    """The driver is as open as the law; the place, which both share, stays."""
-    found, name = blamed(*searched(False), "encoder-eccentricity")
-    found = replace(found, linearisation=found.signatures.linearise(found.fit))
-    (beside,) = beside_untested(found, [name])
-    assert beside.probability < 0.7 and beside.levels.driver < 0.7
-    assert beside.levels.place > 0.95
-    (rival, *_) = beside.equivalents
-    assert rival.cause == EffectAtPlace("joint-compliance", ("q2",)) and not rival.tested
-    assert rival.probability + beside.probability == pytest.approx(name.probability, abs=0.05)
 
 
 def test_what_could_not_be_tested_is_told_and_not_guessed(searched: Searched) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -10,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from support.built_machines import TEXTS, departures, manufactured, nominal, read_machines, simulated
+from support.built_machines import TEXTS, Machines, departures, manufactured, nominal, simulated
 from support.moving_machines import record, written
 from support.telescope_legs import ENDS, leg_rows
 from truepose.identification.fit.estimate import FREE_TOLERANCE, estimate
@@ -18,18 +17,12 @@ from truepose.identification.fit.problem import prior_of
 from truepose.identification.fit.summary import worst_allowed
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
-from truepose.models.machine.machine import Machine
 from truepose.models.sensors.pose import Pose
-
-
-@pytest.fixture(scope="module")
-def machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Machine]:
-    return read_machines(tmp_path_factory.mktemp("machines"))
 
 
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("name", TEXTS)
-def test_the_truth_lies_within_the_posterior(machines: Mapping[str, Machine], name: str, seed: int) -> None:
+def test_the_truth_lies_within_the_posterior(machines: Machines, name: str, seed: int) -> None:
     machine, rng = machines[name], np.random.default_rng(seed)
     truth = manufactured(machine, rng)
     fit = estimate(machine, simulated(machine, truth, rng))
@@ -41,7 +34,7 @@ def test_the_truth_lies_within_the_posterior(machines: Mapping[str, Machine], na
 
 
 @pytest.mark.parametrize("name", TEXTS)
-def test_the_order_of_rows_does_not_matter(machines: Mapping[str, Machine], name: str) -> None:
+def test_the_order_of_rows_does_not_matter(machines: Machines, name: str) -> None:
     machine, rng = machines[name], np.random.default_rng(3)
     recording = simulated(machine, manufactured(machine, rng), rng)
     one, other = (
@@ -53,7 +46,7 @@ def test_the_order_of_rows_does_not_matter(machines: Mapping[str, Machine], name
 
 
 @pytest.mark.parametrize("name", TEXTS)
-def test_rows_that_say_nothing_new_shrink_the_std_only(machines: Mapping[str, Machine], name: str) -> None:
+def test_rows_that_say_nothing_new_shrink_the_std_only(machines: Machines, name: str) -> None:
     """Every row four times is every row once with half the sigma, where sigmas are taken at their word."""
     machine, rng = machines[name], np.random.default_rng(4)
     recording = simulated(machine, manufactured(machine, rng), rng)
@@ -105,7 +98,7 @@ def _times(vector: tuple[float, float, float], factor: float) -> tuple[float, fl
 
 
 @pytest.mark.parametrize("name", TEXTS)
-def test_freedom_fits_better_and_strays_further(machines: Mapping[str, Machine], name: str) -> None:
+def test_freedom_fits_better_and_strays_further(machines: Machines, name: str) -> None:
     machine, rng = machines[name], np.random.default_rng(7)
     recording = simulated(machine, manufactured(machine, rng), rng)
     fits = [estimate(machine, recording, widen=factor) for factor in (1.0, 10.0, 100.0)]
@@ -120,9 +113,7 @@ def test_freedom_fits_better_and_strays_further(machines: Mapping[str, Machine],
 
 
 @pytest.mark.parametrize("name", TEXTS)
-def test_the_worst_departure_allowed_is_that_of_machines_as_made(
-    machines: Mapping[str, Machine], name: str
-) -> None:
+def test_the_worst_departure_allowed_is_that_of_machines_as_made(machines: Machines, name: str) -> None:
     """Against machines drawn from the tolerances, measured with noise and estimated."""
     machine, rng = machines[name], np.random.default_rng(17)
     fit = estimate(machine, simulated(machine, nominal(machine), rng, 25))

@@ -7,8 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
+from support.simulated import machine_from, poses_of
 from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.estimated import Estimate
@@ -16,7 +18,6 @@ from truepose.identification.fit.noise import Scatter, unexplained
 from truepose.identification.fit.write_machine import calibrated_document, covariance_of
 from truepose.identification.prediction.predict import predict
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.file.machine_file import write_machine
 from truepose.models.load import load_machine
@@ -41,20 +42,14 @@ NOISE = {"position": 3.0, "rotation": 1.0}
 
 @pytest.fixture(scope="module")
 def stage(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    path = tmp_path_factory.mktemp("noise") / "stage.yaml"
-    path.write_text(TEXT)
-    return load_machine(path)
+    return machine_from(tmp_path_factory.mktemp("noise"), TEXT, "stage")
 
 
-def measured(
-    machine: Machine, folder: Path, noise: dict[str, float], n: int = 80, seed: int = 3
-) -> Recording:
+def measured(machine: Machine, noise: dict[str, float], n: int = 80, seed: int = 3) -> Recording:
     """Readings of the machine as drawn, with noise in stated sigmas by kind."""
     rng = np.random.default_rng(seed)
     q = rng.uniform([-300, -200, -60], [300, 200, 60], (n, 3))
-    rows = ["slide,cross,turn", *(",".join(map(repr, row.tolist())) for row in q)]
-    (folder / "poses.csv").write_text("\n".join(rows))
-    poses = load_recording(machine, [folder / "poses.csv"], need_observations=False)
+    poses = poses_of(machine, pd.DataFrame(q, columns=["slide", "cross", "turn"]))
     predictor = Predictor(machine, poses)
     p = predictor.model.p_home
     _, values, _, _ = predictor.columns(p, predictor.assemble(p)[0])
@@ -63,8 +58,8 @@ def measured(
     return replace(poses, observations=dict(zip(machine.sensors[0].columns, values.T, strict=True)))
 
 
-def fitted(machine: Machine, folder: Path, noise: dict[str, float]) -> tuple[Estimate, Recording]:
-    recording = measured(machine, folder, noise)
+def fitted(machine: Machine, noise: dict[str, float]) -> tuple[Estimate, Recording]:
+    recording = measured(machine, noise)
     return estimate(machine, recording), recording
 
 
@@ -111,15 +106,11 @@ def test_hubers_variance_is_that_of_the_estimate() -> None:
 
 
 @pytest.mark.parametrize(("noisier", "expected"), [("position", 3.0), ("rotation", 1.0)])
-def test_intervals_follow_the_noise_of_each_kind(
-    stage: Machine, tmp_path: Path, noisier: str, expected: float
-) -> None:
+def test_intervals_follow_the_noise_of_each_kind(stage: Machine, noisier: str, expected: float) -> None:
     """The places of this stage are known from positions: three times worse where those are noisier, not from rotations."""
-    plain, noisy = (
-        fitted(stage, tmp_path, dict.fromkeys(NOISE, 1.0) | more)[0] for more in ({}, {noisier: 3.0})
-    )
+    plain, noisy = (fitted(stage, dict.fromkeys(NOISE, 1.0) | more)[0] for more in ({}, {noisier: 3.0}))
     places = [k for k, c in enumerate(stage.channels) if c.kind == "position"]
-    predictor = Predictor(stage, measured(stage, tmp_path, NOISE))
+    predictor = Predictor(stage, measured(stage, NOISE))
     (block,) = predictor.blocks(plain.p, predictor.assemble(plain.p)[0])
     free = plain.prior.free
     std = [
@@ -134,10 +125,10 @@ def test_intervals_follow_the_noise_of_each_kind(
 # -- unexplained ---------------------------------------------------------------------------------------
 
 
-def test_what_no_parameter_explains_is_told_by_kind(stage: Machine, tmp_path: Path) -> None:
+def test_what_no_parameter_explains_is_told_by_kind(stage: Machine) -> None:
     """In the sensor's unit, without rows that are wild; nothing where the noise is as stated."""
-    assert covariance_of(fitted(stage, tmp_path, dict.fromkeys(NOISE, 1.0))[0]).unexplained == {}
-    fit, _ = fitted(stage, tmp_path, NOISE)
+    assert covariance_of(fitted(stage, dict.fromkeys(NOISE, 1.0))[0]).unexplained == {}
+    fit, _ = fitted(stage, NOISE)
     own = covariance_of(fit).unexplained
     assert list(own) == ["sensor.position"]
     value, unit = own["sensor.position"]
@@ -153,7 +144,7 @@ def test_what_no_parameter_explains_is_told_by_kind(stage: Machine, tmp_path: Pa
 
 def test_predictions_are_as_uncertain_as_what_is_unexplained(stage: Machine, tmp_path: Path) -> None:
     """It adds to every reading of its kind, in a file that says so; and held-out readings are as far off as told."""
-    fit, recording = fitted(stage, tmp_path, NOISE)
+    fit, recording = fitted(stage, NOISE)
     document = calibrated_document(fit, recording)
     write_machine(tmp_path / "with.yaml", document)
     told = document["covariance"].pop("unexplained")
@@ -165,7 +156,7 @@ def test_predictions_are_as_uncertain_as_what_is_unexplained(stage: Machine, tmp
         np.testing.assert_allclose(added, told["sensor.position"]["value"], rtol=1e-9)
     for name in ("rx.std", "x", "pose.x"):
         np.testing.assert_array_equal(frames[0][name], frames[1][name])
-    fresh = measured(stage, tmp_path, NOISE, seed=9)
+    fresh = measured(stage, NOISE, seed=9)
     again = predict(load_machine(tmp_path / "with.yaml"), fresh)
     pulls = [(fresh.observations[a] - again[a]) / np.hypot(again[f"{a}.std"], 0.01) for a in "xyz"]
     assert 0.8 < float(np.sqrt(np.mean(np.square(pulls)))) < 1.25

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 import pytest
 
-from support.built_machines import manufactured, read_machines, simulated
+from support.built_machines import Machines, manufactured, simulated
 from support.engines import compile_hastily, compile_none
 from support.generated_c import needs_compiler
 from truepose.arrays import Array
@@ -20,13 +18,8 @@ from truepose.models.machine.machine import Machine
 pytestmark = needs_compiler
 
 
-@pytest.fixture(scope="module")
-def machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Machine]:
-    return read_machines(tmp_path_factory.mktemp("machines"))
-
-
 @pytest.fixture
-def arm(machines: Mapping[str, Machine], monkeypatch: pytest.MonkeyPatch) -> Machine:
+def arm(machines: Machines, monkeypatch: pytest.MonkeyPatch) -> Machine:
     compile_hastily(monkeypatch)
     return machines["arm"]
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import yaml
 
+from support.simulated import machine_from
 from truepose.api import calibrate
-from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
 SLIDES = [
@@ -37,8 +37,7 @@ def loaded(folder: Path, kind: str) -> Machine:
         "sensor": {"type": "position", "sigma": {"xyz": 0.001}},
         "tolerances": {"length": 1.0, "angle": 0.1},
     }
-    (folder / "slides.yaml").write_text(yaml.safe_dump(document))
-    return load_machine(folder / "slides.yaml")
+    return machine_from(folder, yaml.safe_dump(document), "slides")
 
 
 @pytest.mark.parametrize(("kind", "zero"), [("serial", "r"), ("graph", "offset")])

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from support.simulated import machine_from
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.reading_errors import estimate_reading_errors
 from truepose.identification.load import load_recording
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
-from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
 MILL = """
@@ -67,9 +67,7 @@ def seated_mill(rows: int = 60, noise: float = 0.002) -> dict[str, list[object]]
 
 def loaded(folder: Path, text: str) -> Machine:
     """Load a machine from its text."""
-    path = folder / "machine.yaml"
-    path.write_text(text)
-    return load_machine(path)
+    return machine_from(folder, text, "machine")
 
 
 def squares(machine: Machine, recording: Recording, p: np.ndarray) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,25 +12,19 @@ from support.built_machines import (
     ARM,
     POSE,
     UNKNOWN,
+    Machines,
     departures,
     manufactured,
     nominal,
-    read_machines,
     simulated,
 )
 from support.moving_machines import written
 from truepose.errors import ConvergenceError, InputError
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.leastsquares import minimise
-from truepose.models.machine.machine import Machine
 
 
-@pytest.fixture(scope="module")
-def machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Machine]:
-    return read_machines(tmp_path_factory.mktemp("machines"))
-
-
-def test_huber_resists_outliers_that_draw_least_squares_away(machines: Mapping[str, Machine]) -> None:
+def test_huber_resists_outliers_that_draw_least_squares_away(machines: Machines) -> None:
     machine, rng = machines["hexapod"], np.random.default_rng(8)
     truth = manufactured(machine, rng)
     clean = simulated(machine, truth, rng, 60)
@@ -51,7 +44,7 @@ def test_huber_resists_outliers_that_draw_least_squares_away(machines: Mapping[s
     assert np.median(robust.weights) == 1.0
 
 
-def test_validation_rows_and_excluded_rows_are_not_fitted(machines: Mapping[str, Machine]) -> None:
+def test_validation_rows_and_excluded_rows_are_not_fitted(machines: Machines) -> None:
     machine, rng = machines["arm"], np.random.default_rng(10)
     recording = simulated(machine, manufactured(machine, rng), rng)
     out = np.arange(len(recording)) % 4 == 0
@@ -67,7 +60,7 @@ def test_validation_rows_and_excluded_rows_are_not_fitted(machines: Mapping[str,
         np.testing.assert_array_equal(fit.used, ~out)
 
 
-def test_rows_that_cannot_be_assembled_are_left_out_and_listed(machines: Mapping[str, Machine]) -> None:
+def test_rows_that_cannot_be_assembled_are_left_out_and_listed(machines: Machines) -> None:
     machine, rng = machines["hexapod"], np.random.default_rng(11)
     recording = simulated(machine, manufactured(machine, rng), rng)
     q = recording.q.copy()
@@ -88,7 +81,7 @@ def test_too_few_rows_are_refused(tmp_path: Path) -> None:
 
 
 def test_a_fit_that_does_not_converge_names_what_still_moves(
-    machines: Mapping[str, Machine], monkeypatch: pytest.MonkeyPatch
+    machines: Machines, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     machine, rng = machines["arm"], np.random.default_rng(13)
     truth = nominal(machine)

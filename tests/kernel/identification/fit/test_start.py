@@ -6,15 +6,14 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from support.short_arm import HEAD, JOINTS
+from support.simulated import machine_from, readings_of
 from truepose.identification.fit.align import aligned_start
-from truepose.identification.prediction.predict import simulate, with_inputs
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
-from truepose.identification.recording.table import read_table
-from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
 FRAMES = """frames:
@@ -29,25 +28,19 @@ THERE = {"base": "900, -2000, 350", "turn": "20, -35, 160", "tool": "10, 25, -12
 
 
 def machine(folder: Path, name: str, sensors: str, **texts: str) -> Machine:
-    path = folder / f"{name}.yaml"
     known = {"loose": "1", "tilt": "1", "bent": "1"} | texts
-    path.write_text(HEAD + JOINTS + FRAMES.format(**known) + f"sensor: {sensors}\n", encoding="utf-8")
-    return load_machine(path)
+    return machine_from(folder, HEAD + JOINTS + FRAMES.format(**known) + f"sensor: {sensors}\n", name)
 
 
-def started(folder: Path, true: Machine, drawn: Machine) -> Mapping[str, float]:
+def started(true: Machine, drawn: Machine) -> Mapping[str, float]:
     """Parameters from which a fit of ``drawn`` starts, the readings being those of ``true`` without noise."""
     rng = np.random.default_rng(1)
     columns = [f"{a.reading} [{a.reading_unit}]" for a in true.mechanism.actuators]
     ranges = np.array([a.range for a in true.mechanism.actuators], dtype=float)
     low, high = ranges.T
     poses = rng.uniform(low, high, (20, len(ranges)))
-    text = "\n".join(",".join(f"{v:.9f}" for v in row) for row in poses)
-    (folder / "poses.csv").write_text(",".join(columns) + "\n" + text + "\n")
-    rows = load_recording(true, [folder / "poses.csv"], need_observations=False)
-    read = with_inputs(read_table(folder / "poses.csv"), simulate(true, rows, seed=None))
-    read.to_csv(folder / "read.csv", index=False)
-    start = aligned_start(Predictor(drawn, load_recording(drawn, [folder / "read.csv"])))
+    table = pd.DataFrame(poses, columns=columns)
+    start = aligned_start(Predictor(drawn, load_recording(drawn, readings_of(true, table, seed=None))))
     return dict(zip((p.name for p in drawn.parameters), start, strict=False))
 
 
@@ -62,7 +55,7 @@ def test_frames_start_where_the_readings_put_them(tmp_path: Path, bent: str) -> 
     stands = THERE if bent == "120" else THERE | {"tool": HERE["tool"]}
     true = machine(tmp_path, "true", POSE, **stands)
     drawn = machine(tmp_path, "drawn", POSE, **HERE, loose="2000", tilt="200", bent=bent)
-    assert apart(started(tmp_path, true, drawn), true) < 1e-6
+    assert apart(started(true, drawn), true) < 1e-6
 
 
 def test_points_that_turn_with_the_tool_put_the_base_right_once_the_tool_is(tmp_path: Path) -> None:
@@ -71,4 +64,4 @@ def test_points_that_turn_with_the_tool_put_the_base_right_once_the_tool_is(tmp_
     true = machine(tmp_path, "true", both, **THERE | {"tool": "4, -5, 30"})
     drawn = machine(tmp_path, "drawn", both, **HERE, loose="2000", tilt="200", bent="120")
     # three turns of putting each right leave no more; the first leaves millimetres
-    assert apart(started(tmp_path, true, drawn), true) < 1e-3
+    assert apart(started(true, drawn), true) < 1e-3

@@ -2,25 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from support.built_machines import ARM, MADE, POSE, UNKNOWN, manufactured, nominal, read_machines, simulated
+from support.built_machines import ARM, MADE, POSE, UNKNOWN, manufactured, nominal, simulated
 from support.moving_machines import written
 from truepose.identification.fit.align import aligned_start
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models import lie
-from truepose.models.machine.machine import Machine
-
-
-@pytest.fixture(scope="module")
-def machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Machine]:
-    return read_machines(tmp_path_factory.mktemp("machines"))
-
 
 GAUGE = "tolerances: {length: 0, angle: 0, " + ", ".join(
     f"{joint}.{key}: .inf" for joint in ("q1", "q6") for key in ("theta", "r")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import accumulate
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,8 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
+from support.plain_kinematics import frame
+from support.simulated import machine_from
 from truepose.api import calibrate
 from truepose.arrays import Array
 from truepose.identification.fit.estimated import Estimate
@@ -48,15 +51,12 @@ EFFECTS = """effects:
 
 def bodies(q: Array) -> list[Array]:
     """Frames (4, 4) of shoulder, upper arm, forearm and tool, mm."""
-    out, here = [], np.eye(4)
-    for shift, axis, angle in zip(((0, 0, 300), (0, 0, 0), (0, 0, 400)), AXES, q, strict=True):
-        step = np.eye(4)
-        step[:3, 3], step[:3, :3] = shift, Rotation.from_euler(axis, angle).as_matrix()
-        here = here @ step
-        out.append(here)
-    end = np.eye(4)
-    end[2, 3] = 350
-    return [*out, here @ end]
+    turning = (
+        frame([0, 0, 300], [0, 0, q[0]]),
+        frame([0, 0, 0], [0, q[1], 0]),
+        frame([0, 0, 400], [0, q[2], 0]),
+    )
+    return list(accumulate([*turning, frame([0, 0, 350])], np.matmul))
 
 
 def energy(q: Array, kg: float, com: Array) -> float:
@@ -87,9 +87,7 @@ def recorded(
 
 
 def machine_of(folder: Path, text: str = TEXT) -> Machine:
-    path = folder / "carrier.yaml"
-    path.write_text(text, encoding="utf-8")
-    return load_machine(path)
+    return machine_from(folder, text, "carrier")
 
 
 def constants(fit: Estimate) -> dict[str, tuple[float, float]]:

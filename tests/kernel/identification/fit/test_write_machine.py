@@ -5,12 +5,10 @@ from __future__ import annotations
 import copy
 import re
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from support import MACHINES
@@ -18,16 +16,14 @@ from support.exact_fits import fit_at
 from support.exact_fits import read as read_exactly
 from support.graph_machines import machine_of, spread
 from support.moving_machines import record
+from support.simulated import drawn_table, observed, poses_of
 from truepose.errors import ReadBackError
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.write_machine import calibrated_document, write_calibrated
 from truepose.identification.prediction.covariance import Covariance
-from truepose.identification.prediction.predict import simulate
-from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.effect_text import parse_effect
-from truepose.models.effects.base import PlacedEffect
 from truepose.models.file.machine_file import machine_text
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
@@ -41,49 +37,30 @@ EFFECTS = {
 }
 
 
-def rows(machine: Machine, path: Path, n: int = 30) -> Recording:
+def rows(machine: Machine, n: int = 30) -> Recording:
     """Random poses with every driver, in two sessions, as a recording without readings."""
-    rng = np.random.default_rng(5)
-    data: dict[str, Any] = {
-        "pose": np.arange(n),
-        "time": 100.0 * np.arange(n),
-        "session": np.arange(n) // (n // 2) + 1,
-    }
-    if any(sensor.differs_from_row for sensor in machine.sensors):
-        data["from"] = np.maximum(np.arange(n) - 1, 0)
-    data["temperature.air"] = rng.uniform(15, 25, n)
-    data["payload"] = rng.uniform(0, 5, n)
-    for actuator in machine.mechanism.actuators:
-        assert actuator.range is not None
-        unit = "rad" if actuator.reading_unit == "rad" else actuator.reading_unit
-        data[f"{actuator.reading} [{unit}]"] = rng.uniform(*actuator.range, n)
-    pd.DataFrame(data).to_csv(path, index=False)
-    return load_recording(machine, [path], need_observations=False)
-
-
-def read(
-    poses: Recording, machine: Machine, effects: tuple[PlacedEffect, ...], seed: int | None
-) -> Recording:
-    """The same rows with simulated readings, in internal units."""
-    metric = replace(machine, file=None)
-    frame = simulate(metric, poses, effects, seed=seed)
-    units = {name: unit for sensor in machine.sensors for name, unit in sensor.columns.items()}
-    turn = {name: np.pi / 180 if unit == "rad" else 1.0 for name, unit in units.items()}
-    return replace(
-        poses, observations={name: turn[name] * frame[name].to_numpy() for name in map(str, frame)}
+    rng = np.random.default_rng(6)
+    table = drawn_table(
+        machine,
+        n,
+        5,
+        time=100.0 * np.arange(n),
+        session=np.arange(n) // (n // 2) + 1,
+        **{"temperature.air": rng.uniform(15, 25, n), "payload": rng.uniform(0, 5, n)},
     )
+    return poses_of(machine, table)
 
 
-def fitted(kind: str, tmp_path: Path) -> tuple[Machine, Recording, Estimate]:
+def fitted(kind: str) -> tuple[Machine, Recording, Estimate]:
     machine = load_machine(MACHINES / f"{kind}.yaml")
     effects = tuple(parse_effect(text, machine) for text in EFFECTS[kind])
-    recording = read(rows(machine, tmp_path / "poses.csv"), machine, effects, seed=2)
+    recording = observed(machine, rows(machine), effects, seed=2)
     return machine, recording, estimate(machine, recording, effects)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_reads_back_as_the_same_machine(kind: str, tmp_path: Path) -> None:
-    machine, recording, fit = fitted(kind, tmp_path)
+    machine, recording, fit = fitted(kind)
     write_calibrated(tmp_path / "calibrated.yaml", fit, recording)
     again = load_machine(tmp_path / "calibrated.yaml")
     assert [p.name for p in again.parameters] == [p.name for p in machine.parameters]
@@ -97,7 +74,7 @@ def test_reads_back_as_the_same_machine(kind: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_keeps_the_drawing_the_sessions_and_the_covariance(kind: str, tmp_path: Path) -> None:
-    machine, recording, fit = fitted(kind, tmp_path)
+    machine, recording, fit = fitted(kind)
     write_calibrated(tmp_path / "calibrated.yaml", fit, recording)
     file = load_machine(tmp_path / "calibrated.yaml").file
     assert file is not None and file.covariance is not None
@@ -111,15 +88,15 @@ def test_keeps_the_drawing_the_sessions_and_the_covariance(kind: str, tmp_path: 
 
 
 def test_a_second_calibration_keeps_the_first_drawing(tmp_path: Path) -> None:
-    machine, recording, fit = fitted("serial", tmp_path)
+    machine, recording, fit = fitted("serial")
     write_calibrated(tmp_path / "first.yaml", fit, recording)
     again = load_machine(tmp_path / "first.yaml")
     document = calibrated_document(estimate(again, recording, again.effects), recording)
     assert document["nominal"] == {p.name: p.nominal for p in machine.parameters if p.free}
 
 
-def test_the_users_document_is_not_touched_and_its_fields_stay(tmp_path: Path) -> None:
-    machine, recording, fit = fitted("pus", tmp_path)
+def test_the_users_document_is_not_touched_and_its_fields_stay() -> None:
+    machine, recording, fit = fitted("pus")
     assert machine.file is not None
     before = copy.deepcopy(machine.file.raw)
     document = calibrated_document(fit, recording)
@@ -177,7 +154,7 @@ def test_a_text_that_holds_another_machine_is_not_published(
     told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nothing is written, and what stood there stays, when the text cannot be read or reads as something else."""
-    _, recording, fit = fitted("serial", tmp_path)
+    _, recording, fit = fitted("serial")
 
     def faulty(document: dict[str, Any], comment: str = "") -> str:
         FAULTS[told](document)

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 from support import MACHINES
 from support.reports import said_of
 from support.short_arm import JOINTS, POSITION, arm, status, written
+from support.simulated import observed
 from truepose.arrays import Array
 from truepose.cli import app
 from truepose.errors import InputError
@@ -21,7 +22,6 @@ from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.identifiability.analysis import drawn_poses, identifiability
 from truepose.identification.identifiability.observability import identifiable
-from truepose.identification.prediction.predict import simulate
 from truepose.identification.report.notes import worded
 from truepose.models.load import load_machine
 
@@ -93,12 +93,7 @@ def test_expected_sigmas_are_those_of_the_fit_to_come(kind: str) -> None:
         machine = replace(machine, frames=frames)
     poses = drawn_poses(machine, 40)
     found = identifiability(machine, poses)
-    metric = replace(machine, file=None)
-    frame = simulate(metric, poses, seed=4)
-    units = {name: unit for sensor in machine.sensors for name, unit in sensor.columns.items()}
-    turn = {name: np.pi / 180 if unit == "rad" else 1.0 for name, unit in units.items()}
-    read = {name: turn[name] * frame[name].to_numpy() for name in map(str, frame)}
-    fit = estimate(machine, replace(poses, observations=read))
+    fit = estimate(machine, observed(machine, poses, seed=4))
     at_drawing = np.array([p.std_at_drawing for p in found.parameters])
     # the fit is a few tolerances' thousandths away from the drawing
     np.testing.assert_allclose(at_drawing, np.sqrt(np.diag(fit.posterior)), rtol=0.02)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import solve_triangular
 
-from truepose.identification.posterior.halves import LARGE, map_large, solve_large
+from truepose.identification.posterior.halves import solve_large
 from truepose.threads import VARIABLE
 
 
@@ -33,9 +33,3 @@ def test_digits_do_not_depend_on_threads(monkeypatch: pytest.MonkeyPatch) -> Non
         monkeypatch.setenv(VARIABLE, threads)
         found.append(solve_large(factor, right))
     assert np.array_equal(found[0], found[1])
-
-
-@pytest.mark.parametrize("multiplications", [0.0, 2.0 * LARGE])
-def test_results_come_in_the_order_of_items(multiplications: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(VARIABLE, "3")
-    assert list(map_large(lambda k: -k, range(20), multiplications)) == [-k for k in range(20)]

@@ -13,6 +13,8 @@ from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.machine.machine import Machine
 from truepose.threads import VARIABLE
 
+Case = tuple[Machine, Recording]
+
 
 def _series(machine: Machine, orders: float, seed: int) -> list[PlacedEffect]:
     """A gear's series at two joints, a wobbling axis that moves several ports, a sensor's scale that reads what is seen."""
@@ -26,9 +28,7 @@ def _series(machine: Machine, orders: float, seed: int) -> list[PlacedEffect]:
 
 
 @pytest.mark.parametrize("orders", [20.0, 40.0])
-def test_derivatives_of_long_series_are_those_of_differences(
-    recorded: tuple[Machine, Recording], orders: float
-) -> None:
+def test_derivatives_of_long_series_are_those_of_differences(recorded: Case, orders: float) -> None:
     """20 orders are written out, 40 follow ports. Steps of a coefficient; readings of about a metre, whitened by 0.01 mm."""
     machine, recording = recorded
     recording = recording.subset(np.arange(6))
@@ -47,7 +47,7 @@ def test_derivatives_of_long_series_are_those_of_differences(
 
 
 def test_a_fit_of_long_series_finds_what_the_same_fit_written_out_finds(
-    recorded: tuple[Machine, Recording], monkeypatch: pytest.MonkeyPatch
+    recorded: Case, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     machine, recording = recorded
     terms = [e.with_values([0.0] * len(e.coefficients)) for e in _series(machine, 60.0, 4)]
@@ -62,7 +62,7 @@ def test_a_fit_of_long_series_finds_what_the_same_fit_written_out_finds(
 
 
 def test_directions_that_no_reading_sees_change_nothing(
-    recorded: tuple[Machine, Recording], monkeypatch: pytest.MonkeyPatch
+    recorded: Case, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Joints over part of a turn: long series are solved for in fewer steps, and say what all steps say.
 
@@ -101,9 +101,7 @@ def test_directions_that_no_reading_sees_change_nothing(
     assert blind.shape[0] == free - slim.rank
 
 
-def test_threads_change_no_digit_of_a_fit(
-    recorded: tuple[Machine, Recording], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_threads_change_no_digit_of_a_fit(recorded: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     """Rows come in several blocks, and chunks of a batch are shared out, too."""
     machine, recording = recorded
     monkeypatch.setattr("truepose.identification.prediction.predictor.BLOCK", 7)

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from support import MACHINES
+from support.simulated import drawn_table, poses_of, readings_of, recorded
 from truepose.errors import InputError
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.predict import predict, simulate, unassembled, with_inputs
 from truepose.identification.recording.load import load_recording
-from truepose.identification.recording.recording import Recording
 from truepose.identification.recording.table import read_table
 from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
@@ -25,39 +25,24 @@ from truepose.models.machine.machine import Machine
 KINDS = ("serial", "pus", "ups", "distance")
 
 
-def poses(machine: Machine, path: Path, n: int = 25, columns: Mapping[str, object] | None = None) -> Path:
-    """A file of random poses in the machine's range."""
-    rng = np.random.default_rng(8)
-    data: dict[str, object] = {"pose": np.arange(n), **(columns or {})}
-    if any(sensor.differs_from_row for sensor in machine.sensors):
-        data["from"] = np.maximum(np.arange(n) - 1, 0)
-    for actuator in machine.mechanism.actuators:
-        assert actuator.range is not None
-        data[f"{actuator.reading} [{actuator.reading_unit}]"] = rng.uniform(*actuator.range, n)
-    pd.DataFrame(data).to_csv(path, index=False)
-    return path
-
-
-def recorded(machine: Machine, path: Path, frame: pd.DataFrame) -> Recording:
-    """A file of poses with simulated readings, read again."""
-    target = path.with_name("recording.csv")
-    with_inputs(read_table(path), frame).to_csv(target, index=False)
-    return load_recording(machine, [target])
+def table_of(machine: Machine, n: int = 25, /, **columns: Any) -> pd.DataFrame:
+    """Random poses in the machine's range."""
+    return drawn_table(machine, n, 8, pose=np.arange(n), **columns)
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_simulation_without_noise_is_the_prediction(kind: str, tmp_path: Path) -> None:
+def test_simulation_without_noise_is_the_prediction(kind: str) -> None:
     machine = load_machine(MACHINES / f"{kind}.yaml")
-    rows = load_recording(machine, [poses(machine, tmp_path / "poses.csv")], need_observations=False)
+    rows = poses_of(machine, table_of(machine))
     silent, predicted = simulate(machine, rows, seed=None), predict(machine, rows)
     assert set() < set(silent) <= set(predicted)
     for name in silent:
         np.testing.assert_array_equal(silent[name], predicted[name])
 
 
-def test_noise_is_the_instruments_and_follows_the_seed(tmp_path: Path) -> None:
+def test_noise_is_the_instruments_and_follows_the_seed() -> None:
     machine = load_machine(MACHINES / "serial.yaml")
-    rows = load_recording(machine, [poses(machine, tmp_path / "p.csv", n=400)], need_observations=False)
+    rows = poses_of(machine, table_of(machine, 400))
     silent, first, same, other = (simulate(machine, rows, seed=seed) for seed in (None, 1, 1, 2))
     pd.testing.assert_frame_equal(first, same)
     assert not first.equals(other)
@@ -68,10 +53,10 @@ def test_noise_is_the_instruments_and_follows_the_seed(tmp_path: Path) -> None:
 def test_calibration_recovers_what_was_simulated(kind: str, tmp_path: Path) -> None:
     """Parameters drawn from their tolerances: predictions come back within their own 1-sigma."""
     drawn = load_machine(MACHINES / f"{kind}.yaml")
-    path = poses(drawn, tmp_path / "poses.csv", n=60)
-    rows = load_recording(drawn, [path], need_observations=False)
+    table = table_of(drawn, 60)
+    rows = poses_of(drawn, table)
     truth = _moved(drawn, np.random.default_rng(11))
-    recording = recorded(drawn, path, simulate(truth, rows, seed=3))
+    recording = load_recording(drawn, readings_of(truth, table, seed=3))
     fit = estimate(drawn, recording, damping=0.0)
     write_calibrated(tmp_path / "calibrated.yaml", fit, recording)
     calibrated = load_machine(tmp_path / "calibrated.yaml")
@@ -106,9 +91,10 @@ def _moved(machine: Machine, rng: np.random.Generator) -> Machine:
 
 def test_std_of_tolerances_and_of_an_unknown_base(tmp_path: Path) -> None:
     machine = load_machine(MACHINES / "ups.yaml")
-    rows = load_recording(machine, [poses(machine, tmp_path / "p.csv")], need_observations=False)
+    table = table_of(machine)
+    rows = poses_of(machine, table)
     assert np.isinf(predict(machine, rows)["x.std"]).all()  # the base may stand anywhere
-    recording = recorded(machine, tmp_path / "p.csv", simulate(machine, rows, seed=1))
+    recording = recorded(machine, table, seed=1)
     write_calibrated(tmp_path / "calibrated.yaml", estimate(machine, recording), recording)
     std = predict(load_machine(tmp_path / "calibrated.yaml"), rows)["x.std"]
     assert (std < 0.005).all()
@@ -117,14 +103,13 @@ def test_std_of_tolerances_and_of_an_unknown_base(tmp_path: Path) -> None:
 def test_effects_of_a_calibrated_file_use_the_rows_own_drivers(tmp_path: Path) -> None:
     machine = load_machine(MACHINES / "pus.yaml")
     effect = parse_effect("thermal-expansion@base:alpha=2e-5[1/K]", machine)
-    path = poses(machine, tmp_path / "p.csv", columns={"temperature.base": np.linspace(15, 25, 25)})
-    rows = load_recording(machine, [path], need_observations=False)
-    recording = recorded(machine, path, simulate(machine, rows, [effect], seed=1))
+    recording = recorded(
+        machine, table_of(machine, **{"temperature.base": np.linspace(15, 25, 25)}), effect, seed=1
+    )
     fit = estimate(machine, recording, (effect,))
     write_calibrated(tmp_path / "improved.yaml", fit, recording)
     improved = load_machine(tmp_path / "improved.yaml")
-    hot = poses(machine, tmp_path / "hot.csv", columns={"temperature.base": np.full(25, 30.0)})
-    rows = load_recording(improved, [hot], need_observations=False)
+    rows = poses_of(improved, table_of(machine, **{"temperature.base": np.full(25, 30.0)}))
     found, wanted = predict(improved, rows), simulate(machine, rows, [effect], seed=None)
     plain = simulate(machine, rows, seed=None)
     missed = max(float(np.max(np.abs(found[c] - wanted[c]))) for c in wanted)
@@ -135,25 +120,20 @@ def test_effects_of_a_calibrated_file_use_the_rows_own_drivers(tmp_path: Path) -
 def test_an_unseen_session_takes_the_shift_of_the_latest(tmp_path: Path) -> None:
     machine = load_machine(MACHINES / "serial.yaml")
     effect = parse_effect("frame-shift@base:z=3[mm],session=1", machine)
-    path = poses(machine, tmp_path / "p.csv", columns={"session": np.repeat([4, 7], [12, 13])})
-    rows = load_recording(machine, [path], need_observations=False)
-    recording = recorded(machine, path, simulate(machine, rows, [effect], seed=1))
+    recording = recorded(machine, table_of(machine, session=np.repeat([4, 7], [12, 13])), effect, seed=1)
     write_calibrated(tmp_path / "improved.yaml", estimate(machine, recording, (effect,)), recording)
     improved = load_machine(tmp_path / "improved.yaml")
     z = {}
     for session in (4, 7, 9):
-        later = poses(machine, tmp_path / "later.csv", columns={"session": np.full(25, session)})
-        z[session] = predict(improved, load_recording(improved, [later], need_observations=False))[
-            "z"
-        ].to_numpy()
+        later = poses_of(improved, table_of(machine, session=np.full(25, session)))
+        z[session] = predict(improved, later)["z"].to_numpy()
     np.testing.assert_allclose(z[9], z[7])
     np.testing.assert_allclose(z[7] - z[4], 3.0, atol=0.05)
 
 
 def test_a_row_that_cannot_be_assembled_stays_empty(tmp_path: Path) -> None:
     machine = load_machine(MACHINES / "ups.yaml")
-    path = poses(machine, tmp_path / "p.csv")
-    frame = pd.read_csv(path)
+    path, frame = tmp_path / "p.csv", table_of(machine)
     frame.iloc[3, 1] = 500.0
     frame.to_csv(path, index=False)
     actuators = tuple(replace(a, range=None) for a in machine.mechanism.actuators)
@@ -200,11 +180,9 @@ def test_effects_are_read_with_units_settings_and_several_places() -> None:
 
 def test_columns_of_the_poses_pass_through(tmp_path: Path) -> None:
     machine = load_machine(MACHINES / "serial.yaml")
-    path = poses(
-        machine,
-        tmp_path / "p.csv",
-        columns={"role": ["validation"] * 25, "note": ["a"] * 25, "x": np.zeros(25)},
-    )
+    path = tmp_path / "p.csv"
+    logged = {"role": ["validation"] * 25, "note": ["a"] * 25, "x": np.zeros(25)}
+    table_of(machine, **logged).to_csv(path, index=False)
     rows = load_recording(machine, [path], need_observations=False)
     frame = with_inputs(read_table(path), simulate(machine, rows))
     assert list(frame) == ["pose", "role", "note", "q1 [mm]", "q2 [rad]", "q3 [rad]", "x", "y", "z"]

@@ -8,18 +8,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from support import MACHINES
+from support.simulated import drawn_table, machine_from, poses_of
 from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.prediction.predict import LEAST_RANGE, column_std, predictor_for
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prior import FORM_ERROR
-from truepose.identification.recording.load import load_recording
 from truepose.models.effect_text import parse_effect
-from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
 EFFECTS = """
@@ -36,8 +34,7 @@ COVARIANCE = {"names": ["q2.d", SCALE, "q3.r"], "factor": ["0.01", "1e-4 2e-4", 
 def machine_of(folder: Path, name: str = "serial", effects: str = EFFECTS) -> Machine:
     """An arm with a stated base, so that all constants are known to some tolerance, or another machine."""
     text = (MACHINES / f"{name}.yaml").read_text(encoding="utf-8") + effects
-    (folder / "machine.yaml").write_text(text, encoding="utf-8")
-    return load_machine(folder / "machine.yaml")
+    return machine_from(folder, text, "machine")
 
 
 def with_covariance(machine: Machine, covariance: Mapping[str, Any] | None) -> Machine:
@@ -47,13 +44,9 @@ def with_covariance(machine: Machine, covariance: Mapping[str, Any] | None) -> M
 
 def predictor_of(machine: Machine, columns: Mapping[str, Any] | None = None) -> Predictor:
     """At five places, with a payload and a temperature."""
-    rng, data = np.random.default_rng(2), dict[str, Any]()
-    for a in machine.mechanism.actuators:
-        assert a.range is not None
-        data[f"{a.reading} [{a.reading_unit}]"] = rng.uniform(*a.range, 5)
-    data |= {"payload": [0.0, 1.0, 2.0, 3.0, 4.0], "temperature.link2": [18.0, 20.0, 22.0, 24.0, 30.0]}
-    rows = load_recording(machine, pd.DataFrame({**data, **(columns or {})}), need_observations=False)
-    return predictor_for(machine, rows)
+    logged = {"payload": [0.0, 1.0, 2.0, 3.0, 4.0], "temperature.link2": [18.0, 20.0, 22.0, 24.0, 30.0]}
+    table = drawn_table(machine, 5, 2, **logged).assign(**(columns or {}))
+    return predictor_for(machine, poses_of(machine, table))
 
 
 def found(machine: Machine, columns: Mapping[str, Any] | None = None) -> tuple[Array, Array, list[str]]:

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from support import MACHINES
+from support.simulated import drawn_table, machine_from, poses_of
 from truepose.errors import InputError
 from truepose.identification.prediction import predictor as predictor_module
 from truepose.identification.prediction.predict import (
@@ -24,7 +24,6 @@ from truepose.identification.prediction.predict import (
     unheard,
 )
 from truepose.identification.prediction.predictor import Predictor
-from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.effect_text import parse_effect
 from truepose.models.effects.base import PlacedEffect, effects
@@ -38,14 +37,10 @@ def machine_of(name: str, *texts: str) -> Machine:
 
 
 def rows_of(machine: Machine, **columns: Any) -> Recording:
-    """Six of them."""
-    rng, data = np.random.default_rng(3), dict[str, Any]()
-    for a in machine.mechanism.actuators:
-        assert a.range is not None
-        data[f"{a.reading} [{a.reading_unit}]"] = rng.uniform(*a.range, 6)
+    """Six of them; of changes two and two count from a row."""
     if any(sensor.differs_from_row for sensor in machine.sensors):
-        data |= {"pose": np.arange(6), "from": np.arange(6) // 2}
-    return load_recording(machine, pd.DataFrame({**data, **columns}), need_observations=False)
+        columns = {"from": np.arange(6) // 2, **columns}
+    return poses_of(machine, drawn_table(machine, 6, 3, **columns))
 
 
 def in_file(machine: Machine, **more: Any) -> Machine:
@@ -90,8 +85,7 @@ def test_a_change_from_a_row_that_is_not_there_is_none_either(tmp_path: Path) ->
     """A hexapod before a cavity; rows 2 and 3 count from one that cannot be assembled."""
     text = (MACHINES / "ups.yaml").read_text(encoding="utf-8")
     lines = [CAVITY if line.startswith("sensor:") else line for line in text.splitlines()]
-    (tmp_path / "m.yaml").write_text("\n".join(lines), encoding="utf-8")
-    machine = load_machine(tmp_path / "m.yaml")
+    machine = machine_from(tmp_path, "\n".join(lines), "m")
     predictor = predictor_for(machine, rows_of(machine, **{"from": [0, 0, 1, 1, 0, 4]}))
     predictor.q = predictor.q.copy()
     predictor.q[1] = 1e5

@@ -249,15 +249,3 @@ def test_play_has_two_ends(machine: Machine) -> None:
     assert curve.x_title == "approach.q1 [±1]"
     assert curve.x[curve.line].tolist() == [-1.0, 1.0]
     np.testing.assert_allclose(curve.fitted[curve.line], [200.0, -200.0])
-
-
-def test_what_lags_behind_its_driver_is_no_function_of_it(tmp_path: Path) -> None:
-    """The fit's value in each row is drawn beside what the row says, without a line."""
-    machine = written(tmp_path, ARM)
-    time = 60.0 * np.arange(ROWS)
-    warm = 25.0 + 5.0 * np.sin(time / 400.0)
-    term = with_effect(machine, "thermal-expansion", ("link2",), {"lag": 900.0}, alpha=2e-5)
-    curve = largest(drawn(machine, term, turning(3), drivers={"temperature.link2": warm}, time=time))
-    assert len(curve.line) == 0
-    assert curve.x_title == "temperature.link2 [°C]" and np.array_equal(curve.x, warm)
-    assert np.ptp(curve.fitted) > 50.0  # um

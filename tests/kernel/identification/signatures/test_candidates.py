@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from support.searched_arm import ARM
+from support.simulated import machine_from
 from truepose.identification.prior import ELSEWHERE
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
@@ -23,7 +24,6 @@ from truepose.identification.signatures.candidates import (
 )
 from truepose.identification.signatures.linearisation import Linearisation
 from truepose.models.effects.empirical import WIDTH, Empirical, seen_over
-from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
 ROWS = 40
@@ -31,8 +31,7 @@ HEAVY = "gravity: [0, 0, -9.80665]\nmasses: {head: {kg: 20, com: [0, 0, 0], in: 
 
 
 def arm(folder: Path, more: str = "") -> Machine:
-    (folder / "arm.yaml").write_text(ARM + more)
-    return load_machine(folder / "arm.yaml")
+    return machine_from(folder, ARM + more, "arm")
 
 
 def rows(machine: Machine, **columns: object) -> Recording:

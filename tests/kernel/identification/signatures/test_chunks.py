@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from support.simulated import machine_from
 from support.tiny_fleets import GAIN, PLAY, machine_text, rows
-from truepose import load_machine, load_recording
+from truepose import load_recording
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures import signatures as summing
@@ -18,9 +19,7 @@ from truepose.models.machine.machine import Machine
 
 @pytest.fixture(scope="module")
 def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    file = tmp_path_factory.mktemp("tiny") / "machine.yaml"
-    file.write_text(machine_text())
-    return load_machine(file)
+    return machine_from(tmp_path_factory.mktemp("tiny"), machine_text(), "machine")
 
 
 @pytest.fixture(scope="module")

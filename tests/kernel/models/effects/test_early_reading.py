@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 import truepose
+from support.simulated import machine_from
 from truepose.codegen.features import left_out
 from truepose.models.effect_text import parse_effect
 from truepose.models.machine.machine import Machine
@@ -39,15 +40,13 @@ VISITS = np.array(
 @pytest.fixture
 def arm(tmp_path: Path) -> Machine:
     """Two turning joints in a plane."""
-    (tmp_path / "arm.yaml").write_text(ARM.replace(TURNS, ""))
-    return truepose.load_machine(tmp_path / "arm.yaml")
+    return machine_from(tmp_path, ARM.replace(TURNS, ""), "arm")
 
 
 @pytest.fixture
 def mixed(tmp_path: Path) -> Machine:
     """The same with a slide behind them."""
-    (tmp_path / "mixed.yaml").write_text(ARM)
-    return truepose.load_machine(tmp_path / "mixed.yaml")
+    return machine_from(tmp_path, ARM, "mixed")
 
 
 def table(q: Array, **columns: object) -> pd.DataFrame:
@@ -112,7 +111,7 @@ def test_rows_that_are_shuffled_are_predicted_at_rest(arm: Machine) -> None:
     np.testing.assert_allclose(found, seen(arm, table(VISITS[:, :2])), atol=1e-12)
 
 
-def test_a_tool_that_follows_a_path_is_not_read_before_it_stands(arm: Machine, tmp_path: Path) -> None:
+def test_a_tool_that_follows_a_path_is_not_read_before_it_stands(arm: Machine) -> None:
     """Nothing is to compensate, and the C holds the last motion at nothing; play is compensated by the path's own order."""
     early = arm.with_effects(effect(arm, "a+b:e=0.002"))
     path = truepose.load_recording(arm, table(VISITS[:, :2]), need_observations=False)

@@ -12,15 +12,14 @@ import pandas as pd
 import pytest
 
 from support.calibrated_machines import SIX_AXES
+from support.simulated import machine_from, observed, poses_of
 from truepose.errors import InputError
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import covariance_of, write_calibrated
 from truepose.identification.prediction.predict import predict, predicted, predictor_for, simulate
-from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import empirical_forms
 from truepose.models.effect_text import parse_effect
-from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.empirical import Empirical
 from truepose.models.load import load_machine
 from truepose.models.machine.kinematics import symbolic_model
@@ -40,34 +39,23 @@ TRUE = (
 
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory: pytest.TempPathFactory) -> Machine:
-    path = tmp_path_factory.mktemp("empirical") / "arm.yaml"
-    path.write_text(DRIVEN)
-    return load_machine(path)
+    return machine_from(tmp_path_factory.mktemp("empirical"), DRIVEN, "arm")
 
 
-def rows(machine: Machine, folder: Path, n: int = 60, reach: float = SEEN, **columns: Any) -> Recording:
+def rows(machine: Machine, n: int = 60, reach: float = SEEN, **columns: Any) -> Recording:
     """Random poses within ``reach`` (rad) of zero, logged drivers, no readings."""
     rng = np.random.default_rng(4)
     data = {f"{name} [rad]": rng.uniform(-reach, reach, n) for name in JOINTS}
     data["temperature.air"] = rng.uniform(18.0, 26.0, n)
     data["payload"] = rng.uniform(0.0, 3.0, n)
-    pd.DataFrame(data | columns).to_csv(folder / "poses.csv", index=False)
-    return load_recording(machine, [folder / "poses.csv"], need_observations=False)
+    return poses_of(machine, pd.DataFrame(data | columns))
 
 
-def read(
-    machine: Machine, poses: Recording, effects: tuple[PlacedEffect, ...], seed: int | None
-) -> Recording:
-    frame = simulate(replace(machine, file=None), poses, effects, seed=seed)
-    turn = {name: np.pi / 180 if unit == "rad" else 1.0 for name, unit in machine.sensors[0].columns.items()}
-    return replace(poses, observations={name: turn[name] * frame[name].to_numpy() for name in turn})
-
-
-def test_a_recording_supports_every_form_of_what_it_varied(arm: Machine, tmp_path: Path) -> None:
+def test_a_recording_supports_every_form_of_what_it_varied(arm: Machine) -> None:
     """Joints as lines and curves in each source and as products of two joints, mounts in each driver, the sensor's volume."""
     held = np.where(np.arange(60) >= 50, 2.0, 0.0)
-    poses = rows(arm, tmp_path, role=np.where(held, "validation", "calibration"))
-    recording = read(arm, replace(poses, q=poses.q + held[:, None]), (), seed=None)
+    poses = rows(arm, role=np.where(held, "validation", "calibration"))
+    recording = observed(arm, replace(poses, q=poses.q + held[:, None]), (), seed=None)
     forms = empirical_forms(arm, recording)
     told = {(*form.place, *Empirical().describe(form.settings_map)) for form in forms}
     sources = (*JOINTS, "payload", "temperature.air", "row")  # no clock was recorded
@@ -90,8 +78,8 @@ def test_a_recording_supports_every_form_of_what_it_varied(arm: Machine, tmp_pat
 @pytest.mark.parametrize("text", TRUE)
 def test_a_form_is_found_written_and_read_again(arm: Machine, tmp_path: Path, text: str) -> None:
     """Fitted with the form that was put in, the file predicts what was simulated."""
-    true, poses = parse_effect(text, arm), rows(arm, tmp_path)
-    recording = read(arm, poses, (true,), seed=None)
+    true, poses = parse_effect(text, arm), rows(arm)
+    recording = observed(arm, poses, (true,), seed=None)
     fit = estimate(arm, recording, (true.with_values([0.0] * len(true.coefficients)),))
     write_calibrated(tmp_path / "improved.yaml", fit, recording)
     again = load_machine(tmp_path / "improved.yaml")
@@ -107,12 +95,12 @@ def test_a_form_is_found_written_and_read_again(arm: Machine, tmp_path: Path, te
 
 
 @pytest.mark.parametrize("text", TRUE[:2])
-def test_beyond_its_range_a_form_stays_where_it_ended(arm: Machine, tmp_path: Path, text: str) -> None:
+def test_beyond_its_range_a_form_stays_where_it_ended(arm: Machine, text: str) -> None:
     """What it adds at a source far out is what it adds at the end of the range; slopes stay finite."""
     effect = parse_effect(text, arm)
     own = JOINTS.index(effect.place[0])
     at = [JOINTS.index(key.removeprefix("from.")) for key in effect.settings_map if key.startswith("from.")]
-    poses = rows(arm, tmp_path, reach=1.04)
+    poses = rows(arm, reach=1.04)
     inside = np.array(poses.q)
     inside[:, at] = np.clip(inside[:, at], -SEEN, SEEN)
     assert (inside != poses.q).any()
@@ -144,10 +132,8 @@ def test_beyond_its_range_a_form_stays_where_it_ended(arm: Machine, tmp_path: Pa
     ],
 )
 def test_what_cannot_be_meant_is_refused(tmp_path: Path, entry: str, message: str) -> None:
-    path = tmp_path / "arm.yaml"
-    path.write_text(DRIVEN + f"effects: [{{effect: empirical, {entry}}}]\n")
     with pytest.raises(InputError, match=message):
-        load_machine(path)
+        machine_from(tmp_path, DRIVEN + f"effects: [{{effect: empirical, {entry}}}]\n")
 
 
 # -- how sure it is ------------------------------------------------------------------------------------
@@ -159,11 +145,11 @@ def test_it_is_less_sure_the_further_it_is_asked_beyond_what_was_seen(
 ) -> None:
     """Inside the range nothing is added; beyond it what a random curve of its size would have changed, and no more."""
     true = parse_effect(text, arm)
-    poses = rows(arm, tmp_path)
-    fit = estimate(arm, read(arm, poses, (true,), seed=5), (true,))
+    poses = rows(arm)
+    fit = estimate(arm, observed(arm, poses, (true,), seed=5), (true,))
     write_calibrated(tmp_path / "improved.yaml", fit, poses)
     machine = load_machine(tmp_path / "improved.yaml")
-    far = rows(machine, tmp_path, n=200, reach=1.04)
+    far = rows(machine, n=200, reach=1.04)
     predictor = predictor_for(machine, far)
     found = predicted(predictor)
     assert found.std is not None

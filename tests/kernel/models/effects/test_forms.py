@@ -14,13 +14,15 @@ from numpy.typing import NDArray
 
 from support.effects import Campaign, with_effect
 from support.examples import examples
+from support.simulated import machine_from
 from support.telescope_legs import leg_rows
 from support.tool_pose import HEAD, pose
 from truepose.identification.recording.history import creep_sum, stop_operator
 from truepose.models.effects.base import PlacedEffect, Shifts, Site, effects
-from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.states import hinges
+
+Named = Callable[[str], Machine]
 
 Array = NDArray[np.float64]
 ARM = """
@@ -60,13 +62,10 @@ SEEN = SLIDE.replace(
 
 
 @pytest.fixture(scope="module")
-def machine(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Machine]:
+def machine(tmp_path_factory: pytest.TempPathFactory) -> Named:
     folder: Path = tmp_path_factory.mktemp("machines")
-    known = {}
     texts = {"arm": ARM, "slide": SLIDE, "robot": ROBOT, "hexapod": HEXAPOD, "seen": SEEN}
-    for name, text in texts.items():
-        (folder / f"{name}.yaml").write_text(HEAD.format(name=name) + text)
-        known[name] = load_machine(folder / f"{name}.yaml")
+    known = {name: machine_from(folder, HEAD.format(name=name) + text, name) for name, text in texts.items()}
     return known.__getitem__
 
 
@@ -94,9 +93,7 @@ def shifts(of: Machine, term: PlacedEffect) -> tuple[Shifts, Site]:
 
 @pytest.mark.parametrize("joint", ["u1a", "u2a", "u3b", "up1"])
 @pytest.mark.parametrize("order", [-3, -1, 2, 8])
-def test_a_pin_circles_across_itself_so_many_times_a_turn(
-    machine: Callable[[str], Machine], joint: str, order: int
-) -> None:
+def test_a_pin_circles_across_itself_so_many_times_a_turn(machine: Named, joint: str, order: int) -> None:
     robot, a, b = machine("robot"), 0.03, -0.02
     hinge = next(h for h in hinges(robot) if h.name == joint)
     moved, site = shifts(
@@ -121,9 +118,7 @@ def test_a_pin_circles_across_itself_so_many_times_a_turn(
 
 
 @pytest.mark.parametrize(("pair", "turns"), [("ab", -2), ("cd", 2)])
-def test_a_wobble_of_second_order_circles_twice_a_turn(
-    machine: Callable[[str], Machine], pair: str, turns: int
-) -> None:
+def test_a_wobble_of_second_order_circles_twice_a_turn(machine: Named, pair: str, turns: int) -> None:
     arm, size = machine("arm"), (3e-4, -2e-4)
     term = with_effect(
         arm, "axis-wobble", ("q1",), {"orders": 2.0}, **{f"{c}2": s for c, s in zip(pair, size, strict=True)}
@@ -166,7 +161,7 @@ def test_a_wait_ages_every_move_alike() -> None:
     np.testing.assert_allclose(found, [0, 2 * np.log10(31), 2 * np.log10(431) + 3 * np.log10(31)])
 
 
-def test_a_gain_calibrated_late_leaves_what_is_still_to_creep(machine: Callable[[str], Machine]) -> None:
+def test_a_gain_calibrated_late_leaves_what_is_still_to_creep(machine: Named) -> None:
     """``since`` takes the creep of so many seconds, in proportion to the reading, out of the gain."""
     slide = machine("slide")
     early, late = (
@@ -183,7 +178,7 @@ def test_a_gain_calibrated_late_leaves_what_is_still_to_creep(machine: Callable[
     assert values[0] - values[1] == pytest.approx(0.01 * 3 * 0.07)
 
 
-def test_elements_side_by_side_are_the_sum_of_single_ones(machine: Callable[[str], Machine]) -> None:
+def test_elements_side_by_side_are_the_sum_of_single_ones(machine: Named) -> None:
     slide, friction = machine("slide"), effects.get("friction-hysteresis", "test")()
     found = [s for s in friction.settings(slide, ("s2",), Campaign()) if "elements" in s]
     assert len({s.get("overshoot") for s in found}) == len(found) > 1
@@ -204,7 +199,7 @@ def test_elements_side_by_side_are_the_sum_of_single_ones(machine: Callable[[str
 
 @pytest.mark.parametrize(("s", "share"), [(0.0, 0.0), (50.0, 0.25), (200.0, 1.0)])
 def test_friction_of_a_nut_winds_the_free_part_of_its_screw_up(
-    machine: Callable[[str], Machine], s: float, share: float
+    machine: Named, s: float, share: float
 ) -> None:
     slide = machine("slide")
     term = with_effect(slide, "screw-windup", ("s2",), {"friction": 1.0}, w=0.02)
@@ -217,7 +212,7 @@ def test_friction_of_a_nut_winds_the_free_part_of_its_screw_up(
 # -- platform-deformation, lens-distortion ----------------------------------------------------------------------
 
 
-def test_under_load_a_platform_gives_way_at_i_by_j_as_at_j_by_i(machine: Callable[[str], Machine]) -> None:
+def test_under_load_a_platform_gives_way_at_i_by_j_as_at_j_by_i(machine: Named) -> None:
     hexapod = machine("hexapod")
     values = {f"C[{i},{j}]": 1e-5 * (7 * i + j) for i in range(1, 7) for j in range(i, 7)}
     term = with_effect(hexapod, "platform-deformation", ("platform",), {"form": 5.0}, **values)
@@ -231,7 +226,7 @@ def test_under_load_a_platform_gives_way_at_i_by_j_as_at_j_by_i(machine: Callabl
     np.testing.assert_array_equal(C, C.T)
 
 
-def test_a_decentred_lens_is_one_whose_axis_stands_aside(machine: Callable[[str], Machine]) -> None:
+def test_a_decentred_lens_is_one_whose_axis_stands_aside(machine: Named) -> None:
     """p is minus k1 times how far aside: the derivative of radial distortion by its centre."""
     robot, k1, aside = machine("seen"), 1e-3, np.array([3e-6, -2e-6])
     p = -k1 * aside

@@ -18,7 +18,7 @@ import pytest
 from numpy.typing import NDArray
 
 from support import TESTS
-from support.effect_machines import READINGS, read_machines
+from support.effect_machines import READINGS, Machines
 from support.effects import Campaign, Solved
 from support.golden_pages import as_committed
 from truepose.models.effects.base import Effect, Place, PlacedEffect, Settings, effects
@@ -43,11 +43,6 @@ class Varied(Campaign):
     def driver(self, name: str) -> object | None:
         found = super().driver(name)
         return found if found is None or name == "time" else np.linspace(-1.0, 25.0, 5)
-
-
-@pytest.fixture(scope="module")
-def machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Machine]:
-    return read_machines(tmp_path_factory.getbasetemp() / "effect_offers")
 
 
 def ends(items: Sequence[T], most: int = 2) -> list[T]:
@@ -119,7 +114,7 @@ def signatures(machine: Machine, q: Sequence[float]) -> Iterator[str]:
 
 @pytest.mark.parametrize("name", READINGS)
 def test_what_effects_offer_is_as_committed(
-    name: str, machines: Mapping[str, Machine], request: pytest.FixtureRequest
+    name: str, machines: Machines, request: pytest.FixtureRequest
 ) -> None:
     """Whoever reads a diagnosis relies on what was looked for, in which bounds, and on the words."""
     update = bool(request.config.getoption("--update-golden"))
@@ -133,7 +128,7 @@ def test_what_effects_offer_is_as_committed(
 
 @pytest.mark.parametrize("name", READINGS)
 def test_what_effects_move_is_as_committed(
-    name: str, machines: Mapping[str, Machine], request: pytest.FixtureRequest
+    name: str, machines: Machines, request: pytest.FixtureRequest
 ) -> None:
     """Whose values a machine file of last year states: they must mean the same today."""
     update = bool(request.config.getoption("--update-golden"))

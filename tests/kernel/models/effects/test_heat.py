@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from support.effect_machines import READINGS, read_machines
+from support.effect_machines import READINGS, Machines
 from support.effects import Campaign, position, shift_slopes, with_effect
 from truepose.models.effects.base import effects
-from truepose.models.machine.machine import Machine
 
 
-@pytest.fixture(scope="module")
-def machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Machine]:
-    return read_machines(tmp_path_factory.getbasetemp() / "effects")
-
-
-def test_parts_of_a_graph_heat_up_together(machines: Mapping[str, Machine]) -> None:
+def test_parts_of_a_graph_heat_up_together(machines: Machines) -> None:
     def parts(name: str) -> dict[str, set[str]]:
         lengths = machines[name].mechanism.lengths
         return {part: {port.rsplit(".", 1)[0] for port in ports} for part, ports in lengths.items()}
@@ -42,7 +35,7 @@ def test_parts_of_a_graph_heat_up_together(machines: Mapping[str, Machine]) -> N
     assert machines["hybrid"].mechanism.limbs[1].platform_point == ("mount2.x", "mount2.y", "mount2.z")
 
 
-def test_heat_stretches_its_own_place_and_counts_from_20_degrees(machines: Mapping[str, Machine]) -> None:
+def test_heat_stretches_its_own_place_and_counts_from_20_degrees(machines: Machines) -> None:
     arm, hexapod, alpha = machines["arm"], machines["telescope"], 2e-5
     q = READINGS["arm"]
     cold = position(arm, q)
@@ -66,7 +59,7 @@ def test_heat_stretches_its_own_place_and_counts_from_20_degrees(machines: Mappi
     assert rho["m1.displacement"] == pytest.approx(7 * (500 + 5 * READINGS["gough"][0]))
 
 
-def test_lags_and_thermometers_follow_the_recording(machines: Mapping[str, Machine]) -> None:
+def test_lags_and_thermometers_follow_the_recording(machines: Machines) -> None:
     effect, machine = effects.get("thermal-expansion", "test")(), machines["telescope"]
     legs = tuple(f"leg{k}" for k in range(1, 7))
     assert [s["lag"] for s in effect.settings(machine, ("base",), Campaign())] == [0, 300, 900, 1800, 3600]

@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 import pytest
 
-from support.effect_machines import READINGS, read_machines
+from support.effect_machines import READINGS, Machines
 from support.effects import Campaign, Solved, position, shift_slopes, with_effect
 from truepose.errors import InputError
 from truepose.models.effects.base import effects
 from truepose.models.effects.transmission_error import FADE
 from truepose.models.machine.kinematics import symbolic_model
-from truepose.models.machine.machine import Machine
 
 
-@pytest.fixture(scope="module")
-def machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Machine]:
-    return read_machines(tmp_path_factory.getbasetemp() / "effects")
-
-
-def test_a_scale_multiplies_the_reading_before_the_offset(machines: Mapping[str, Machine]) -> None:
+def test_a_scale_multiplies_the_reading_before_the_offset(machines: Machines) -> None:
     machine, q = machines["gough"], np.array(READINGS["gough"])
     s = 0.02
     one = position(machine, q, with_effect(machine, "actuator-scale", ("m3",), s=s))
@@ -31,13 +23,13 @@ def test_a_scale_multiplies_the_reading_before_the_offset(machines: Mapping[str,
 
 
 @pytest.mark.parametrize("approach", [1.0, -1.0])
-def test_backlash_leaves_the_joint_behind(machines: Mapping[str, Machine], approach: float) -> None:
+def test_backlash_leaves_the_joint_behind(machines: Machines, approach: float) -> None:
     arm, b = machines["arm"], 1e-3
     found = position(arm, [0.3, 0.2, 0.1], with_effect(arm, "backlash", ("q2",), b=b), approach=approach)
     np.testing.assert_allclose(found, position(arm, [0.3, 0.2 - b / 2 * approach, 0.1]), atol=1e-9)
 
 
-def test_periodic_errors_have_their_period(machines: Mapping[str, Machine]) -> None:
+def test_periodic_errors_have_their_period(machines: Machines) -> None:
     stage, arm = machines["stage"], machines["arm"]
     screw = with_effect(stage, "screw-periodic", ("s2",), {"harmonic": 2.0}, a=0.01, b=0.02)
     off = [position(stage, [0, s, 0], screw) - position(stage, [0, s, 0]) for s in (0.3, 2.3, 1.3)]
@@ -50,7 +42,7 @@ def test_periodic_errors_have_their_period(machines: Mapping[str, Machine]) -> N
     np.testing.assert_allclose(again["m1.displacement"], [0, 1], atol=1e-12)  # two whole turns of the motor
 
 
-def test_a_series_says_nothing_beyond_the_arc_that_was_seen(machines: Mapping[str, Machine]) -> None:
+def test_a_series_says_nothing_beyond_the_arc_that_was_seen(machines: Machines) -> None:
     """On the arc it is itself less its mean there, whole turns away too; beyond its ends it fades, by half after 2 deg."""
     arm, effect = machines["arm"], effects.get("transmission-error", "test")()
     values = {f"{letter}{k}": 1e-3 / k for k in range(1, 61) for letter in "ab"}
@@ -80,7 +72,7 @@ def test_a_series_says_nothing_beyond_the_arc_that_was_seen(machines: Mapping[st
     assert effect.within(("q1",), {"order": 3.0}, {"q1": (-1.0, 0.5)}) == {"order": 3.0}
 
 
-def test_a_series_is_the_sum_of_its_orders(machines: Mapping[str, Machine]) -> None:
+def test_a_series_is_the_sum_of_its_orders(machines: Machines) -> None:
     arm, q = machines["arm"], [0.7, 0.2, 0.1]
     amplitudes = {1: (4e-3, -2e-3), 2: (1e-3, 3e-3), 17: (5e-4, 2e-4), 60: (-3e-4, 1e-4)}
     values = {
@@ -101,7 +93,7 @@ def test_a_series_is_the_sum_of_its_orders(machines: Mapping[str, Machine]) -> N
     assert scales[0] == 6e-4  # 2 arcmin, what the catalogue states
 
 
-def test_coupling_moves_the_driven_joint_by_the_driving_one(machines: Mapping[str, Machine]) -> None:
+def test_coupling_moves_the_driven_joint_by_the_driving_one(machines: Machines) -> None:
     stage, k = machines["stage"], 0.5
     placed = with_effect(stage, "axis-coupling", ("s1", "s3"), k=k)
     assert placed.coefficients[0].unit == "mm/rad"
@@ -112,7 +104,7 @@ def test_coupling_moves_the_driven_joint_by_the_driving_one(machines: Mapping[st
         with_effect(stage, "axis-coupling", ("s1",))
 
 
-def test_mounts_drift_shift_and_settle(machines: Mapping[str, Machine]) -> None:
+def test_mounts_drift_shift_and_settle(machines: Machines) -> None:
     arm, q = machines["arm"], [0.3, 0.2, 0.1]
     still = position(arm, q)
     steady = with_effect(arm, "mount-drift", ("base",), {"tau": 0.0, "start": 1000.0}, x=0.02)
@@ -135,7 +127,7 @@ def test_mounts_drift_shift_and_settle(machines: Mapping[str, Machine]) -> None:
 
 
 @pytest.mark.parametrize("slug", ["frame-shift", "zero-shift"])
-def test_a_machine_stands_as_its_latest_session_left_it(machines: Mapping[str, Machine], slug: str) -> None:
+def test_a_machine_stands_as_its_latest_session_left_it(machines: Machines, slug: str) -> None:
     """Where no session is recorded every change between sessions lies in the past."""
     arm, q = machines["arm"], READINGS["arm"]
     place, value = (("base",), {"x": 2.0}) if slug == "frame-shift" else (("q2",), {"zero": 0.01})

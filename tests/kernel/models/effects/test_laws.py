@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 import pytest
 
-from support.effect_machines import READINGS, TEXTS, read_machines
+from support.effect_machines import READINGS, Machines
 from support.effects import Solved, bare, candidates, shift_slopes, with_effect
 from truepose.errors import InputError
 from truepose.models.effects.base import (
@@ -28,19 +28,13 @@ from truepose.models.machine.machine import Machine
 from truepose.models.machine.placed import check_settings
 from truepose.models.units import parse_unit
 
-LOADED = ("arm", "telescope", "gough", "hybrid", "planar", "graph", "mount", "encoded")
 EFFECTS = list(effects)
 PLACED = [slug for slug in effects if slug not in OF_ROWS]
 """Those that act at places of a machine; the others act on rows of a recording."""
 TWINNED = [slug for slug in effects if effects.get(slug, "test").twins is not Effect.twins]
 
 
-@pytest.fixture(scope="module")
-def machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Machine]:
-    return read_machines(tmp_path_factory.getbasetemp() / "effects")
-
-
-def where_it_acts(machines: Mapping[str, Machine], slug: str) -> list[tuple[str, list[PlacedEffect]]]:
+def where_it_acts(machines: Machines, slug: str) -> list[tuple[str, list[PlacedEffect]]]:
     """Machines (by name) on which an effect has a place, and the effect there; never none."""
     found = [(name, candidates(machine, slug)) for name, machine in machines.items()]
     acting = [(name, placed) for name, placed in found if placed]
@@ -53,7 +47,7 @@ def where_it_acts(machines: Mapping[str, Machine], slug: str) -> list[tuple[str,
 
 @pytest.mark.parametrize("slug", PLACED)
 def test_zero_coefficients_leave_the_machine_and_slopes_follow_the_ports(
-    machines: Mapping[str, Machine], slug: str
+    machines: Machines, slug: str
 ) -> None:
     for name, placed in where_it_acts(machines, slug):
         machine = machines[name]
@@ -82,7 +76,7 @@ def test_every_effect_is_described(slug: str) -> None:
 
 
 @pytest.mark.parametrize("slug", PLACED)
-def test_units_bounds_and_explanations(machines: Mapping[str, Machine], slug: str) -> None:
+def test_units_bounds_and_explanations(machines: Machines, slug: str) -> None:
     for name, acting in where_it_acts(machines, slug):
         for placed in acting:
             names = [c.name for c in placed.coefficients]
@@ -98,7 +92,7 @@ def test_units_bounds_and_explanations(machines: Mapping[str, Machine], slug: st
 
 
 @pytest.mark.parametrize("slug", PLACED)
-def test_places_are_distinct_and_settings_default(machines: Mapping[str, Machine], slug: str) -> None:
+def test_places_are_distinct_and_settings_default(machines: Machines, slug: str) -> None:
     for name, _ in where_it_acts(machines, slug):
         machine, effect = machines[name], effects.get(slug, "test")()
         places = list(effect.places(machine))
@@ -108,7 +102,7 @@ def test_places_are_distinct_and_settings_default(machines: Mapping[str, Machine
 
 
 @pytest.mark.parametrize("slug", EFFECTS)
-def test_settings_are_named_and_bounded(machines: Mapping[str, Machine], slug: str) -> None:
+def test_settings_are_named_and_bounded(machines: Machines, slug: str) -> None:
     """What a diagnosis may write into a machine file can be read from it; another name, or a number of no use, cannot."""
     known = effects.get(slug, "test").setting_ranges
     assert known is not None
@@ -124,7 +118,7 @@ def test_settings_are_named_and_bounded(machines: Mapping[str, Machine], slug: s
 
 
 @pytest.mark.parametrize("slug", PLACED)
-def test_what_a_load_drives_reads_a_load(machines: Mapping[str, Machine], slug: str) -> None:
+def test_what_a_load_drives_reads_a_load(machines: Machines, slug: str) -> None:
     """The driver is that of the setting: what no load is read for is not said to follow the load."""
     for name, placed in where_it_acts(machines, slug):
         for effect in placed:
@@ -133,7 +127,7 @@ def test_what_a_load_drives_reads_a_load(machines: Mapping[str, Machine], slug: 
             assert effect.kind != "load" or by_load, f"{effect.label} on {name}"
 
 
-def test_a_leg_and_its_actuator_are_one_place(machines: Mapping[str, Machine]) -> None:
+def test_a_leg_and_its_actuator_are_one_place(machines: Machines) -> None:
     machine = machines["telescope"]
     joint_effects = ("actuator-scale", "backlash", "screw-periodic", "zero-shift", "axis-straightness")
     for slug in (*joint_effects, "leg-compliance"):
@@ -143,22 +137,13 @@ def test_a_leg_and_its_actuator_are_one_place(machines: Mapping[str, Machine]) -
 
 
 @pytest.mark.parametrize(("slug", "wrong"), [("actuator-scale", "rho7"), ("leg-compliance", "leg0")])
-def test_unknown_places_are_told(machines: Mapping[str, Machine], slug: str, wrong: str) -> None:
+def test_unknown_places_are_told(machines: Machines, slug: str, wrong: str) -> None:
     with pytest.raises(InputError, match=rf"found '{wrong}' on telescope, expected .* did you mean"):
         symbolic_model(machines["telescope"], [with_effect(machines["telescope"], slug, (wrong,))])
 
 
-@pytest.mark.parametrize("slug", ["joint-compliance", "leg-compliance", "gravity-sag"])
-def test_effects_of_weight_need_masses_and_gravity(machines: Mapping[str, Machine], slug: str) -> None:
-    assert effects.get(slug, "test").needs_load
-    probed = {"unweighed"} if slug == "joint-compliance" else set()
-    weightless = set(TEXTS) - set(LOADED) - probed
-    assert weightless
-    assert not [name for name in weightless if effects.get(slug, "test")().places(machines[name])]
-
-
 @pytest.mark.parametrize("slug", TWINNED)
-def test_twins_are_the_same_function(machines: Mapping[str, Machine], slug: str) -> None:
+def test_twins_are_the_same_function(machines: Machines, slug: str) -> None:
     """What a twin does at a place, whatever its settings, the effect can do there too."""
     checked = 0
     for name, acting in where_it_acts(machines, slug):
@@ -184,7 +169,7 @@ def compare_twins(machine: Machine, placed: PlacedEffect, twin: str) -> int:
 # -- a user's own effect -------------------------------------------------------------------------------
 
 
-def test_what_a_sensor_sees_may_move_readings_only(machines: Mapping[str, Machine]) -> None:
+def test_what_a_sensor_sees_may_move_readings_only(machines: Machines) -> None:
     """A machine moved by its own measured place would have to know where it is before it is there."""
     arm = machines["arm"]
     column = next(iter(arm.sensors[0].columns))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,11 +9,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from support.effect_machines import Machines
 from support.effects import with_effect
+from support.simulated import machine_from
 from support.structures import G, structure, turn_between
 from support.tool_pose import HEAD, pose
 from truepose.errors import InputError
-from truepose.models.load import load_machine
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine, Mass
 
@@ -30,12 +30,12 @@ masses: {{tip: {{kg: 10, com: [0, 0, 0], in: tool}}}}
 
 
 @pytest.fixture(scope="module")
-def machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Machine]:
+def machines(tmp_path_factory: pytest.TempPathFactory) -> Machines:
     folder = tmp_path_factory.mktemp("machines")
     return {name: structure(folder, name) for name in ("beam", "arm")}
 
 
-def test_a_link_is_a_cantilever(machines: Mapping[str, Machine]) -> None:
+def test_a_link_is_a_cantilever(machines: Machines) -> None:
     """A level beam of one link with 12 kg at its end: F L^3 / 3EI down, and F L^2 / 2EI about its axis."""
     beam, c, length, force = machines["beam"], 1e-12, 800.0, 12 * G
     still, bent = (pose(beam, [0.0], *t) for t in ((), (with_effect(beam, "link-bending", ("link1",), c=c),)))
@@ -44,7 +44,7 @@ def test_a_link_is_a_cantilever(machines: Mapping[str, Machine]) -> None:
 
 
 @pytest.mark.parametrize("angle", [-2.0, 0.4, 1.1, np.pi / 2])
-def test_only_the_weight_across_a_link_bends_it(machines: Mapping[str, Machine], angle: float) -> None:
+def test_only_the_weight_across_a_link_bends_it(machines: Machines, angle: float) -> None:
     beam, c = machines["beam"], 1e-12
     still, bent = (
         pose(beam, [angle], *t) for t in ((), (with_effect(beam, "link-bending", ("link1",), c=c),))
@@ -55,7 +55,7 @@ def test_only_the_weight_across_a_link_bends_it(machines: Mapping[str, Machine],
 
 
 @pytest.mark.parametrize("a", [100.0, 400.0, 799.0])
-def test_a_mass_on_the_link_bends_it_up_to_there(machines: Mapping[str, Machine], a: float) -> None:
+def test_a_mass_on_the_link_bends_it_up_to_there(machines: Machines, a: float) -> None:
     beam, c, length = machines["beam"], 1e-12, 800.0
     loaded = replace(beam, masses=(Mass("own", 5.0, (a, 0.0, 0.0), "link1"),))
     still, bent = (
@@ -66,7 +66,7 @@ def test_a_mass_on_the_link_bends_it_up_to_there(machines: Mapping[str, Machine]
     assert turn_between(still, bent)[1] == pytest.approx(c * 5 * G * a**2 / 2, rel=1e-3)
 
 
-def test_a_load_beyond_the_end_bends_by_its_moment_too(machines: Mapping[str, Machine]) -> None:
+def test_a_load_beyond_the_end_bends_by_its_moment_too(machines: Machines) -> None:
     beam, c, length, lever = machines["beam"], 1e-12, 800.0, 250.0
     for body, at in (("tool", lever), ("link1", length + lever)):
         far = replace(beam, masses=(Mass("far", 7.0, (at, 0.0, 0.0), body),))
@@ -81,7 +81,7 @@ def test_a_load_beyond_the_end_bends_by_its_moment_too(machines: Mapping[str, Ma
     ("body", "at", "share"), [("tool", 0.0, 1.0), ("link1", 800.0, 1.0), ("link1", 300.0, 0.375)]
 )
 def test_a_load_beside_a_link_twists_it_as_a_round_tube(
-    machines: Mapping[str, Machine], body: str, at: float, share: float
+    machines: Machines, body: str, at: float, share: float
 ) -> None:
     """T L / (G J) about its length, up to where the load acts, G J = E I / 1.3; its centre line stays where it was."""
     c, length, aside = 1e-12, 800.0, 60.0
@@ -98,10 +98,8 @@ def test_a_load_beside_a_link_twists_it_as_a_round_tube(
 @pytest.mark.parametrize("offset", [-150.0, 0.0, 250.0])
 def test_a_link_ends_where_the_next_joint_starts_not_at_its_offset(tmp_path: Path, offset: float) -> None:
     """A level link of 600 mm, the next axis upright at its end: how far up that axis the load stands bends no more."""
-    name = "upright"
-    path = tmp_path / f"{name}.yaml"
-    path.write_text(HEAD.format(name=name) + UPRIGHT.format(offset=offset))
-    machine, c, length, force = load_machine(path), 1e-12, 600.0, 10 * G
+    machine = machine_from(tmp_path, HEAD.format(name="upright") + UPRIGHT.format(offset=offset))
+    c, length, force = 1e-12, 600.0, 10 * G
     still, bent = (
         pose(machine, [0.0, 0.3], *t) for t in ((), (with_effect(machine, "link-bending", ("link1",), c=c),))
     )
@@ -112,7 +110,7 @@ def test_a_link_ends_where_the_next_joint_starts_not_at_its_offset(tmp_path: Pat
     np.testing.assert_allclose(bent[:3, 3] - still[:3, 3], expected, atol=slope**2 * 600.0)
 
 
-def test_a_wrong_link_is_named(machines: Mapping[str, Machine]) -> None:
+def test_a_wrong_link_is_named(machines: Machines) -> None:
     with pytest.raises(InputError, match=r"link-bending: found link 'link9', expected one of link1"):
         symbolic_model(machines["arm"], [with_effect(machines["arm"], "link-bending", ("link9",))])
 
@@ -147,9 +145,7 @@ masses: {tip: {kg: 12, com: [0, 0, 0], in: tool}}
 
 
 def _loaded(folder: Path, text: str) -> Machine:
-    path = folder / "machine.yaml"
-    path.write_text(text, encoding="utf-8")
-    return load_machine(path)
+    return machine_from(folder, text, "machine")
 
 
 def _axes(q: list[float]) -> list[np.ndarray]:

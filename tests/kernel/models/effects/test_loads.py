@@ -2,29 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from support.effect_machines import READINGS, STRAIGHT, read_machines
+from support.effect_machines import READINGS, STRAIGHT, Machines
 from support.effects import Campaign, Solved, position, shift_slopes, with_effect
 from truepose.errors import InputError
 from truepose.models.effects.base import effects
 from truepose.models.machine.kinematics import symbolic_model
-from truepose.models.machine.machine import Machine, Mass
-
-
-@pytest.fixture(scope="module")
-def machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Machine]:
-    return read_machines(tmp_path_factory.getbasetemp() / "effects")
-
+from truepose.models.machine.machine import Mass
 
 # -- stated masses -------------------------------------------------------------------------------------
 
 
-def test_a_compliant_joint_of_a_horizontal_arm_gives_way_downwards(machines: Mapping[str, Machine]) -> None:
+def test_a_compliant_joint_of_a_horizontal_arm_gives_way_downwards(machines: Machines) -> None:
     arm, level = machines["arm"], [0.0, 0.0, 0.0]
     c = 1e-6
     moved = position(arm, level, with_effect(arm, "joint-compliance", ("q2",), c=c)) - position(arm, level)
@@ -32,7 +25,7 @@ def test_a_compliant_joint_of_a_horizontal_arm_gives_way_downwards(machines: Map
     assert moved[2] == pytest.approx(-c * torque * 1000, rel=1e-4)
 
 
-def test_a_sagging_base_turns_the_arm_downwards(machines: Mapping[str, Machine]) -> None:
+def test_a_sagging_base_turns_the_arm_downwards(machines: Machines) -> None:
     arm, level, c = machines["arm"], [0.0, 0.0, 0.0], 1e-6
     start = position(arm, level)
     moved = position(arm, level, with_effect(arm, "gravity-sag", ("base",), c=c)) - start
@@ -41,7 +34,7 @@ def test_a_sagging_base_turns_the_arm_downwards(machines: Mapping[str, Machine])
     assert moved[0] > 0  # the tool stands above the mount and tips forward
 
 
-def test_a_gear_that_stiffens_gives_way_by_odd_powers_of_its_load(machines: Mapping[str, Machine]) -> None:
+def test_a_gear_that_stiffens_gives_way_by_odd_powers_of_its_load(machines: Machines) -> None:
     arm = machines["arm"]
     straight = shift_slopes(arm, with_effect(arm, "joint-compliance", ("q2",)))["q2.displacement"][0]
     for bend in (2.0, 3.0):
@@ -57,7 +50,7 @@ def test_a_gear_that_stiffens_gives_way_by_odd_powers_of_its_load(machines: Mapp
 @pytest.mark.parametrize(("case", "body"), [(0, "link2"), (1, "link3")])
 @pytest.mark.parametrize("joint", ["q1", "q2"])
 def test_compliance_times_a_mass_is_that_mass_on_that_compliance(
-    machines: Mapping[str, Machine], joint: str, case: int, body: str
+    machines: Machines, joint: str, case: int, body: str
 ) -> None:
     unweighed, c, kg, q = machines["unweighed"], 2e-6, 7.0, READINGS["arm"]
     weighed = replace(unweighed, masses=(Mass("arm", kg, (0.0, 0.0, 0.0), body),))
@@ -71,7 +64,7 @@ def test_compliance_times_a_mass_is_that_mass_on_that_compliance(
 
 
 def test_candidates_of_unknown_masses_are_the_bodies_beyond_the_joint(
-    machines: Mapping[str, Machine],
+    machines: Machines,
 ) -> None:
     unweighed, effect = machines["unweighed"], effects.get("joint-compliance", "test")()
     assert effect.places(unweighed) == [("q1",), ("q2",), ("q3",)]
@@ -94,9 +87,7 @@ def test_candidates_of_unknown_masses_are_the_bodies_beyond_the_joint(
 
 
 @pytest.mark.parametrize("name", ["telescope", "gough"])
-def test_closed_loops_and_weightless_machines_have_no_probes(
-    machines: Mapping[str, Machine], name: str
-) -> None:
+def test_closed_loops_and_weightless_machines_have_no_probes(machines: Machines, name: str) -> None:
     machine = replace(machines[name], masses=())
     floating = replace(machines["unweighed"], gravity=None)
     for weightless in (machine, floating, replace(floating, gravity=(0.0, 0.0, 0.0))):
@@ -108,7 +99,7 @@ def test_closed_loops_and_weightless_machines_have_no_probes(
     ("slug", "place"), [("joint-compliance", "q2"), ("gravity-sag", "base"), ("link-bending", "link2")]
 )
 def test_an_effect_of_weight_on_a_machine_without_weight_is_refused_by_name(
-    machines: Mapping[str, Machine], slug: str, place: str
+    machines: Machines, slug: str, place: str
 ) -> None:
     """A file may ask for it: before its masses are stated, or on a machine that floats."""
     placed = with_effect(machines["arm"], slug, (place,))
@@ -132,7 +123,7 @@ def test_an_effect_of_weight_on_a_machine_without_weight_is_refused_by_name(
     ],
 )
 def test_a_mount_sags_where_it_carries_something(
-    machines: Mapping[str, Machine], masses: tuple[Mass, ...], places: list[tuple[str]]
+    machines: Machines, masses: tuple[Mass, ...], places: list[tuple[str]]
 ) -> None:
     """The base carries every mass, the tool's mount what is on the tool and the payload, wherever that is written."""
     loaded = replace(machines["arm"], masses=masses)
@@ -144,7 +135,7 @@ def test_a_mount_sags_where_it_carries_something(
 
 @pytest.mark.parametrize("name", ["telescope", "gough", "hybrid"])
 def test_legs_shorten_under_a_platform_they_carry_and_grow_where_it_hangs(
-    machines: Mapping[str, Machine], name: str
+    machines: Machines, name: str
 ) -> None:
     standing = machines[name]
     hanging = replace(standing, gravity=(0.0, 0.0, 9.80665))
@@ -156,7 +147,7 @@ def test_legs_shorten_under_a_platform_they_carry_and_grow_where_it_hangs(
         assert sign * sum(float(slope[0]) for slope in shift_slopes(machine, soft).values()) > 0
 
 
-def test_limbs_of_the_hybrid_share_a_centred_weight(machines: Mapping[str, Machine]) -> None:
+def test_limbs_of_the_hybrid_share_a_centred_weight(machines: Machines) -> None:
     weighed = replace(machines["hybrid"], masses=(Mass("ring", 12.0, (0.0, 0.0, 30.0), "platform"),))
     solved = Solved(symbolic_model(weighed, ports=True), STRAIGHT["hybrid"])
     lean = np.sqrt(730.0**2 - (340.0 - 165.0) ** 2) / 730.0  # cosine: the limbs lean inwards
@@ -164,7 +155,7 @@ def test_limbs_of_the_hybrid_share_a_centred_weight(machines: Mapping[str, Machi
         assert solved.load[f"q{k}.displacement"] == pytest.approx(-12 * 9.80665 / 3 / lean, rel=1e-9)
 
 
-def test_a_wrist_on_a_parallel_machine_carries_what_it_holds(machines: Mapping[str, Machine]) -> None:
+def test_a_wrist_on_a_parallel_machine_carries_what_it_holds(machines: Machines) -> None:
     """4 kg, 50 mm aside along x and 20 mm along -y of the wrist that stands straight: only gravity's levers count."""
     hybrid = machines["hybrid"]
     solved = Solved(symbolic_model(hybrid, ports=True), STRAIGHT["hybrid"])
@@ -177,7 +168,7 @@ def test_a_wrist_on_a_parallel_machine_carries_what_it_holds(machines: Mapping[s
     )  # the tool, 210 mm up, tips with the load
 
 
-def test_a_limb_that_is_a_slide_gives_way_in_one_place(machines: Mapping[str, Machine]) -> None:
+def test_a_limb_that_is_a_slide_gives_way_in_one_place(machines: Machines) -> None:
     """Joint and leg are the same port there: a diagnosis looks for one of the two."""
     hybrid, effect = machines["hybrid"], effects.get("joint-compliance", "test")()
     joint = shift_slopes(hybrid, with_effect(hybrid, "joint-compliance", ("q1",)))

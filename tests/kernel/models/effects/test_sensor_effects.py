@@ -10,12 +10,12 @@ import pandas as pd
 import pytest
 
 from support.sensor_bench import TEXTS, Bench
+from support.simulated import machine_from
 from truepose.errors import InputError
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.prediction.predict import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.models.effects.base import PlacedEffect, effects
-from truepose.models.load import load_machine
 from truepose.models.machine.kinematics import symbolic_model
 
 CASES = {
@@ -180,8 +180,7 @@ def test_sensors_are_numbered_where_there_are_several(tmp_path: Path) -> None:
     text = TEXTS["arm"].replace("NAME", "arm")
     head, _, _ = text.partition("sensor:")
     both = "sensor:\n  - {type: position, sigma: {xyz: 0.01}}\n  - {type: ballbar, centre: [0, 0, 0], ball: [0, 0, 9]"
-    (tmp_path / "m.yaml").write_text(f"{head}{both}, sigma: {{distance: 0.001}}}}\n")
-    machine = load_machine(tmp_path / "m.yaml")
+    machine = machine_from(tmp_path, f"{head}{both}, sigma: {{distance: 0.001}}}}\n", "m")
     places = {
         slug: effects.get(slug, "test")().places(machine) for slug in ("sensor-scale", "air-refraction")
     }
@@ -217,12 +216,6 @@ def test_joints_that_stand_still_do_not_hide_a_latency(benches: Mapping[str, Ben
     assert some == {"still.q2": 1.0, "still.q6": 1.0}
     drivers = effect.drivers(bench.machine, ("sensor",), some)
     assert drivers == ("velocity.q1", "velocity.q3", "velocity.q4", "velocity.q5")
-
-
-def test_a_tracker_does_not_stand_in_the_machine(benches: Mapping[str, Bench]) -> None:
-    effect = effects.get("sensor-periodic", "test")()
-    looked_for = {name: effect.screened(b.machine, ("sensor",)) for name, b in benches.items()}
-    assert looked_for == {"arm": True, "telescope": False, "stage": True}
 
 
 # -- diagnosis -----------------------------------------------------------------------------------------

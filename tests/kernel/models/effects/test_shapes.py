@@ -8,30 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from support.effect_machines import READINGS, read_machines
+from support.effect_machines import READINGS, Machines
 from support.effects import Campaign, bare, position, shift_slopes, with_effect
 from truepose.errors import InputError
 from truepose.models.effects.base import PlacedEffect, Settings, effects
 from truepose.models.machine.kinematics import symbolic_model
-from truepose.models.machine.machine import Machine
-
-
-@pytest.fixture(scope="module")
-def machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Machine]:
-    return read_machines(tmp_path_factory.getbasetemp() / "effects")
-
 
 # -- guideways and rails -------------------------------------------------------------------------------
 
 
-def test_a_slide_in_a_loop_only_bends_aside(machines: Mapping[str, Machine]) -> None:
-    limb = with_effect(machines["hybrid"], "axis-straightness", ("q1",))
-    assert [c.name for c in limb.coefficients] == ["x2", "y2"]
-    boom = with_effect(machines["graph"], "axis-straightness", ("boom",))
-    assert [c.name for c in boom.coefficients] == ["x2", "y2", "z2", "rx1", "ry1", "rz1"]
-
-
-def test_a_bent_guideway_of_an_arm(machines: Mapping[str, Machine]) -> None:
+def test_a_bent_guideway_of_an_arm(machines: Machines) -> None:
     stage = machines["stage"]
     bent = with_effect(stage, "axis-straightness", ("s1",), {"degree": 2.0}, x2=0.01, rz1=1e-4)
     assert [c.name for c in bent.coefficients] == ["x2", "y2", "z2", "rx1", "ry1", "rz1"]
@@ -50,7 +36,7 @@ def test_a_bent_guideway_of_an_arm(machines: Mapping[str, Machine]) -> None:
     ("wave", "at"), [(1, {0: 1}), (2, {-75: 1, 0: 0, 75: -1}), (3, {-100: 1, 0: -1, 100: 1})]
 )
 def test_half_waves_stand_between_the_ends_of_the_range(
-    machines: Mapping[str, Machine], wave: int, at: Mapping[float, float]
+    machines: Machines, wave: int, at: Mapping[float, float]
 ) -> None:
     stage, size = machines["stage"], 0.02
     bent = with_effect(stage, "axis-straightness", ("s1",), {"waves": 3.0}, **{f"yw{wave}": size})
@@ -69,7 +55,7 @@ def test_half_waves_stand_between_the_ends_of_the_range(
     ],
 )
 def test_a_bent_rail_shows_only_along_its_leg(
-    machines: Mapping[str, Machine], settings: Settings, names: Sequence[str]
+    machines: Machines, settings: Settings, names: Sequence[str]
 ) -> None:
     """Sideways of the leg the slide may go where it likes; the first shapes are the largest to expect."""
     machine, reference = machines["telescope"], bare(machines["telescope"])
@@ -87,7 +73,7 @@ def test_a_bent_rail_shows_only_along_its_leg(
     assert np.linalg.norm(seen @ [-leg[1], leg[0], 0]) < 0.05 * np.linalg.norm(seen @ leg)
 
 
-def test_rails_tilt_alike_towards_their_legs(machines: Mapping[str, Machine]) -> None:
+def test_rails_tilt_alike_towards_their_legs(machines: Machines) -> None:
     machine = machines["telescope"]
     effect = effects.get("wrong-constant", "test")()
     together = max(effect.places(machine), key=len)
@@ -108,7 +94,7 @@ def test_rails_tilt_alike_towards_their_legs(machines: Mapping[str, Machine]) ->
 # -- the platform --------------------------------------------------------------------------------------
 
 
-def test_a_bending_platform_moves_its_leg_ends(machines: Mapping[str, Machine]) -> None:
+def test_a_bending_platform_moves_its_leg_ends(machines: Machines) -> None:
     machine = machines["telescope"]
     rho = np.array(READINGS["telescope"])
     common = shift_slopes(machine, with_effect(machine, "platform-deformation", ("platform",)))
@@ -125,7 +111,7 @@ def test_a_bending_platform_moves_its_leg_ends(machines: Mapping[str, Machine]) 
     assert flexures == [0, 1, 3, 2, 4, 5]
 
 
-def test_the_symmetric_platform_repeats_its_first_row_round_the_ring(machines: Mapping[str, Machine]) -> None:
+def test_the_symmetric_platform_repeats_its_first_row_round_the_ring(machines: Machines) -> None:
     machine = machines["telescope"]
     placed = with_effect(machine, "platform-deformation", ("platform",), {"form": 3.0})
     slopes = shift_slopes(machine, placed)

@@ -12,15 +12,14 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from support.effect_machines import Machines
 from support.effects import with_effect
+from support.simulated import machine_from, recorded
 from support.structures import TEXTS, G, structure, turn_between
 from support.tool_pose import HEAD, pose
 from truepose.identification.fit.estimate import estimate
-from truepose.identification.prediction.predict import simulate
-from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect, Settings, effects
-from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import Mechanism
 
@@ -28,7 +27,7 @@ Array = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")
-def machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Machine]:
+def machines(tmp_path_factory: pytest.TempPathFactory) -> Machines:
     folder = tmp_path_factory.mktemp("machines")
     return {name: structure(folder, name) for name in TEXTS}
 
@@ -36,7 +35,7 @@ def machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Machine]:
 # -- axis-wobble, screw-windup -----------------------------------------------------------------------------
 
 
-def test_a_wobbling_axis_tilts_against_its_turn(machines: Mapping[str, Machine]) -> None:
+def test_a_wobbling_axis_tilts_against_its_turn(machines: Machines) -> None:
     """The direction that the body carries as its axis, seen from where the joint stands: one circle, backwards."""
     arm, a, b = machines["arm"], 3e-4, -2e-4
     tilts, angles = [], np.linspace(-2.5, 2.5, 11)
@@ -53,7 +52,7 @@ def test_a_wobbling_axis_tilts_against_its_turn(machines: Mapping[str, Machine])
 
 
 def test_what_turns_with_the_joint_is_geometry_and_what_turns_against_it_is_not(
-    machines: Mapping[str, Machine],
+    machines: Machines,
 ) -> None:
     arm = machines["arm"]
     recording = simulated(arm, 60, seed=3)
@@ -70,7 +69,7 @@ def narrowed(machine: Machine) -> Mechanism:
 
 
 @pytest.mark.parametrize("s", [0.0, 120.0, 500.0])
-def test_a_screw_gives_way_with_its_free_length(machines: Mapping[str, Machine], s: float) -> None:
+def test_a_screw_gives_way_with_its_free_length(machines: Machines, s: float) -> None:
     arm, c = machines["arm"], 1e-7
     q = [0.3, 0.7, 0.2, s]
     still, moved = (pose(arm, q, *t) for t in ((), (with_effect(arm, "screw-windup", ("q4",), c=c),)))
@@ -84,7 +83,7 @@ def test_a_screw_gives_way_with_its_free_length(machines: Mapping[str, Machine],
 TILTED = [6.0, -9.0, 14.0, -3.0, -8.0, 11.0]
 
 
-def test_nothing_moves_at_home_and_shifts_are_even_in_small_tilts(machines: Mapping[str, Machine]) -> None:
+def test_nothing_moves_at_home_and_shifts_are_even_in_small_tilts(machines: Machines) -> None:
     machine = machines["flexed"]
     legs = tuple(f"leg{k}" for k in range(1, 7))
     terms = [with_effect(machine, "flexure-shift", legs, k=2.5)]
@@ -100,7 +99,7 @@ def test_nothing_moves_at_home_and_shifts_are_even_in_small_tilts(machines: Mapp
         assert np.linalg.norm(off[0] - off[1]) < 0.1 * np.linalg.norm(off[0])
 
 
-def test_the_shift_of_a_flexure_is_that_of_beam_theory(machines: Mapping[str, Machine]) -> None:
+def test_the_shift_of_a_flexure_is_that_of_beam_theory(machines: Machines) -> None:
     """On ball joints, k = l / 12 at all legs does what the model of bent flexures does."""
     plain, bent = machines["flexed"], machines["bent"]
     legs = tuple(f"leg{k}" for k in range(1, 7))
@@ -121,22 +120,18 @@ def crossed(folder: Path, centre: Array, e: float) -> Machine:
         f"    - {{name: u1x, kind: revolute, parent: arm1, child: cross, {frame}, axis: [1, 0, 0]}}",
         f"    - {{name: u1y, kind: revolute, parent: cross, child: rod1a, xyz: [0, 0, {e}], axis: [0, 1, 0]}}",
     ]
-    path = folder / "crossed.yaml"
     text = (
         TEXTS["delta"]
         .replace(line, "\n".join(axes))
         .replace("bodies: [ground,", "bodies: [ground, cross,", 1)
     )
-    path.write_text(HEAD.format(name="crossed") + text)
-    return load_machine(path)
+    return machine_from(folder, HEAD.format(name="crossed") + text)
 
 
 CENTRE = np.array([250.0, 40.0, 0.0])
 
 
-def test_runout_is_a_cross_whose_second_axis_passes_the_first(
-    machines: Mapping[str, Machine], tmp_path: Path
-) -> None:
+def test_runout_is_a_cross_whose_second_axis_passes_the_first(machines: Machines, tmp_path: Path) -> None:
     """At the same place at home."""
     delta, e, q = machines["delta"], 2.0, [-0.2, 0.9, 0.5]
     home = np.array(delta.mechanism.home_directions["u1a"])
@@ -151,7 +146,7 @@ def test_runout_is_a_cross_whose_second_axis_passes_the_first(
 @pytest.mark.parametrize("order", [-2.0, 3.0])
 @pytest.mark.parametrize(("pin", "hinge"), [(1.0, "u1x"), (2.0, "u1y")])
 def test_a_pin_of_a_cross_runs_out_like_the_hinge_that_it_is(
-    machines: Mapping[str, Machine], tmp_path: Path, pin: float, hinge: str, order: float
+    machines: Machines, tmp_path: Path, pin: float, hinge: str, order: float
 ) -> None:
     delta, drawn, q = machines["delta"], crossed(tmp_path, CENTRE, 0.0), [-0.2, 0.9, 0.5]
     one = with_effect(delta, "joint-runout", ("u1a",), {"order": order, "pin": pin}, a=0.3, b=-0.2)
@@ -171,15 +166,7 @@ def simulated(machine: Machine, n: int, *terms: PlacedEffect, seed: int, **colum
         low, high = actuator.range or (-1.0, 1.0)
         unit = "rad" if actuator.unit == "rad" else "mm"
         data[f"{actuator.reading} [{unit}]"] = rng.uniform(low, high, n)
-    frame = pd.DataFrame(data | columns)
-    names = [c.split(" ")[0] for c in frame.columns]
-    folder = machine.file.path.parent if machine.file else Path()
-    path = folder / f"{machine.name}_{seed}.csv"
-    frame.to_csv(path, index=False)
-    assert set(machine.mechanism.readings) <= set(names)
-    poses = load_recording(machine, [path], need_observations=False)
-    pd.concat([frame, simulate(machine, poses, terms, seed=seed)], axis=1).to_csv(path, index=False)
-    return load_recording(machine, [path])
+    return recorded(machine, pd.DataFrame(data | columns), *terms, seed=seed)
 
 
 @dataclass(frozen=True)
@@ -210,7 +197,7 @@ TRUTHS = (
 
 
 @pytest.mark.parametrize("truth", TRUTHS, ids=lambda t: f"{t.slug}-{t.machine}")
-def test_a_fit_recovers_the_truth(machines: Mapping[str, Machine], truth: Truth) -> None:
+def test_a_fit_recovers_the_truth(machines: Machines, truth: Truth) -> None:
     """Within four of its own standard errors, which are smaller than a third of the truth."""
     machine, rng = machines[truth.machine], np.random.default_rng(8)
     true = with_effect(machine, truth.slug, truth.place, settings=truth.settings, **truth.values)
@@ -225,7 +212,7 @@ def test_a_fit_recovers_the_truth(machines: Mapping[str, Machine], truth: Truth)
     assert np.linalg.norm(std) < np.linalg.norm(true.amplitudes) / 3
 
 
-def test_memory_stands_at_nothing_where_it_is_not_known(machines: Mapping[str, Machine]) -> None:
+def test_memory_stands_at_nothing_where_it_is_not_known(machines: Machines) -> None:
     """The controller's code without drivers, and a plan, see the plain joint."""
     stage = machines["stage"]
     terms = [

@@ -2,28 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 import pytest
 
-from support.effect_machines import read_machines
+from support.effect_machines import Machines
 from support.effects import position, shift_slopes, with_effect
 from truepose.models.effect_text import parse_effect
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.effects.sights import others
-from truepose.models.machine.machine import Machine
 
 CLOCK = np.linspace(0.0, 7200.0, 40)
 WARM, COOL = 25 + 3 * np.sin(CLOCK / 900), 21 + CLOCK / 7200
 
 
-@pytest.fixture(scope="module")
-def machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Machine]:
-    return read_machines(tmp_path_factory.getbasetemp() / "effects")
-
-
-def test_thermometers_that_say_the_same_are_one(machines: Mapping[str, Machine]) -> None:
+def test_thermometers_that_say_the_same_are_one(machines: Machines) -> None:
     seen = {
         "time": CLOCK,
         "temperature.air": COOL,
@@ -47,7 +39,7 @@ def test_thermometers_that_say_the_same_are_one(machines: Mapping[str, Machine])
     assert not effect.elsewhere(machine, ("leg1",), {"time": CLOCK, "temperature.leg1": WARM})
 
 
-def test_heat_from_elsewhere_counts_from_its_setting(machines: Mapping[str, Machine]) -> None:
+def test_heat_from_elsewhere_counts_from_its_setting(machines: Machines) -> None:
     arm, q = machines["arm"], np.array([0.3, -0.4, 0.5])
     proxy = {"lag": 900.0, "from.temperature.base": 24.0}
     heated = with_effect(arm, "thermal-expansion", ("link2",), proxy, alpha=3e-5)
@@ -63,7 +55,7 @@ def test_heat_from_elsewhere_counts_from_its_setting(machines: Mapping[str, Mach
     assert (named.label, named.drivers) == (heated.label, heated.drivers)
 
 
-def test_air_is_known_by_any_temperature_or_by_its_path_alone(machines: Mapping[str, Machine]) -> None:
+def test_air_is_known_by_any_temperature_or_by_its_path_alone(machines: Machines) -> None:
     machine, effect = machines["telescope"], effects.get("air-refraction", "test")()
     (sensor, *_) = effect.places(machine)
     seen = {"time": CLOCK, "temperature.leg1": WARM}

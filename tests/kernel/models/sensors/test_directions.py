@@ -9,6 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from support.plain_kinematics import chain, frame
+from support.simulated import machine_from
 from truepose.errors import InputError
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.write_machine import write_calibrated
@@ -33,25 +35,15 @@ sensor:
 {sensor}
 tolerances: {{angle: 0, length: 0, theta: .inf}}
 """
+ROWS = ((0, 0, 0, 0, 300), (0, -np.pi / 2, 50, 0, 0), (0, 0, 400, 0, 0))
 Q = np.random.default_rng(4).uniform(-1.2, 1.2, (40, 3))
 
 
 def _fk(q: Array, offset: Array) -> tuple[Array, Array]:
-    """Rotation and place of the tool in the world, by another way than the package: rotations one after the other."""
-
-    def turn(axis: str, angle: float) -> Array:
-        return Rotation.from_euler(axis, angle).as_matrix()
-
-    at = np.array([900.0, 300.0, 100.0])
-    r = Rotation.from_euler("ZYX", [40, -3, 2], degrees=True).as_matrix() @ turn("z", q[0] + offset[0])
-    at = at + r @ [0, 0, 300.0]
-    r = r @ turn("x", -np.pi / 2)
-    at = at + r @ [50.0, 0, 0]
-    r = r @ turn("z", q[1] + offset[1])
-    at = at + r @ [400.0, 0, 0]
-    r = r @ turn("z", q[2] + offset[2])
-    at = at + r @ [120.0, 30.0, 60.0]
-    return r @ turn("y", np.radians(20)), at
+    """Rotation and place of the tool in the world."""
+    base, tool = frame([900, 300, 100], np.radians([2, -3, 40])), frame([120, 30, 60], np.radians([0, 20, 0]))
+    pose = chain(ROWS, q + offset, base, tool)
+    return pose[:3, :3], pose[:3, 3]
 
 
 def _table(seen: dict[str, Array]) -> dict[str, Array]:
@@ -90,8 +82,7 @@ SENSORS = {
 
 @pytest.mark.parametrize("sensor", list(SENSORS))
 def test_offsets_come_back(tmp_path: Path, sensor: str) -> None:
-    (tmp_path / "arm.yaml").write_text(ARM.format(sensor=SENSORS[sensor]))
-    machine = load_machine(tmp_path / "arm.yaml")
+    machine = machine_from(tmp_path, ARM.format(sensor=SENSORS[sensor]), "arm")
     offset = np.radians([0.1, -0.2, 0.15])
     recording = load_recording(machine, _table(_readings(sensor, offset)))
     nominal = load_recording(machine, _table(_readings(sensor, np.zeros(3))))
@@ -114,8 +105,7 @@ def test_offsets_come_back(tmp_path: Path, sensor: str) -> None:
 
 @pytest.mark.parametrize("sensor", list(SENSORS))
 def test_jacobians_are_those_of_the_residuals(tmp_path: Path, sensor: str) -> None:
-    (tmp_path / "arm.yaml").write_text(ARM.format(sensor=SENSORS[sensor]))
-    machine = load_machine(tmp_path / "arm.yaml")
+    machine = machine_from(tmp_path, ARM.format(sensor=SENSORS[sensor]), "arm")
     recording = load_recording(machine, _table(_readings(sensor, np.full(3, 0.02))))
     predictor = Predictor(machine, recording)
     p = predictor.model.p_home
@@ -135,13 +125,11 @@ def test_jacobians_are_those_of_the_residuals(tmp_path: Path, sensor: str) -> No
 
 def test_a_level_needs_gravity(tmp_path: Path) -> None:
     text = ARM.format(sensor=SENSORS["tilt"]).replace("gravity: [0, 0, -9.81]\n", "")
-    (tmp_path / "arm.yaml").write_text(text)
     with pytest.raises(InputError, match="inclinometer reads which way is down"):
-        load_machine(tmp_path / "arm.yaml")
+        machine_from(tmp_path, text)
 
 
 def test_two_angles_of_one_name_are_refused(tmp_path: Path) -> None:
     sensor = "  {type: direction, angles: [a, a], sigma: {angle: 1 arcsec}}"
-    (tmp_path / "arm.yaml").write_text(ARM.format(sensor=sensor))
     with pytest.raises(InputError, match="two names that differ"):
-        load_machine(tmp_path / "arm.yaml")
+        machine_from(tmp_path, ARM.format(sensor=sensor))

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.spatial.transform import Rotation
 
 from support.derivative_machines import MACHINES, readings
 from support.derivative_machines import written as machine_of
+from support.plain_kinematics import chain, frame
+from support.simulated import machine_from
 from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.identification.diagnosis.diagnose import diagnose
@@ -48,18 +49,12 @@ ENCODERS = "{type: angle, joints: [q2, q3], sigma: {angle: 3 arcsec}, tolerance:
 BOTH = f"sensor:\n  - {TRACKER}\n  - {ENCODERS}"
 COMPLIANCE, ZEROS, PLAY = 2e-6, (0.4, -0.9), 3e-4
 ROWS = 60
+LINKS = ((0, 0, 0, 0, 300), (0, -np.pi / 2, 50, 0, 0), (0, 0, 400, 0, 0))
 ARCSEC = np.radians(1 / 3600)
 
 
 def _machine(folder: Path, sensor: str, more: str = "") -> Machine:
-    (folder / "arm.yaml").write_text(ARM.replace("SENSOR", sensor) + more)
-    return load_machine(folder / "arm.yaml")
-
-
-def _turned(axis: str, angle: Array) -> Array:
-    return np.asarray(
-        Rotation.from_rotvec(np.outer(angle, {"x": [1, 0, 0], "z": [0, 0, 1]}[axis])).as_matrix()
-    )
+    return machine_from(folder, ARM.replace("SENSOR", sensor) + more, "arm")
 
 
 def _table(rng: np.random.Generator, *, noise: bool = True) -> dict[str, Array]:
@@ -71,14 +66,8 @@ def _table(rng: np.random.Generator, *, noise: bool = True) -> dict[str, Array]:
     for _ in range(20):
         true[:, 1] = q[:, 1] + COMPLIANCE * 12 * 9.81 * 0.3 * np.cos(true[:, 1])
     true[:, 2] = q[:, 2] - 0.5 * PLAY * side
-    turn = _turned("z", np.radians(40) + true[:, 0])
-    at = np.array([900.0, 300.0, 100.0]) + turn @ [0, 0, 300.0]
-    turn = turn @ _turned("x", np.full(ROWS, -np.pi / 2))
-    at = at + turn @ [50.0, 0, 0]
-    turn = turn @ _turned("z", true[:, 1])
-    at = at + turn @ [400.0, 0, 0]
-    turn = turn @ _turned("z", true[:, 2])
-    at = at + turn @ [320.0, 30.0, 60.0]
+    base, tool = frame([900, 300, 100], [0, 0, np.radians(40)]), frame([320, 30, 60])
+    at = chain(LINKS, true, base, tool)[:, :3, 3]
     seen = np.radians(ZEROS) + true[:, 1:]
     if noise:
         at = at + 0.02 * rng.standard_normal(at.shape)
