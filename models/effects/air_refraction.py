@@ -8,7 +8,7 @@ from math import pi
 import casadi as ca
 
 from truepose.arrays import Array
-from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, bundle
+from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import sensor_at, sensors_where
 from truepose.models.effects.sights import (
     bent_up,
@@ -38,7 +38,7 @@ STILL = "still"
 LOGGED = {"temperature": "temperature.air", "pressure": "pressure"}
 
 
-@bundle("air-refraction")
+@effects.add("air-refraction")
 class AirRefraction(Effect):
     """Light that travels more slowly in dense air, read as a length that grew.
 
@@ -54,9 +54,22 @@ class AirRefraction(Effect):
     read (``still``) it stands still, and stretches every path by the same share ``n``.
     """
 
+    slug = "air-refraction"
     borrowing = ("from.", STILL)
     setting_ranges = ranges({"still": SWITCH, "temperature": SWITCH, "pressure": SWITCH, "from.": ANY})
     driven_by = "sensor"
+    title = "Refraction of air that is not corrected"
+    formula = (
+        "reading + share (n - n0) L, n - 1 = 2.7e-4 p / 1013.25 hPa * 293.15 K / T, n0 at 20 degC and 1013.25 hPa; "
+        "of stars: elevation - share R, R = 58 arcsec cot(elevation) p / 1013 hPa * 293 K / T; Bennett's near the horizon"
+    )
+    size = "-0.92 ppm/K and +0.27 ppm/hPa of the whole path"
+    look_alikes = ("sensor-scale", "thermal-expansion", "mount-drift")
+    experiment = "watch a fixed target for a day with thermometer and barometer beside the beam"
+    source = (
+        "Ciddor 1996, Appl. Opt. 35, 1566 (standard air at 15 degC), with the density of an ideal gas; Bennett 1982, The "
+        "calculation of astronomical refraction in marine navigation"
+    )
 
     def places(self, machine: Machine) -> Sequence[Place]:
         stars = sensors_where(machine, of_stars) if machine.gravity is not None else []

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from truepose.arrays import Array
-from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, bundle
+from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import (
     actuator_at,
     centre_and_half,
@@ -29,7 +29,7 @@ DECAY = 1.5
 """Of the shapes of a guideway the fine ones are smaller: the k-th is expected k^-1.5 times the first."""
 
 
-@bundle("axis-straightness")
+@effects.add("axis-straightness")
 class AxisStraightness(Effect):
     """A guideway that is not straight: the slide wanders and turns as it travels.
 
@@ -43,9 +43,22 @@ class AxisStraightness(Effect):
     left, e, across the rail towards the leg's upper end (e2, e3; ew1, ew2).
     """
 
+    slug = "axis-straightness"
     setting_ranges = ranges({"degree": COUNT, "waves": COUNT})
+    title = "Guideway that is not straight"
+    counted = True
+    sentence = "The guideway of {0} is bent: its slide leaves the line, and may turn, as it moves."
     # a rail bolted down at many points bends between any two of them: 6 half waves
     forms = (*({"degree": n} for n in (2.0, 3.0, 4.0)), *({"waves": n} for n in (2.0, 3.0, 4.0, 6.0)))
+    formula = (
+        "slide moves by x2 t^2 + x3 t^3 ... and turns by rx1 t + rx2 t^2 ... (y, z alike), t = travel / half "
+        "range; or by xw1, xw2 ... times k half waves sin(k pi (t + 1) / 2) between the ends of the range; "
+        "the rail of a leg by e2, e3 ... towards the leg's other end"
+    )
+    size = "turns of 1 to 50 urad; straightness of micrometres to tens of micrometres"
+    look_alikes = ("screw-periodic", "axis-coupling", "actuator-scale", "wrong-constant")
+    experiment = "move this slide alone; watch targets at two heights, or a straightedge and a level"
+    source = "the six error motions of a linear axis, ISO 230-1"
 
     def places(self, machine: Machine) -> Sequence[Place]:
         slides = [a for a in machine.mechanism.actuators if a.unit == "mm" and drives_joint(machine, a)]

@@ -7,7 +7,17 @@ from collections.abc import Sequence
 import casadi as ca
 
 from truepose.errors import InputError
-from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, bundle
+from truepose.models.effects.base import (
+    NO_SETTINGS,
+    Coefficient,
+    Effect,
+    Observed,
+    Place,
+    Settings,
+    Shifts,
+    Site,
+    effects,
+)
 from truepose.models.effects.common import (
     actuator_at,
     carried,
@@ -27,7 +37,7 @@ BENT_AT = 100.0
 """N m (N): the load at which a bent characteristic is told."""
 
 
-@bundle("joint-compliance")
+@effects.add("joint-compliance")
 class JointCompliance(Effect):
     """Joints that give way under the weight they carry.
 
@@ -43,9 +53,20 @@ class JointCompliance(Effect):
     masses. 1: it is the load that pulls at the joint; -1: what the drive holds against it.
     """
 
+    slug = "joint-compliance"
     setting_ranges = ranges(
         {"torque": ORDER, "current": ORDER, "bend": NOT_NEGATIVE, "carries": NOT_NEGATIVE}
     )
+    title = "Compliant joint"
+    counted = True
+    formula = (
+        "dq = c tau, tau the torque (sliding joint: force) that gravity (springs, measured forces) exerts at the joint; "
+        "bent: + d tau |tau| / 100 N*m, or d tau^3 / (100 N*m)^2; or tau as measured, torque.JOINT or current.JOINT"
+    )
+    size = "industrial arms 1e5 to 6e6 N*m/rad: c of 1.6e-7 to 1e-5 rad/(N*m); small arms give way more"
+    look_alikes = ("link-bending", "gravity-sag", "backlash", "transmission-error")
+    experiment = "measure the same poses with and without a known payload"
+    source = "Dumas et al. 2011, Joint stiffness identification of six-revolute industrial serial robots"
     needs_load = True
     settings_add = True
     bends = ("bend",)
@@ -159,13 +180,22 @@ def _case(machine: Machine, place: Place, settings: Settings) -> str:
     return machine.load_cases[round(chosen)]
 
 
-@bundle("leg-compliance")
+@effects.add("leg-compliance")
 class LegCompliance(Effect):
     """Legs that stretch and shorten under the forces they carry.
 
     dl = c F, F the leg's force from the closed loops' statics, tension positive; one leg or all alike.
     """
 
+    slug = "leg-compliance"
+    setting_ranges = NO_SETTINGS
+    title = "Compliant leg"
+    counted = True
+    formula = "dl = c F, F > 0 in tension"
+    size = "0.01 to 1 um/N"
+    look_alikes = ("platform-deformation", "actuator-scale", "gravity-sag", "wrong-constant")
+    experiment = "repeat poses with and without a payload; targets beside the leg ends exclude the platform"
+    source = "a bar of stiffness EA/l in series with its joints"
     needs_load = True
 
     def places(self, machine: Machine) -> Sequence[Place]:

@@ -7,18 +7,37 @@ from itertools import permutations
 from math import isfinite
 
 from truepose.errors import InputError
-from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, bundle
+from truepose.models.effects.base import (
+    NO_SETTINGS,
+    Coefficient,
+    Effect,
+    Place,
+    Settings,
+    Shifts,
+    Site,
+    effects,
+)
 from truepose.models.effects.common import actuator_at, joint_unit, rails, singly, singly_and_together
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import Parameter, element_of
 
 
-@bundle("actuator-scale")
+@effects.add("actuator-scale")
 class ActuatorScale(Effect):
     """A scale factor that is off: every reading means a little more or less than it says.
 
     The reading q becomes (1 + s) q before the offset is added; one joint, or all of a kind alike.
     """
+
+    slug = "actuator-scale"
+    setting_ranges = NO_SETTINGS
+    title = "Scale error of an actuator or its encoder"
+    counted = True
+    formula = "q -> (1 + s) q, before the offset is added"
+    size = "10 to 100 ppm for a good scale or screw; a wrong gain reaches percents"
+    look_alikes = ("wrong-constant", "platform-deformation", "axis-coupling", "thermal-expansion")
+    experiment = "step this joint alone through its travel against an interferometer or a length gauge"
+    source = "positioning tests of linear and rotary axes, ISO 230-2"
 
     def places(self, machine: Machine) -> Sequence[Place]:
         places = singly(machine.mechanism.readings)
@@ -51,14 +70,23 @@ BETWEEN_LEGS = 0.1
 """How likely a leg is dragged along by another, in terms of joints whose gear trains or guides may meet."""
 
 
-@bundle("axis-coupling")
+@effects.add("axis-coupling")
 class AxisCoupling(Effect):
     """One joint that is dragged along by another.
 
     Place (driven, driving): the driven joint moves by k times what the other's reading moves it.
     """
 
+    slug = "axis-coupling"
+    setting_ranges = NO_SETTINGS
     driven_by = "coupling"
+    title = "Coupling between two axes"
+    sentence = "Joint {0} is dragged along in proportion when joint {1} moves."
+    formula = "dq_driven = k q_driving"
+    size = "k of 1e-4 to 1e-2 in wrists whose gear trains run through each other"
+    look_alikes = ("actuator-scale", "wrong-constant", "axis-straightness", "platform-deformation")
+    experiment = "move only the driving joint and watch the driven body with a level or a mirror"
+    source = "gear trains of wrists; a compensation term of robot controllers"
 
     def places(self, machine: Machine) -> Sequence[Place]:
         return list(permutations(machine.mechanism.readings, 2))
@@ -84,14 +112,22 @@ LARGEST_ANGLE = 0.2
 LARGEST_FRACTION = 0.1
 
 
-@bundle("wrong-constant")
+@effects.add("wrong-constant")
 class WrongConstant(Effect):
     """A constant that is grossly wrong: a misread drawing, a unit, a sign, an axis mounted askew.
 
     One parameter far outside its tolerance; or the rails of all legs tilted alike along their own legs.
     """
 
+    slug = "wrong-constant"
+    setting_ranges = NO_SETTINGS
     driven_by = "constant"
+    title = "A grossly wrong constant"
+    formula = "parameter + value; all rails: u + tilt e, e from the rail to its leg's upper end"
+    size = "anything: many times the drawing tolerance"
+    look_alikes = ("actuator-scale", "platform-deformation", "thermal-expansion", "leg-compliance")
+    experiment = "measure this dimension on the part, or read it off the drawing again with its unit and sign"
+    source = "errors of drawings, units and assembly; no physics"
 
     def places(self, machine: Machine) -> Sequence[Place]:
         known = [p.name for p in machine.mechanism.parameters if p.free and isfinite(p.tolerance)]

@@ -21,7 +21,7 @@ from truepose.models.effects.base import (
     Settings,
     Shifts,
     Site,
-    bundle,
+    effects,
 )
 from truepose.models.effects.common import SECONDS_PER_HOUR, sensor_at, sensor_names, sensors_where, singly
 from truepose.models.effects.sights import XYZ, moved_point, point_names, seen_point
@@ -205,7 +205,7 @@ TURNS = ("rx", "ry", "rz")
 """Motions of a mount under load: it turns with gravity's moment."""
 
 
-@bundle("empirical")
+@effects.add("empirical")
 class Empirical(Effect):
     """What has no name: a joint, a mount or a sensor that errs as some smooth function of something recorded.
 
@@ -222,7 +222,21 @@ class Empirical(Effect):
     takes it for a name.
     """
 
+    slug = "empirical"
     setting_ranges = ranges({"degree": COUNT, "reach": POSITIVE, "from.": COLUMN, "to.": COLUMN})
+    title = "A smooth error without a name"
+    sentence = (
+        "Something at {0} errs smoothly with what is recorded; no physics with a name was found for it."
+    )
+    formula = (
+        "c1 T1(t) + c2 T2(t) + ..., t the source from -1 to 1; c t u of two; points: x.xy x y / reach^2 ..."
+    )
+    size = "whatever the data ask for; it has no physics that would limit it"
+    look_alikes = ("transmission-error", "axis-straightness", "thermal-expansion", "mount-drift")
+    experiment = (
+        "move its source alone, beyond the range seen, in small steps: the form tells what to think of"
+    )
+    source = "Chebyshev series of a smooth error, as machine tools are compensated by tables"
 
     def places(self, machine: Machine) -> Sequence[Place]:
         """Every joint, both mounts, sensors of points."""

@@ -7,7 +7,17 @@ from math import pi
 
 import casadi as ca
 
-from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, bundle
+from truepose.models.effects.base import (
+    NO_SETTINGS,
+    Coefficient,
+    Effect,
+    Observed,
+    Place,
+    Settings,
+    Shifts,
+    Site,
+    effects,
+)
 from truepose.models.effects.common import sensor_at, sensors_where, sine_coefficients, sine_pair, singly
 from truepose.models.effects.sights import (
     XYZ,
@@ -28,7 +38,7 @@ from truepose.models.sensors.distance import Distance
 LARGEST_SCALE = 0.1
 
 
-@bundle("sensor-scale")
+@effects.add("sensor-scale")
 class SensorScale(Effect):
     """A sensor whose unit of length is wrong.
 
@@ -37,7 +47,16 @@ class SensorScale(Effect):
     Where the origin stands does not matter as long as the base frame is free: another one moves all points alike.
     """
 
+    slug = "sensor-scale"
+    setting_ranges = NO_SETTINGS
     driven_by = "sensor"
+    title = "Scale error of a sensor"
+    counted = True
+    formula = "reading + s * length; points: s * (x, y, z), from the sensor frame's origin"
+    size = "a few um per metre of a laser tracker, 10 to 100 ppm of a scale bar or a wavelength"
+    look_alikes = ("air-refraction", "actuator-scale", "thermal-expansion", "wrong-constant")
+    experiment = "measure a calibrated length (scale bar) with this sensor, without the machine"
+    source = "scale bars and ranging tests of ASME B89.4.19; sizes recalled"
 
     def places(self, machine: Machine) -> Sequence[Place]:
         return sensors_where(machine, measures_lengths)
@@ -61,7 +80,7 @@ NOWHERE = 1e-12
 AZIMUTH, ELEVATION = 1.0, 2.0
 
 
-@bundle("sensor-periodic")
+@effects.add("sensor-periodic")
 class SensorPeriodic(Effect):
     """A sensor whose own scale errs periodically: a fringe that is no sine, an encoder off its centre.
 
@@ -72,8 +91,22 @@ class SensorPeriodic(Effect):
     the beams meet, z up.
     """
 
+    slug = "sensor-periodic"
     setting_ranges = ranges({"order": ORDER, "axis": NOT_NEGATIVE})
     driven_by = "sensor"
+    title = "Periodic error of a sensor"
+    counted = True
+    formula = (
+        "a sin(4 pi k L / lambda) + b cos(4 pi k L / lambda), L from home; "
+        "trackers: angle + a sin(k angle) + b cos(k angle), k = 1 or 2"
+    )
+    size = "interferometers: nanometres; angle encoders of trackers: 65 um in a length of 7.75 m seen from 7 m (k = 2)"
+    look_alikes = ("screw-periodic", "encoder-eccentricity", "transmission-error", "sensor-scale")
+    experiment = "move by eighths of a wavelength; trackers: measure one length from several azimuths"
+    source = (
+        "Wu and Deslattes 1998, Appl. Opt. (interferometers); "
+        "Muralikrishnan et al. 2010, doi:10.6028/jres.115.022 (trackers)"
+    )
     settings_add = True
 
     def places(self, machine: Machine) -> Sequence[Place]:
@@ -142,7 +175,7 @@ def _turned(site: Site, point: ca.SX, order: float) -> ca.SX:
 BY_CAMERA = ("targets", "pose")
 
 
-@bundle("lens-distortion")
+@effects.add("lens-distortion")
 class LensDistortion(Effect):
     """A camera's lens that draws points away from the axis, or towards it.
 
@@ -155,9 +188,23 @@ class LensDistortion(Effect):
     targets far apart or moves across the field, tells a lens from ``sensor-scale``; k1 and k2 need a wide field.
     """
 
+    slug = "lens-distortion"
     setting_ranges = ranges({"terms": COUNT, "decentred": SWITCH})
     driven_by = "sensor"
+    title = "Distortion of a lens"
+    sentence = (
+        "The lens moves points away from the sensor's z axis (k1 > 0) or towards it, more the farther off they "
+        "are."
+    )
     forms = ({"terms": 1.0}, {"terms": 2.0}, {"terms": 2.0, "decentred": 1.0})
+    formula = (
+        "X, Y + (k1 r^2 + k2 r^4) (X, Y), r^2 = x^2 + y^2, x = X / Z, y = Y / Z in the sensor's frame; decentred "
+        "X + Z (p1 (r^2 + 2 x^2) + 2 p2 x y), Y + Z (2 p1 x y + p2 (r^2 + 2 y^2))"
+    )
+    size = "1 : 1e5 of the size of the object in a good network of pictures"
+    look_alikes = ("sensor-scale", "target-offset", "platform-deformation")
+    experiment = "turn the camera about its axis, or move the same targets through the corners of the picture"
+    source = "radial and decentring terms of Brown 1971, Close-range camera calibration; size recalled"
 
     def places(self, machine: Machine) -> Sequence[Place]:
         return sensors_where(machine, lambda sensor: sensor.type in BY_CAMERA)
@@ -191,14 +238,27 @@ class LensDistortion(Effect):
 LARGEST_OFFSET = 0.1
 
 
-@bundle("target-offset")
+@effects.add("target-offset")
 class TargetOffset(Effect):
     """A target that does not sit where it is said to sit.
 
     A constant in the tool's frame added to one target's point; of a single target, the tool frame's own error.
     """
 
+    slug = "target-offset"
+    setting_ranges = NO_SETTINGS
     driven_by = "constant"
+    title = "A target off its place"
+    sentence = (
+        "The target {0} sits off its stated point, by the same vector of the tool's frame in every row."
+    )
+    formula = "point + (x, y, z), constant in the tool's frame"
+    size = (
+        "2 to 15 um for the centre of a reflector in its ball, tenths of a mm for a nest that is not seated"
+    )
+    look_alikes = ("platform-deformation", "lens-distortion", "sensor-scale", "frame-shift")
+    experiment = "turn the reflector in its nest, or swap two reflectors: the offset goes with the reflector"
+    source = "sizes recalled from data sheets of reflectors; not checked against one"
 
     def places(self, machine: Machine) -> Sequence[Place]:
         """Points that are constants of the machine; the reflector of a ``position`` sensor is the tool frame."""

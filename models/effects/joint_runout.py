@@ -10,7 +10,7 @@ import numpy as np
 
 from truepose.errors import InputError
 from truepose.models import lie
-from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, bundle
+from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import limb_at, singly
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import Direction, Joint
@@ -24,7 +24,7 @@ _TURNS = {"rx": lie.rot_x, "ry": lie.rot_y, "rz": lie.rot_z}
 _SHIFTS = ("tx", "ty", "tz")
 
 
-@bundle("joint-runout")
+@effects.add("joint-runout")
 class JointRunout(Effect):
     """Joints whose centre of rotation wanders as they turn: axes of a cross that do not meet, pins that are not round.
 
@@ -40,8 +40,23 @@ class JointRunout(Effect):
     which axis of a universal joint, 1 (x) or 2 (y of the cross).
     """
 
+    slug = "joint-runout"
     setting_ranges = ranges({"order": ORDER, "first": NOT_NEGATIVE, "pin": NOT_NEGATIVE})
     driven_by = "position-periodic"
+    title = "Joint whose centre wanders as it turns"
+    counted = True
+    formula = (
+        "centre of the joint shifts by e (c - c_home), c the unit vector of the leg across the first axis; a leg on "
+        "rods: dl = -(uu n_u^2 + 2 uv n_u n_v + vv n_v^2) / 2, n_u and n_v its direction across that of home; "
+        "a pin: (a + i b) exp(i n t) across it, t the joint's angle (i: 90 deg about the pin)"
+    )
+    size = "5 to 50 um (recalled)"
+    look_alikes = ("flexure-shift", "wrong-constant", "leg-compliance")
+    experiment = "take the joint out, put it back turned by a quarter turn about the leg, and repeat"
+    source = (
+        "loop of a cross with offset axes; modified Cardan joints break the spherical model of hexapods "
+        "(preprints 202512.0728, abstract); radial error motion of an axis of rotation by orders, ISO 230-7 (recalled)"
+    )
     settings_add = True
 
     def places(self, machine: Machine) -> Sequence[Place]:

@@ -7,14 +7,24 @@ from math import atan2, tau
 
 import casadi as ca
 
-from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, bundle
+from truepose.models.effects.base import (
+    NO_SETTINGS,
+    Coefficient,
+    Effect,
+    Observed,
+    Place,
+    Settings,
+    Shifts,
+    Site,
+    effects,
+)
 from truepose.models.effects.common import centre_and_half, limb_at, singly_and_together
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import Actuator, Limb
 from truepose.models.machine.placed import NOT_NEGATIVE, ranges
 
 
-@bundle("flexure-shift")
+@effects.add("flexure-shift")
 class FlexureShift(Effect):
     """Flexures in place of ball joints: their centre moves as they bend.
 
@@ -23,6 +33,19 @@ class FlexureShift(Effect):
     A flexure of constant section and length l in pure bending has k = l / 12. Where the machine's model has bent
     flexures already (``model: beam``), k is what they deviate by. A notch may have either sign.
     """
+
+    slug = "flexure-shift"
+    setting_ranges = NO_SETTINGS
+    title = "Flexure whose centre moves"
+    counted = True
+    sentence = "The flexures of {all} shift their centres as they bend, with the square of the tilt."
+    formula = (
+        "dl = k (theta_a^2 + theta_b^2), theta^2 = |n - n_home|^2, n the leg's direction seen from either end"
+    )
+    size = "k = l / 12 for a flexure of length l: 2.5 mm for 30 mm, which makes 1 um at 0.02 rad"
+    look_alikes = ("joint-runout", "wrong-constant", "platform-deformation")
+    experiment = "large tilts of the platform to either side: the shift is even in the tilt"
+    source = "beam theory as in Gayral and Daney 2012, INRIA RR-8096, section 4.3 (truepose.models.machine.assembly)"
 
     def places(self, machine: Machine) -> Sequence[Place]:
         if machine.mechanism.loops != "exact":
@@ -61,7 +84,7 @@ _SAME_ANGLE = 0.02
 Pair = tuple[int, int]
 
 
-@bundle("platform-deformation")
+@effects.add("platform-deformation")
 class PlatformDeformation(Effect):
     """A platform that bends: leg ends move along its normal as the actuators move, or under the legs' forces.
 
@@ -74,7 +97,25 @@ class PlatformDeformation(Effect):
     5 any platform under load: by Maxwell's reciprocity C[i,j] = C[j,i].
     """
 
+    slug = "platform-deformation"
     setting_ranges = ranges({"form": NOT_NEGATIVE})
+    title = "Platform that bends"
+    counted = True
+    sentence = (
+        "The ring or plate that carries the leg ends bends: each end moves along the platform's normal in "
+        "proportion to the actuators' travel, or to the forces of the legs."
+    )
+    formula = (
+        "db_i,z = sum_j K[i,j] drho_j; K = kappa 1, diagonal, full, or with the platform's symmetry; "
+        "under load db_i,z = sum_j C[i,j] F_j,z"
+    )
+    size = "K of 0.01 to 0.02: tens of micrometres at 1.3 mm of travel (telescope)"
+    look_alikes = ("actuator-scale", "wrong-constant", "leg-compliance", "axis-coupling")
+    experiment = (
+        "measure targets next to two or more leg ends, whose distances from the plane of the others change; "
+        "gauge the travel of one actuator to exclude its scale; turn the machine over to see gravity's part"
+    )
+    source = "Gayral and Daney 2012, INRIA RR-8096, equations 1 to 4"
     # the entries add up: a symmetric part and what departs from it may stand together
     settings_add = True
     driven_by = "coupling"  # the flexures' forces grow with the actuators' travel

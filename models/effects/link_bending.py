@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from truepose.errors import InputError
-from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, bundle
+from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import carried, drives_joint, own_offset, singly
 from truepose.models.file.driver import PAYLOAD
 from truepose.models.machine.assembly import (
@@ -37,7 +37,7 @@ POISSON = 0.3
 """Of steel and aluminium: G = E / (2 (1 + nu)); a round section's polar moment is twice its second moment."""
 
 
-@bundle("link-bending")
+@effects.add("link-bending")
 class LinkBending(Effect):
     """Links that bend under the weight they carry, as cantilevers.
 
@@ -53,7 +53,20 @@ class LinkBending(Effect):
     slide's guide ends, so that its length grows with the reading.
     """
 
+    slug = "link-bending"
     setting_ranges = ranges({"overhang": NOT_NEGATIVE, "twist": NOT_NEGATIVE})
+    title = "Link that bends"
+    counted = True
+    formula = (
+        "deflection c (F L^3 / 3 + M L^2 / 2) and slope c (F L^2 / 2 + M L) at the link's end, c = 1 / (E I), "
+        "F and M of the weight beyond; a mass of its own at a: c F a^2 (3 L - a) / 6 and c F a^2 / 2; "
+        "with twist: c (1 + nu) T L about the link, T the moment about it, nu = 0.3; "
+        "a link without length: c M across its joint; a ram: L from the slide's guide on"
+    )
+    size = "10 to 30 % of an arm's total compliance (recalled); 1 / (E I) of 1e-12 to 1e-9 1/(N*mm^2)"
+    look_alikes = ("joint-compliance", "gravity-sag", "screw-windup")
+    experiment = "two targets on the link, at its joint and at its end, with and without a payload"
+    source = "Euler-Bernoulli cantilever; Klimchik et al. on stiffness of arms and their links (recalled)"
     needs_load = True
     commonness = 0.3  # of an industrial arm's compliance 10 to 30 % are its links', the rest its joints'
 

@@ -7,8 +7,14 @@ from math import log10
 
 import casadi as ca
 
-from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, bundle
-from truepose.models.effects.common import actuator_at, approaches, nominal_gain, overshoot_of, singly
+from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
+from truepose.models.effects.common import (
+    actuator_at,
+    approaches,
+    nominal_gain,
+    overshoot_of,
+    singly,
+)
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import Actuator
 from truepose.models.machine.placed import NOT_NEGATIVE, POSITIVE, ranges
@@ -19,7 +25,7 @@ THRESHOLDS = (0.05, 0.15, 0.3, 0.6)
 """Half widths of the operators as parts of half the range."""
 
 
-@bundle("piezo-hysteresis")
+@effects.add("piezo-hysteresis")
 class PiezoHysteresis(Effect):
     """Piezoelectric actuators without a position loop: where they stand depends on where they turned round.
 
@@ -31,7 +37,20 @@ class PiezoHysteresis(Effect):
     stated side, without it far enough.
     """
 
+    slug = "piezo-hysteresis"
     setting_ranges = ranges({"overshoot": NOT_NEGATIVE})
+    title = "Hysteresis of a piezo actuator"
+    sentence = "The piezo of {0} has hysteresis: where it stands depends on where it last turned round."
+    formula = (
+        "dq = -sum w_i (s_i - l_i), s_i the stop operator of half width 5, 15, 30, 60 % of half the range, l_i the "
+        "line that fits it best over a full loop, w_i >= 0"
+    )
+    size = "loops of 2 % of the travel for small moves to 10 to 15 % for large ones, open loop"
+    look_alikes = ("friction-hysteresis", "backlash", "piezo-creep", "actuator-scale")
+    experiment = (
+        "nested loops of this joint alone, large then smaller and back; close the position loop and repeat"
+    )
+    source = "Physik Instrumente's piezo tutorial (size); Janocha and Kuhnen 2000 (operator, recalled)"
 
     def places(self, machine: Machine) -> Sequence[Place]:
         return singly(a.reading for a in machine.mechanism.actuators if a.range)
@@ -68,7 +87,7 @@ SINCE = (0.0, *(10.0 ** (k / 2) for k in range(9)))
 """s: whoever calibrates a gain reads at once, or lets it settle for up to some hours."""
 
 
-@bundle("piezo-creep")
+@effects.add("piezo-creep")
 class PiezoCreep(Effect):
     """Piezoelectric actuators without a position loop go on moving after a step, ever more slowly.
 
@@ -79,8 +98,21 @@ class PiezoCreep(Effect):
     Looked for where ``piezo-hysteresis`` is.
     """
 
+    slug = "piezo-creep"
     setting_ranges = ranges({"since": NOT_NEGATIVE, "t0": POSITIVE, "dwell": NOT_NEGATIVE})
+    title = "Creep of a piezo actuator"
+    sentence = "The piezo of {0} creeps: after every move it goes on with the logarithm of time."
     forms = ({"t0": T0}, *({"t0": T0, "dwell": WAIT, "since": since} for since in SINCE))
+    formula = (
+        "dq = g sum over past moves of step log10(1 + age / t0), t0 = 0.1 s; where the gain is right later, "
+        "step log10((t0 + age) / (t0 + since))"
+    )
+    size = "g = 0.01 to 0.02: 1 to 2 % of a move for each decade of time"
+    look_alikes = ("piezo-hysteresis", "friction-hysteresis", "mount-drift", "actuator-scale")
+    experiment = "one large step, then read the same pose after 1, 10, 100 and 1000 s"
+    source = (
+        "Physik Instrumente's piezo tutorial: dL(t) = dL (1 + g lg(t / 0.1 s)), of the order of 1 % to 2 %"
+    )
 
     def places(self, machine: Machine) -> Sequence[Place]:
         return singly(machine.mechanism.readings)

@@ -8,7 +8,7 @@ from math import pi
 import casadi as ca
 import numpy as np
 
-from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, bundle
+from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import (
     actuator_at,
     approaches,
@@ -32,7 +32,7 @@ EVEN = 0.05
 """rad from the balance, within which friction may hold the joint anywhere in its play."""
 
 
-@bundle("backlash")
+@effects.add("backlash")
 class Backlash(Effect):
     """Play: a joint that stands elsewhere when it is approached from the other side.
 
@@ -42,7 +42,21 @@ class Backlash(Effect):
     telescope's axis that is not quite in balance); the load's centre lies at that angle about the joint's axis.
     """
 
+    slug = "backlash"
     setting_ranges = ranges({"lean": ANY})
+    title = "Backlash"
+    sentence = (
+        "Joint {0} has play: where it stands depends on the side from which it arrived, or to which its weight "
+        "pushes it."
+    )
+    formula = (
+        "dq = -(b / 2) approach, approach +1 when it arrived moving towards larger readings; with lean: dq = (b / 2) sign "
+        "of the torque that gravity exerts"
+    )
+    size = "0.5 to 2 arcmin (1.5e-4 to 6e-4 rad); 1 to 20 um"
+    look_alikes = ("friction-hysteresis", "piezo-hysteresis", "joint-compliance")
+    experiment = "approach the same poses from both sides"
+    source = "reversal error of ISO 230-2"
     settings_add = False
     continuous = (LEAN,)
 
@@ -96,7 +110,7 @@ SHOWN = 0.05
 """Share of rows that must stand between the two limits; where all stand at one, backlash is the same function."""
 
 
-@bundle("friction-hysteresis")
+@effects.add("friction-hysteresis")
 class FrictionHysteresis(Effect):
     """Friction that lets a joint give before it slips: it trails its reading, and the trail depends on the way.
 
@@ -112,7 +126,26 @@ class FrictionHysteresis(Effect):
     """
 
     commonness = 0.4  # rarer than play, with the way to slip seen and without
+    slug = "friction-hysteresis"
     setting_ranges = ranges({"width": SWITCH, "elements": SWITCH, "overshoot": NOT_NEGATIVE})
+    title = "Hysteresis of friction before slip"
+    sentence = "Joint {0} gives before it slips: it trails its reading, by more the further it came."
+    formula = (
+        "dq = -h s / r, s the stop operator of half width r on the way of the reading: s follows every move and "
+        "stays between -r and r; 0 <= h <= r; or a sum of such elements of several r"
+    )
+    size = "micrometres, microradians (recalled)"
+    look_alikes = ("backlash", "piezo-hysteresis", "piezo-creep", "joint-compliance")
+    experiment = (
+        "move this joint to and fro in steps, with strokes that shrink from ten widths to a tenth: backlash keeps "
+        "its whole width until the stroke is smaller, friction gives way by degrees"
+    )
+    source = (
+        "rate-independent hysteresis of pre-sliding friction (Ruderman, arXiv 2212.05799); stop operator of Prandtl; "
+        "elements in parallel: Iwan, Maxwell slip (recalled)"
+    )
+
+    unvaried = "no reversal short enough to tell it from backlash"
 
     def places(self, machine: Machine) -> Sequence[Place]:
         return singly(a.reading for a in machine.mechanism.actuators if a.range)

@@ -9,7 +9,16 @@ import numpy as np
 
 from truepose.arrays import Array
 from truepose.errors import InputError
-from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, bundle
+from truepose.models.effects.base import (
+    NO_SETTINGS,
+    Coefficient,
+    Effect,
+    Place,
+    Settings,
+    Shifts,
+    Site,
+    effects,
+)
 from truepose.models.effects.common import carried, down, points_only, singly
 from truepose.models.file.driver import PAYLOAD
 from truepose.models.machine.assembly import placed_frame
@@ -24,13 +33,25 @@ TUBES = 10.0
 a scale that errs as much, which from one side of an alt-az mount is the same."""
 
 
-@bundle("gravity-sag")
+@effects.add("gravity-sag")
 class GravitySag(Effect):
     """A base or a tool mount that yields to the moment of the weight it carries.
 
     The mount turns by c times the moment of gravity (and measured forces) about its origin, equally about every axis.
     """
 
+    slug = "gravity-sag"
+    setting_ranges = NO_SETTINGS
+    title = "Mount that sags"
+    counted = True
+    formula = "rotation of the mount = c M, M the moment of gravity about it"
+    size = (
+        "1e-9 to 1e-6 rad/(N*m) for a base on the floor, ten times more on a stand; a tool's mount carries less and may "
+        "give way a hundred times more"
+    )
+    look_alikes = ("joint-compliance", "link-bending", "mount-drift")
+    experiment = "put a level on the mount, reach out and in, and step the payload"
+    source = "an elastic foundation in series with the arm"
     needs_load = True
     commonness = 0.3  # mounts are bolted down; joints turn in gears
 
@@ -63,7 +84,7 @@ LEVEL = 1e-3
 """Sine of the angle between an axis and the vertical below which nothing it carries bends to and fro."""
 
 
-@bundle("axis-flexure")
+@effects.add("axis-flexure")
 class AxisFlexure(Effect):
     """Forks and cantilevered axes of telescopes that bend under their own weight: gravity's direction is all that
     counts.
@@ -74,8 +95,20 @@ class AxisFlexure(Effect):
     tines nod about the next axis. Weights need not be known: gravity's direction in the turning body is all that the form asks.
     """
 
+    slug = "axis-flexure"
     setting_ranges = ranges({"fork": SWITCH, "shaft": SWITCH})
+    title = "Fork or axis that bends under its own weight"
+    counted = True
+    sentence = "What {0} turns, a fork or the other axis, bends under its own weight as it turns."
     forms = ({SHAFT: 1.0}, {FORK: 1.0})
+    formula = (
+        "turn of what joint J carries; shaft: c n x g, fork: c n (n . (g x a)); a the axis of J, n that of the next joint, "
+        "g the direction of gravity, unit vectors"
+    )
+    size = "1 to 30 arcsec at observatories, some arcmin of light German mounts and forks"
+    look_alikes = ("gravity-sag", "wrong-constant", "encoder-eccentricity")
+    experiment = "point at stars east and west of the meridian, from both sides of the pier"
+    source = "terms FO and DAF of pointing models (P. T. Wallace, TPOINT)"
     needs_load = True
     settings_add = True
 

@@ -9,8 +9,14 @@ from itertools import combinations
 import casadi as ca
 import numpy as np
 
-from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, bundle
-from truepose.models.effects.common import SECONDS_PER_HOUR, actuator_at, clock, joint_unit, singly
+from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
+from truepose.models.effects.common import (
+    SECONDS_PER_HOUR,
+    actuator_at,
+    clock,
+    joint_unit,
+    singly,
+)
 from truepose.models.file.driver import ROW, TIME
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import AXES, Parameter
@@ -22,7 +28,7 @@ STATED = 100.0
 """Prior 1-sigma of what a machine file states, in scales (``PlacedEffect.spread``)."""
 
 
-@bundle("frame-shift")
+@effects.add("frame-shift")
 class FrameShift(Effect):
     """A base or a tool that stands elsewhere after a break between sessions.
 
@@ -32,7 +38,15 @@ class FrameShift(Effect):
     the frame change, by as much as two set-ups within its tolerance differ.
     """
 
+    slug = "frame-shift"
     setting_ranges = ranges({"session": ANY, "anew": SWITCH})
+    title = "Mount moved between sessions"
+    counted = True
+    formula = "twist after session k, nothing before"
+    size = "anything: a bumped tripod, a tool taken off and put back"
+    look_alikes = ("mount-drift", "zero-shift", "thermal-expansion")
+    experiment = "measure fiducials on the base and on the tool's flange when every session starts and ends"
+    source = "re-mounting of tools, instruments and bases; no physics"
     settings_add = True
 
     def places(self, machine: Machine) -> Sequence[Place]:
@@ -73,14 +87,22 @@ def _scale(parameter: Parameter) -> float:
 LARGEST = {"mm": 2.0, "rad": 0.05}
 
 
-@bundle("zero-shift")
+@effects.add("zero-shift")
 class ZeroShift(Effect):
     """A joint whose zero is another one after a break between sessions.
 
     A constant added to one joint's displacement, or to two, after session ``session``.
     """
 
+    slug = "zero-shift"
     setting_ranges = ranges({"session": ANY})
+    title = "Zero of a joint moved between sessions"
+    counted = True
+    formula = "dq = zero after session k, nothing before"
+    size = "anything: the repeatability of the home switch, or a tooth of a slipped coupling"
+    look_alikes = ("frame-shift", "mount-drift", "backlash", "thermal-expansion")
+    experiment = "home the joint again and repeat one reference pose"
+    source = "re-homing and slipped couplings; no physics"
     settings_add = True
 
     def places(self, machine: Machine) -> Sequence[Place]:
@@ -116,7 +138,7 @@ FRACTIONS = (0.08, 0.15, 0.3, 0.6, 1.2)
 """Time constants to try, in spans of the campaign: neighbours differ by a factor of two, which data hardly tell apart."""
 
 
-@bundle("mount-drift")
+@effects.add("mount-drift")
 class MountDrift(Effect):
     """A base or a tool that creeps away in the course of the campaign.
 
@@ -127,7 +149,15 @@ class MountDrift(Effect):
     motion is then that up to its last row, and ``tau`` counts in rows.
     """
 
+    slug = "mount-drift"
     setting_ranges = ranges({"rows": DURATION, "tau": DURATION, "start": COLUMN})
+    title = "Drifting mount"
+    counted = True
+    formula = "twist (t - start) / 1 h, or twist (1 - exp(-(t - start) / tau)), t in rows where no clock was recorded"
+    size = "0.1 to 10 um/h in a quiet laboratory; more while a machine warms up"
+    look_alikes = ("thermal-expansion", "frame-shift", "zero-shift", "piezo-creep")
+    experiment = "repeat one reference pose throughout the campaign, in a shuffled order of the others"
+    source = "repeated reference poses, the usual drift check of laser tracker and photogrammetry campaigns"
 
     def places(self, machine: Machine) -> Sequence[Place]:
         return singly(machine.standing)

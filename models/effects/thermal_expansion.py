@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import casadi as ca
 
 from truepose.arrays import Array
-from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, bundle
+from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import clock, limb_at, singly
 from truepose.models.effects.sights import FROM, borrowed, from_settings, others, span
 from truepose.models.file.driver import TEMPERATURE, Driver
@@ -23,7 +23,7 @@ GAIN = 3.0
 TOOL = "tool"
 
 
-@bundle("thermal-expansion")
+@effects.add("thermal-expansion")
 class ThermalExpansion(Effect):
     """Parts that grow when they warm up.
 
@@ -35,7 +35,16 @@ class ThermalExpansion(Effect):
     elsewhere stands in; it counts from that value, alpha has its gain in it, and the offset is the drawing's to bear.
     """
 
+    slug = "thermal-expansion"
     setting_ranges = ranges({"lag": NOT_NEGATIVE, "thermometer": ANY, "from.": ANY})
+    title = "Thermal expansion"
+    formula = (
+        "dL = alpha (T - 20 degC) L; T may reach the body with a first-order lag; elsewhere: T - its mean"
+    )
+    size = "alpha of 11 to 23 um/m/K from steel to aluminium: 11 to 23 um per metre and kelvin"
+    look_alikes = ("mount-drift", "wrong-constant", "actuator-scale", "sensor-scale", "air-refraction")
+    experiment = "heat this part alone by a few kelvin and repeat a reference pose; log its temperature"
+    source = "handbook values of linear expansion; lag of a lumped body"
     continuous = ("lag",)
     borrowing = (FROM,)
 

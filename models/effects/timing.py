@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import casadi as ca
 import numpy as np
 
-from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, bundle
+from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import (
     actuator_at,
     centre_and_half,
@@ -29,7 +29,7 @@ recalled), and how many main axes an arm has."""
 NOTHING = 1e-12
 
 
-@bundle("early-reading")
+@effects.add("early-reading")
 class EarlyReading(Effect):
     """Readings taken before the machine stood: its joints are still on the way that they came, by their shares of the
     motion.
@@ -46,7 +46,20 @@ class EarlyReading(Effect):
     slides and of turning joints are compared by half ranges (e is such a part, then).
     """
 
+    slug = "early-reading"
     setting_ranges = ranges({"whole": SWITCH, "wrist": NOT_NEGATIVE})
+    title = "Readings before the machine stood"
+    formula = "dq = -e step / (longest step of all joints), or dq = -f step, step the joint's last motion"
+    size = "tens of microradians to a few milliradians: a / 2 t^2 at t before the end of a stop"
+    look_alikes = ("backlash", "friction-hysteresis", "latency", "joint-compliance")
+    experiment = (
+        "read the same visits again after a longer wait; reach the same poses by short and by long motions"
+    )
+    source = (
+        "synchronised point-to-point motion, as in textbooks of robot control: all axes end at one time; found on a UR10 "
+        "before a laser tracker"
+    )
+    unvaried = "joints moved while they were read (velocity columns): what that does is latency"
 
     def places(self, machine: Machine) -> Sequence[Place]:
         return singly_and_together(machine.mechanism.readings)
@@ -121,7 +134,7 @@ def _longest(site: Site, steps: Mapping[str, ca.SX]) -> ca.SX:
 LONGEST = 0.5
 
 
-@bundle("latency")
+@effects.add("latency")
 class Latency(Effect):
     """A sensor and a controller that do not mean the same instant.
 
@@ -132,8 +145,19 @@ class Latency(Effect):
     is not logged; it is left out.
     """
 
+    slug = "latency"
     setting_ranges = ranges({"still.": SWITCH})
     driven_by = "sensor"
+    title = "Latency between joints and sensor"
+    sentence = "The sensor reads where the machine stood a time tau before its joints were logged."
+    formula = "q - tau velocity"
+    size = "milliseconds; the error is tau times the velocity: 10 um for 1 ms at 10 mm/s"
+    look_alikes = ("backlash", "friction-hysteresis", "mount-drift")
+    experiment = "pass the same poses at two speeds, and at rest"
+    source = (
+        "time offsets in the range of milliseconds between a laser tracker and other sensors: "
+        "doi:10.1515/jag-2023-0084"
+    )
 
     def places(self, machine: Machine) -> Sequence[Place]:
         names = sensor_names(machine)

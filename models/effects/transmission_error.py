@@ -9,7 +9,7 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
-from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, bundle
+from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import ARCSEC, actuator_at, sine_coefficients, sine_pair, singly
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.placed import ANY, HARMONIC, ORDER, ranges
@@ -80,7 +80,7 @@ DECAY = 1.5
 """Amplitudes of a smooth gear error fall about as order^-1.5; the size is weighed against the data."""
 
 
-@bundle("transmission-error")
+@effects.add("transmission-error")
 class TransmissionError(Effect):
     """Gears that do not turn evenly: a joint error that repeats a whole number of times per turn.
 
@@ -90,8 +90,25 @@ class TransmissionError(Effect):
     series is a series of its own, with a size of its own.
     """
 
+    slug = "transmission-error"
     setting_ranges = ranges({"order": ORDER, "first": HARMONIC, "orders": HARMONIC, "from": ANY, "to": ANY})
     driven_by = "position-periodic"
+    title = "Transmission error of a geared joint"
+    counted = True
+    sentence = "The gear of joint {0} turns unevenly: its error repeats several times per turn."
+    formula = (
+        "dq = a sin(k q) + b cos(k q), k cycles per turn of the joint; or the sum over k = 1 ... 60, "
+        "less its mean over the arc from ... to that was seen, beyond which it fades"
+    )
+    size = "strain wave gears 0.5 to 2 arcmin (1.5e-4 to 6e-4 rad)"
+    look_alikes = ("encoder-eccentricity", "axis-wobble", "actuator-scale")
+    experiment = (
+        "sweep this joint alone in fine, unevenly spaced steps over a few periods; repeat with the gear "
+        "coupled at another tooth: gear errors stay with the gear, encoder errors with the encoder"
+    )
+    source = (
+        "Judd and Knasinski 1990, A technique to calibrate industrial robots with experimental verification"
+    )
     settings_add = True
     # any function of the joint's angle may come from the gear or from the encoder that reads the angle
     twins: ClassVar = {"orders": {"encoder-eccentricity": 0.2}}

@@ -7,7 +7,7 @@ from math import hypot, pi
 
 import casadi as ca
 
-from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, bundle
+from truepose.models.effects.base import Coefficient, Effect, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import (
     ARCSEC,
     actuator_at,
@@ -24,7 +24,7 @@ from truepose.models.machine.placed import COUNT, ORDER, ranges
 from truepose.models.machine.states import across
 
 
-@bundle("encoder-eccentricity")
+@effects.add("encoder-eccentricity")
 class EncoderEccentricity(Effect):
     """An encoder disc that sits off its axis.
 
@@ -34,9 +34,17 @@ class EncoderEccentricity(Effect):
     ``angle.q1``, and the error is that of the column.
     """
 
+    slug = "encoder-eccentricity"
     setting_ranges = ranges({"order": ORDER})
     driven_by = "position-periodic"
+    title = "Eccentric encoder disc"
+    counted = True
     forms = ({"order": 1.0}, {"order": 2.0})
+    formula = "dq = a sin(k q) + b cos(k q), k = 1 (disc off its axis) or 2 (oval disc, two read heads)"
+    size = "amplitude e / R: 10 um at R = 50 mm gives 2e-4 rad (41 arcsec)"
+    look_alikes = ("transmission-error", "axis-wobble", "actuator-scale")
+    experiment = "read a second head opposite the first, or turn the disc by half a turn and repeat"
+    source = "geometry of a disc of radius R mounted off its axis by e"
     settings_add = True
 
     def places(self, machine: Machine) -> Sequence[Place]:
@@ -72,7 +80,7 @@ DECAY = 1.5
 ORDERS = (2, 3)
 
 
-@bundle("axis-wobble")
+@effects.add("axis-wobble")
 class AxisWobble(Effect):
     """A rotary axis that tilts as it turns, once per turn or oftener.
 
@@ -85,9 +93,23 @@ class AxisWobble(Effect):
     The axis tilts about the bearing, which stands before an offset along the axis (r of a serial chain).
     """
 
+    slug = "axis-wobble"
     setting_ranges = ranges({"orders": COUNT})
     driven_by = "position-periodic"
+    title = "Wobbling rotary axis"
+    counted = True
+    sentence = "The axis of joint {0} wobbles: it tilts to and fro as it turns."
     forms = ({}, *({"orders": float(n)} for n in ORDERS))
+    formula = (
+        "tilt of the axis = (a + i b) exp(-i q) across it, in the frame that stands still (i: 90 deg about it); "
+        "with (a2 + i b2) exp(-2 i q) + (c2 + i d2) exp(2 i q) and so on"
+    )
+    size = "20 to 50 arcsec (recalled)"
+    look_alikes = ("encoder-eccentricity", "transmission-error", "axis-straightness")
+    experiment = "turn this joint alone through a whole turn; watch a level, or a mirror, that it carries"
+    source = (
+        "tilt error motion of an axis of rotation, ISO 230-7 (the standard's subject; its clauses recalled)"
+    )
 
     def places(self, machine: Machine) -> Sequence[Place]:
         turning = [a for a in machine.mechanism.actuators if a.unit == "rad" and drives_joint(machine, a)]

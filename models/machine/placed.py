@@ -58,6 +58,9 @@ def ranges(known: Mapping[str, Allowed]) -> SettingRanges:
     return MappingProxyType(dict(known))
 
 
+NO_SETTINGS: Final = ranges({})
+
+
 def check_settings(effect: str, known: SettingRanges, settings: Mapping[str, float], where: str) -> None:
     """Refuse settings that an effect does not have, or that are out of range. Raises InputError."""
     for name, value in settings.items():

@@ -261,8 +261,8 @@ def exact() -> Machine:
     """A telescope whose three points are known exactly: nine readings, which tell of six motions of the mirror."""
     (sensor,) = telescope().sensors
     assert isinstance(sensor, Targets)
-    points = tuple(replace(point, tolerance=0.0) for point in sensor.points)
-    return replace(telescope(), sensors=(replace(sensor, points=points),))
+    points = tuple(replace(point, tolerance=0.0) for point in sensor.parameters)
+    return replace(telescope(), sensors=(replace(sensor, parameters=points),))
 
 
 @pytest.mark.parametrize(("name", "readings"), [("serial", 3), ("ups", 6), ("pus", 9), ("exact", 6)])
