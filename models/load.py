@@ -158,6 +158,7 @@ def _sensors(file: MachineFile, mechanism: Mechanism) -> tuple[Sensor, ...]:
     for k, section in enumerate(file.sensors):
         context = BuildContext(file, ("sensor", k) if several else ("sensor",), mechanism)
         sensor = sensors.get(section.get("type"), f"{context.where}.type").build(section, context)
+        _check_points(sensor, context.where)
         for channel in sensor.channels:  # a plug-in may not have checked its own
             if not 0.0 < channel.sigma < math.inf:
                 raise InputError(
@@ -166,6 +167,17 @@ def _sensors(file: MachineFile, mechanism: Mechanism) -> tuple[Sensor, ...]:
                 )
         out.append(sensor)
     return tuple(out)
+
+
+def _check_points(sensor: Sensor, where: str) -> None:
+    """Raise InputError unless channels of kind ``position`` are x, y and z of points: fits take them by three."""
+    seen = [channel.point for channel in sensor.channels if channel.kind == "position"]
+    for point in dict.fromkeys(seen):
+        if seen.count(point) != 3:
+            raise InputError(
+                f"{where}: found {seen.count(point)} channels of kind position of the point {point!r}, expected x, y and z; "
+                "a single length is of kind distance"
+            )
 
 
 def _check_names(machine: Machine, file: MachineFile) -> None:

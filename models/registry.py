@@ -41,6 +41,7 @@ class Registry(Generic[T]):
 
         def register(entry: T) -> T:
             self._check(entry, name)
+            self._check_free(entry, name)
             self._entries[name] = entry
             return entry
 
@@ -59,6 +60,14 @@ class Registry(Generic[T]):
         slug = getattr(entry, "slug", None if self._kind == "effect" else name)
         if slug != name:
             raise InputError(f"{where}: found the slug {slug!r}, expected {name!r}")
+
+    def _check_free(self, entry: object, name: str) -> None:
+        """Raise InputError where the name is that of another entry which comes with the package."""
+        there = getattr(self._entries.get(name), "__module__", "")
+        if there.startswith(f"{self._package}.") and there != getattr(entry, "__module__", ""):
+            raise InputError(
+                f"the plug-in's {self._kind} {name!r}: found the name in {there}, expected another one"
+            )
 
     def get(self, name: object, where: str) -> T:
         """The entry of that name; InputError naming ``where``, what exists and close matches."""

@@ -172,9 +172,6 @@ def _turned(site: Site, point: ca.SX, order: float) -> ca.SX:
     return angle * ca.vertcat(-x * z / aside, -y * z / aside, aside)
 
 
-BY_CAMERA = ("targets", "pose")
-
-
 @effects.add("lens-distortion")
 class LensDistortion(Effect):
     """A camera's lens that draws points away from the axis, or towards it.
@@ -207,7 +204,7 @@ class LensDistortion(Effect):
     source = "radial and decentring terms of Brown 1971, Close-range camera calibration; size recalled"
 
     def places(self, machine: Machine) -> Sequence[Place]:
-        return sensors_where(machine, lambda sensor: sensor.type in BY_CAMERA)
+        return sensors_where(machine, lambda sensor: sensor.takes_pictures)
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
         terms = range(1, round(settings.get("terms", 1.0)) + 1)

@@ -66,8 +66,6 @@ def _alike(a: Array, b: Array) -> bool:
 XYZ = AXES[:3]
 NEAR_ZENITH = 1e-12
 """Square of the zenith distance (rad) below which nothing is lifted any way."""
-TACTILE = ("ballbar", "socket", "angle")
-"""Sensors that touch what they measure, or sit on it: no light goes through the air."""
 
 
 def point_names(sensor: Sensor) -> list[str]:
@@ -87,7 +85,7 @@ def length_names(sensor: Sensor) -> list[str]:
 
 def optical(sensor: Sensor) -> bool:
     """Whether a sensor looks along lengths, or at points, through air."""
-    return sensor.type not in TACTILE and measures_lengths(sensor)
+    return not sensor.touches and measures_lengths(sensor)
 
 
 def of_stars(sensor: Sensor) -> bool:

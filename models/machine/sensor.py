@@ -79,8 +79,10 @@ def prefix(name: str | None) -> str:
 
 @dataclass(frozen=True)
 class Channel:
-    """One residual component: 1-sigma noise (mm, rad), kind (position, rotation, distance) and the point
-    whose 3-D norm it belongs to."""
+    """One residual component: its 1-sigma noise (mm, rad), its kind, and the point whose 3-D norm it belongs to.
+
+    Of kind ``position`` are x, y and z of a point, three channels; a single length is of kind ``distance``.
+    """
 
     name: str
     unit: str
@@ -148,6 +150,10 @@ class Sensor(ABC):
     """Constants of the instrument; none where the tool frame says where its target is."""
     opens_columns: ClassVar[bool] = False
     """Whether the sensor's `name` opens those of its columns: `NAME.x`."""
+    touches: ClassVar[bool] = False
+    """Whether it touches what it measures, or sits on it: no light goes through the air."""
+    takes_pictures: ClassVar[bool] = False
+    """Whether a camera sees it, whose lens may distort."""
     differs_from_row: ClassVar[bool] = False
     """Whether a reading is the change since the row that ``from`` names."""
     label_columns: ClassVar[tuple[str, ...]] = ()

@@ -70,6 +70,7 @@ class Angle(Sensor):
     parameters: tuple[Parameter, ...] = field()
     sigma: Mapping[str, float]
     type = "angle"
+    touches = True
 
     @classmethod
     def build(cls, section: Mapping[str, Any], context: BuildContext) -> Angle:

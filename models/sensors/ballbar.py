@@ -57,6 +57,7 @@ class BallBar(Sensor):
     prefix: str = ""
     view: View = TOOL_IN_WORLD
     type = "ballbar"
+    touches = True
     opens_columns = True
 
     @classmethod

@@ -59,6 +59,7 @@ class Pose(Sensor):
     view: View = TOOL_IN_WORLD
     prefix: str = ""
     type = "pose"
+    takes_pictures = True
     opens_columns = True
 
     @classmethod

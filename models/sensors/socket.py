@@ -73,6 +73,7 @@ class Socket(Sensor):
     sets: tuple[str, ...] = ()
     view: View = TOOL_IN_WORLD
     type = "socket"
+    touches = True
     label_columns: ClassVar[tuple[str, ...]] = (PLACEMENT, SOCKET)
     optional_labels: ClassVar[tuple[str, ...]] = (SET,)
 

@@ -45,6 +45,7 @@ class Targets(Sensor):
     sigma_xyz: float
     view: View = TOOL_IN_WORLD
     type = "targets"
+    takes_pictures = True
 
     @classmethod
     def build(cls, section: Mapping[str, Any], context: BuildContext) -> Targets:

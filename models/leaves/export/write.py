@@ -24,6 +24,7 @@ from truepose.models.leaves.export.held import SAMPLES, held, losses, sample_rea
 from truepose.models.leaves.export.links import Tree, TreeJoint, frames_of, links_of, tree_of
 from truepose.models.machine.machine import Machine, MachineLike, as_machine
 from truepose.models.registry import Registry
+from truepose.wording import joined
 
 LISTED = 5
 """Effects that a note names; the file names all."""
@@ -170,12 +171,20 @@ def format_of(path: Path | str, format: str | None) -> str:
     """Return the format that is named, or that a path's suffix means. Raises InputError where there is none."""
     if format is not None:
         return formats.get(format, "format").name
-    by_suffix = {suffix: name for name in formats for suffix in formats.get(name, "format").suffixes}
+    by_suffix: dict[str, list[str]] = {}
+    for known in formats:
+        for ending in formats.get(known, "format").suffixes:
+            by_suffix.setdefault(ending, []).append(known)
     suffix = Path(path).suffix
     if suffix.lower() not in by_suffix:
         expected = f"{', '.join(by_suffix)}, or --format {'|'.join(formats)}"
         raise InputError(f"{path}: found the suffix {suffix!r}, expected {expected}")
-    return by_suffix[suffix.lower()]
+    first, *others = by_suffix[suffix.lower()]
+    if others:
+        raise InputError(
+            f"{path}: found the suffix of {joined([first, *others])}, expected --format with one of them"
+        )
+    return first
 
 
 def check_export(format: Format, text: str, machine: Machine, name: str) -> None:

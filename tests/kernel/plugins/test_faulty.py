@@ -141,6 +141,14 @@ def test_a_sensor_that_fails_when_used(part: str, poses: Path) -> None:
     told(result, r"mine\.py: line \d+", part, "full")
 
 
+def test_a_sensor_of_a_part_of_a_point_is_refused(poses: Path) -> None:
+    height = SENSES | {"channels": "return (Channel('h', 'mm', 0.01, 'position', 'tip'),)"}
+    told(
+        simulated(poses.parent, SENSOR.format(**height), sensor="type: odd"),
+        "found 1 channels of kind position",
+    )
+
+
 def test_a_builder_that_fails_when_used(poses: Path) -> None:
     result = simulated(poses.parent, BUILDER.format(build=FAILURE), mechanism="odd")
     told(result, r"mine\.py: line \d+", "build", "full")

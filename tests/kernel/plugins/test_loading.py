@@ -108,3 +108,11 @@ def test_an_effect_is_known_by_one_name(old: str, new: str, says: str, tmp_path:
         load_plugin(file)
     assert says in str(told.value)
     assert not [name for name in effects if name == "belt" or not isinstance(name, str)]
+
+
+def test_a_plugin_that_takes_a_bundled_name_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(BELT.replace("stretched-belt", "backlash"), encoding="utf-8")
+    bundled = effects.get("backlash", "")
+    with pytest.raises(InputError, match=r"'backlash': found the name in truepose\.models\.effects"):
+        load_plugin(tmp_path / "mine.py")
+    assert effects.get("backlash", "") is bundled

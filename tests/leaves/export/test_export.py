@@ -27,8 +27,9 @@ from support.exported import (
 )
 from support.generated_machines import BODIES
 from truepose.arrays import Array
+from truepose.errors import InputError
 from truepose.models.leaves.export.links import text, xyz_rpy
-from truepose.models.leaves.export.write import Exported, render
+from truepose.models.leaves.export.write import Exported, format_of, formats, render
 from truepose.models.load import load_machine
 
 SAME = 1e-9
@@ -283,3 +284,10 @@ def test_numbers_read_back_the_same() -> None:
     values = np.random.default_rng(3).standard_normal(100) * 10.0 ** np.arange(-50, 50)
     assert [float(word) for word in text(*values.tolist()).split()] == values.tolist()
     assert text(0.0, 1.0, -2.5) == "0 1 -2.5"
+
+
+def test_a_suffix_of_two_formats_is_asked_about(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(formats.get("mjcf", ""), "suffixes", (".csv",))
+    with pytest.raises(InputError, match=r"suffix of iso230 and mjcf, expected --format"):
+        format_of("arm.csv", None)
+    assert format_of("arm.csv", "iso230") == "iso230"
