@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 
 from catalogue_canvas import Array
-from catalogue_drawings import FOLDER, drawing, path_of
+from catalogue_drawings import DRAWINGS, FOLDER, drawing, path_of
 from catalogue_law import MACHINE
 from catalogue_numbers import placed, sizes, tried
 from truepose.models.file.driver import OF_THE_WAY, STEP, VELOCITY, Driver
@@ -192,7 +192,11 @@ def _escaped(text: str) -> str:
 
 
 def main() -> None:
-    """Renew the page and the drawings."""
+    """Renew the page and the drawings; exit with what lacks a drawing before anything is written."""
+    if missing := [slug for slug in listed() if slug not in DRAWINGS]:
+        sys.exit(
+            f"{', '.join(missing)}: add a curve to docs/catalogue_curves.py or a sketch to docs/catalogue_sketches.py"
+        )
     FOLDER.mkdir(parents=True, exist_ok=True)
     PAGE.write_text(page(), encoding="utf-8")
     for slug in listed():

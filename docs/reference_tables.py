@@ -224,7 +224,10 @@ def _default(field: Schema) -> str:
 
 
 def main() -> None:
-    """Renew pages and schemas."""
+    """Renew pages and schemas; exit with the lines to write where a part has no table yet."""
+    told = {mark for path in PAGES if path.is_file() for mark in marks(path.read_text(encoding="utf-8"))}
+    if missing := [f"<!-- keys: {name} -->\n<!-- end -->" for name in parts() if name not in told]:
+        sys.exit(f"{PAGES[0].name} needs a heading and these lines:\n" + "\n".join(missing))
     for path in PAGES:
         if path.is_file():
             path.write_text(rendered(path.read_text(encoding="utf-8")), encoding="utf-8")
