@@ -175,8 +175,8 @@ def _check_points(sensor: Sensor, where: str) -> None:
     for point in dict.fromkeys(seen):
         if seen.count(point) != 3:
             raise InputError(
-                f"{where}: found {seen.count(point)} channels of kind position of the point {point!r}, expected x, y and z; "
-                "a single length is of kind distance"
+                f"{where}: found {seen.count(point)} of the three channels of kind position of the point {point!r}, "
+                "expected x, y and z; a single length is of kind distance"
             )
 
 

@@ -126,11 +126,19 @@ class _Value(ast.NodeVisitor):
         return self.visit(node.body)
 
     def visit_BinOp(self, node: ast.BinOp) -> ca.SX:
-        if isinstance(node.op, ast.BitXor):
-            raise self._bad(node, "** for a power")
-        if type(node.op) not in _POWERS:
-            raise self._bad(node, "+ - * / or **")
-        return _POWERS[type(node.op)](self.visit(node.left), self.visit(node.right))
+        """Return the value of a chain of terms from its first one on: a long sum is deep only in the tree."""
+        chain, first = [node], node.left
+        while isinstance(first, ast.BinOp):
+            chain, first = [*chain, first], first.left
+        for one in chain:
+            if isinstance(one.op, ast.BitXor):
+                raise self._bad(one, "** for a power")
+            if type(one.op) not in _POWERS:
+                raise self._bad(one, "+ - * / or **")
+        value = self.visit(first)
+        for one in reversed(chain):
+            value = _POWERS[type(one.op)](value, self.visit(one.right))
+        return value
 
     def visit_UnaryOp(self, node: ast.UnaryOp) -> ca.SX:
         if not isinstance(node.op, (ast.USub, ast.UAdd)):

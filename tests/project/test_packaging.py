@@ -132,3 +132,19 @@ def test_nothing_but_the_demo_and_the_report_knows_of_the_truth() -> None:
     report = "identification/report/"
     assert {n for n in _mentioning("truth.json") if not n.startswith(report)} == {"src/truepose/demo.py"}
     assert not _mentioning("telescope_simulator")
+
+
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+COMMANDS = [
+    line
+    for block in re.findall(r"^```sh\n(.*?)^```", README, re.DOTALL | re.MULTILINE)
+    for line in block.splitlines()
+]
+
+
+def test_the_tests_command_of_the_readme_is_that_of_ci() -> None:
+    (command,) = [line for line in COMMANDS if "pytest" in line]
+    assert command in (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
+    assert os.access(ROOT / ".ci" / "run", os.X_OK)

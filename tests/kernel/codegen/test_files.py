@@ -58,3 +58,40 @@ def test_nothing_but_math_is_needed(tmp_path: Path) -> None:
 
 def test_identifiers_stay_apart() -> None:
     assert identifiers(["a.b", "a-b", "a_b_2", "scale@rho4:s"]) == ["a_b", "a_b_3", "a_b_2", "scale_rho4_s"]
+
+
+def test_the_same_bytes_from_the_same_input(tmp_path: Path) -> None:
+    machine = machine_of(tmp_path, "rails")
+    first, second = (generate(machine_of(tmp_path, "rails"), tmp_path / part, "float") for part in ("a", "b"))
+    assert [str(f.relative_to(tmp_path / "a")) for f in first] == [
+        "rails_kin.h",
+        "rails_kin.c",
+        "example.c",
+        "rails_batch.h",
+        "rails_batch.c",
+        "rails_state.h",
+        "rails_state.c",
+        "CMakeLists.txt",
+        "README.md",
+        "test_vectors.csv",
+        "wrappers/rails_kin.py",
+        "wrappers/rails_kin.hpp",
+        "wrappers/rails_sfun.c",
+    ]
+    for one, other in zip(first, second, strict=True):
+        assert one.read_bytes() == other.read_bytes()
+    assert not list(tmp_path.glob(".*"))
+    texts = [f.read_bytes() for f in second]
+    (tmp_path / "a" / "mine.c").write_text("kept")
+    generate(machine, tmp_path / "a", "double")
+    same = {f.name for f, text in zip(first, texts, strict=True) if f.read_bytes() == text}
+    assert same == {
+        "rails_batch.h",
+        "rails_batch.c",
+        "rails_state.h",
+        "CMakeLists.txt",
+        "test_vectors.csv",
+        "rails_kin.hpp",
+        "rails_sfun.c",
+    }
+    assert (tmp_path / "a" / "mine.c").read_text() == "kept"

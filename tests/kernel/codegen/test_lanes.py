@@ -217,3 +217,15 @@ def test_an_operation_that_lanes_have_not_is_named() -> None:
     (ends,) = graph.add({"x": Q}, [ca.erfinv(Q[0])])
     with pytest.raises(NotImplementedError, match="ERFINV"):
         LanePrinter(graph, "double", ()).statements([("y[0]", ends[0])])
+
+
+def test_no_row_sees_another(every: tuple[Real, Evaluate]) -> None:
+    """The same bits wherever a row stands, and beside whatever it stands."""
+    _, evaluate = every
+    rng = np.random.default_rng(2)
+    q, p = rng.normal(0, 3, (37, 3)), rng.normal(0, 3, 2)
+    q[5], q[11], q[20, 0] = np.nan, np.inf, 3e6
+    order = rng.permutation(len(q))
+    together = evaluate(q, p)
+    np.testing.assert_array_equal(evaluate(q[order], p), together[order])
+    np.testing.assert_array_equal(np.concatenate([evaluate(row[None], p) for row in q]), together)

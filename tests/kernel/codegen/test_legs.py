@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from pathlib import Path
 
 import casadi as ca
@@ -10,13 +11,14 @@ import pytest
 from numpy.typing import NDArray
 
 from support.examples import by_day
-from support.generated_c import needs_compiler
+from support.generated_c import COMPILER, needs_compiler
 from support.generated_machines import machine_of
 from support.legged_machines import BY_NEWTON, CLOSED_FORM, LEGGED, Legged, legged
 from support.skips import NO_AVX2
 from truepose.codegen.layout import layout_of
 from truepose.codegen.legs import legs_of
 from truepose.codegen.loops import LoopExpressions, Pivots, factors_of
+from truepose.codegen.printer import Real
 from truepose.models.machine.kinematics import symbolic_model
 
 Array = NDArray[np.float64]
@@ -180,3 +182,104 @@ def test_turns_about_axes_of_the_tool_leave_the_pose_to_the_damped_search(tmp_pa
     loops = LoopExpressions.of(model, layout_of(model, "double"), "double")
     own = [row for row in loops.rows if row < 6]
     assert own == ([] if name == "planar" else list(range(6)))  # planar: x, y and the turn about z
+
+
+@needs_compiler
+def test_a_row_does_not_depend_on_its_neighbours(root_directory: Path) -> None:
+    built = legged(root_directory, "plain_rails")
+    poses, guess = hostile(built, 40), readings(built, 40, 8)
+    whole = built.ik_n(poses, guess)[1]
+    for start, stop in ((0, 1), (1, 4), (3, 40), (17, 18)):
+        np.testing.assert_array_equal(built.ik_n(poses[start:stop], guess[start:stop])[1], whole[start:stop])
+
+
+_HOSTILE = """
+#include "{name}_batch.h"
+#include <math.h>
+
+static unsigned long long state = 88172645463325252ULL;
+
+static double draw(void)
+{{
+    state ^= state << 13;
+    state ^= state >> 7;
+    state ^= state << 17;
+    return (double)(state >> 11) / 9007199254740992.0;
+}}
+
+static double odd(void)
+{{
+    static const double some[] = {{ 0.0, -0.0, 1e300, -1e300, 1e308, 1e-310, INFINITY, -INFINITY, NAN, 1.0 }};
+    return draw() < 0.3 ? some[(int)(draw() * 10.0)] : 1000.0 * (draw() - 0.5);
+}}
+
+int main(void)
+{{
+    static double T[37][12], g[37][{name}_N], q[37][{name}_N], z[37][{name}_NZ], p[{name}_NP];
+    double J[6 * {name}_N], F[12];
+    int code[37], round, i, j, bad = 0;
+    for (round = 0; round < {rounds}; ++round) {{
+        for (i = 0; i < {name}_NP; ++i) {{
+            p[i] = {name}_p0[i] * (1.0 + 1e-3 * draw());
+            p[i] = draw() < 0.001 ? odd() : p[i];
+        }}
+        for (i = 0; i < 37; ++i) {{
+            for (j = 0; j < {name}_N; ++j) {{
+                g[i][j] = draw() < 0.8 ? draw() : odd();
+                q[i][j] = -7.0;
+            }}
+            for (j = 0; j < {name}_NZ; ++j) {{
+                z[i][j] = draw() < 0.9 ? {name}_z0[j] : odd();
+            }}
+            for (j = 0; j < 12; ++j) {{
+                T[i][j] = draw() < 0.05 ? odd() : T[i][j];
+            }}
+            (void){name}_fk(0, 0, g[i], T[i]);
+        }}
+        (void){name}_ik_n(round % 2 ? p : 0, round % 4 == 2 ? z[0] : 0, 37, T[0], g[0], q[0], code);
+        (void){name}_ik_n(0, 0, round % 37, T[0], g[0], g[0], 0);
+        for (i = 0; i < 37; ++i) {{
+            for (j = 0; j < {name}_N; ++j) {{
+                bad |= code[i] ? q[i][j] != -7.0 : !(fabs(q[i][j]) < 1e300);
+            }}
+        }}
+        (void){name}_fk_from(p, z[1], g[1], T[1], F);
+        (void){name}_jac(p, 0, g[2], J);
+        (void){name}_compensate(p, z[3], g[3], q[3]);
+        (void){name}_ik(p, z[4], T[4], g[4], q[4]);
+    }}
+    return bad;
+}}
+"""
+
+
+@pytest.mark.nightly
+@needs_compiler
+@pytest.mark.parametrize("name", ["plain_turns", "warm_rails", "coupled_rails", "weighed_rails"])
+def test_nothing_hostile_does_harm(root_directory: Path, sanitizers: list[str], name: str) -> None:
+    built = legged(root_directory, name)
+    assert COMPILER is not None
+    (built.directory / "hostile.c").write_text(_HOSTILE.format(name=name, rounds=4))
+    flags = ["-std=c99", "-O0", "-g", *sanitizers]
+    sources = ["hostile.c", f"{name}_kin.c", f"{name}_batch.c"]
+    made = subprocess.run(
+        [COMPILER, *flags, *sources, "-lm", "-o", "hostile"],
+        cwd=built.directory,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert made.returncode == 0, made.stderr
+    ran = subprocess.run(
+        ["./hostile"], cwd=built.directory, capture_output=True, text=True, timeout=600, check=False
+    )
+    assert ran.returncode == 0, ran.stderr
+
+
+@pytest.mark.nightly
+@needs_compiler
+@pytest.mark.parametrize(("name", "real"), [("screw_rails", "double"), ("plain_turns", "float")])
+def test_optimising_finds_nothing_to_warn_of(root_directory: Path, name: str, real: Real) -> None:
+    built = legged(root_directory, name, real, ("-O3",))  # compiled with -Werror
+    row = built.samples()[0]
+    assert built.ik(row[built.n :], row[: built.n])[0] == 0

@@ -9,7 +9,8 @@ import pytest
 
 from support.generated_c import built_of, needs_compiler
 from support.simulated import machine_from
-from truepose.codegen.c import generate
+from truepose.codegen.c import generate, render
+from truepose.models.load import load_machine
 
 FILE = """schema: truepose/machine/1
 name: mount
@@ -52,3 +53,25 @@ def test_machines_that_point_nothing_have_no_such_function(tmp_path: Path) -> No
     text = text.replace("POSE", "{type: pose, sigma: {xyz: 0.1, rot: 0.1}}")
     generate(machine_from(tmp_path, text, "mount"), tmp_path / "c")
     assert "mount_point" not in (tmp_path / "c/mount_kin.h").read_text()
+
+
+JOINTS = "[{name: q1, kind: revolute, r: 300}, {name: q2, kind: SECOND, alpha: 90, range: [-90, 90]}THIRD]"
+
+
+@pytest.mark.parametrize(
+    ("second", "third", "of", "points"),
+    [
+        ("revolute", "", "x", True),
+        ("prismatic", "", "x", False),
+        ("revolute", ", {name: q3, kind: revolute, alpha: 90, d: 100}", "x", False),
+        ("revolute", "", "origin", False),
+    ],
+)
+def test_two_turning_joints_point_an_axis_and_nothing_else_does(
+    tmp_path: Path, second: str, third: str, of: str, points: bool
+) -> None:
+    joints = JOINTS.replace("SECOND", second).replace("THIRD", third)
+    text = f"schema: truepose/machine/1\nname: mount\nmechanism: {{type: serial, joints: {joints}}}\n"
+    text += f"sensor: {{type: direction, of: {of}, sigma: {{angle: 1 arcsec}}}}\n"
+    (tmp_path / "mount.yaml").write_text(text)
+    assert ("mount_point" in render(load_machine(tmp_path / "mount.yaml"), "double")["mount_kin.h"]) is points

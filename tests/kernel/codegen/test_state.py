@@ -290,3 +290,64 @@ def test_there_is_a_state_where_something_remembers_or_it_is_asked_for(root_dire
     machine = machine_from(root_directory, HEAD + EFFECTS, "mem")
     without = render(machine, "double", features=Features.of("warm"))
     assert "mem_state.c" not in without and "#define mem_HAS_STATE 0" in without["mem_kin.h"]
+
+
+@needs_compiler
+def test_a_new_session_forgets_the_way_and_not_the_heat(root_directory: Path) -> None:
+    built = library(root_directory, EFFECTS, "double")
+    names = list(built.wrapper.DRIVERS)
+    state = built.wrapper.State(built.kinematics)
+    for k in range(5):
+        z = dict(
+            zip(
+                names,
+                state.update([0.3 * k, 0.1 * k, -100.0 + 9 * k, 0], 60.0, {"temperature.link1": 20.0 + k}),
+                strict=True,
+            )
+        )
+    assert z["approach.q1"] == z["approach.q3"] == 1.0
+    state.session()
+    after = dict(
+        zip(names, state.update([1.2, 0.4, -64.0, 0], 60.0, {"temperature.link1": 24.0}), strict=True)
+    )
+    assert (
+        after["approach.q1"]
+        == after["approach.q3"]
+        == after[next(n for n in names if n.startswith("stop"))]
+        == 0.0
+    )
+    assert z["temperature.link1~300"] < after["temperature.link1~300"] < 24.0
+    assert after["creep.q3~0.1"] > z["creep.q3~0.1"] > 0.0
+
+
+@pytest.mark.nightly
+@needs_compiler
+@both
+def test_example_and_state_run_clean_under_sanitizers(
+    root_directory: Path, tmp_path: Path, real: Real, sanitizers: list[str]
+) -> None:
+    built = library(root_directory, EFFECTS, real)
+    assert COMPILER is not None
+    files = [str(built.directory / name) for name in ("example.c", "mem_kin.c", "mem_state.c")]
+    command = [COMPILER, *WARNINGS, "-O1", *sanitizers, *files, "-lm", "-o", str(tmp_path / "example")]
+    subprocess.run(command, check=True)
+    ran = subprocess.run([tmp_path / "example"], capture_output=True, text=True, check=False)
+    assert (ran.returncode, ran.stderr) == (0, ""), ran.stdout
+
+
+@needs_compiler
+def test_output_may_be_what_was_sensed_and_states_are_apart(root_directory: Path) -> None:
+    built = library(root_directory, EFFECTS, "double")
+    one, other, alone = (built.wrapper.State(built.kinematics) for _ in range(3))
+    rng = np.random.default_rng(7)
+    for _ in range(40):
+        q, t = rng.uniform([-2, -2, -200, -3], [2, 2, 0, 3]), rng.uniform(15, 30, 2)
+        expected = alone.update(q, 0.7, dict(zip(built.wrapper.SENSED, t, strict=True)))
+        other.update(-q, 3.0)  # another machine in the same program
+        shared = np.zeros(built.wrapper.NZ)
+        shared[:2] = t
+        at = shared.ctypes.data
+        assert (
+            built.update(ctypes.addressof(one.memory), np.ascontiguousarray(q).ctypes.data, 0.7, at, at) == 0
+        )
+        np.testing.assert_array_equal(shared, expected)

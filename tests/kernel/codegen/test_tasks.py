@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from functools import cache
 from pathlib import Path
 
@@ -9,7 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from support.generated_c import Built, built_of, needs_compiler, run_example
+from support.examples import by_day
+from support.generated_c import COMPILER, WARNINGS, Built, built_of, needs_compiler, run_example
 from support.partial_machines import PARTIAL, as_built, partial_machine, readings
 from support.recordings import rows_of
 from truepose.codegen.c import generate
@@ -94,3 +96,16 @@ def test_commands_are_those_of_numpy(made: Built) -> None:
 def test_all_branches_are_refused_where_poses_are_met_in_part(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="that meets whole poses"):
         generate(partial_machine(tmp_path, "drill"), tmp_path / "c", features="warm,branches")
+
+
+@needs_compiler
+@pytest.mark.parametrize("features", ["warm", "warm,cold,p,batch,state"])
+@pytest.mark.parametrize("name", by_day(["mill", "delta", "planar2", "tube"], "mill"))
+def test_every_list_of_features_compiles(name: str, features: str, tmp_path: Path) -> None:
+    """Nothing is left without use, and the example passes."""
+    generate(partial_machine(tmp_path, name), tmp_path / "c", features=features)
+    sources = [path.name for path in (tmp_path / "c").glob("*.c")]
+    subprocess.run(
+        [str(COMPILER), *WARNINGS, "-O0", *sources, "-lm", "-o", "example"], cwd=tmp_path / "c", check=True
+    )
+    subprocess.run([tmp_path / "c" / "example"], capture_output=True, check=True)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from support.plain_kinematics import frame
 from support.simulated import machine_from
+from truepose.codegen.c import generate
 from truepose.errors import InputError
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import write_calibrated
@@ -189,3 +190,46 @@ def test_what_is_no_table_is_refused(tmp_path: Path, change: Mapping[str, Any], 
     path.write_text(yaml.safe_dump({"schema": "truepose/machine/1", "name": "arm", "mechanism": mechanism}))
     with pytest.raises(InputError, match=message):
         build_machine(read_machine(path))
+
+
+def moved(axis: int, mm: float) -> Array:
+    out = np.eye(4)
+    out[axis, 3] = mm
+    return out
+
+
+@pytest.mark.parametrize("convention", ["standard", "modified"])
+def test_a_fit_recovers_an_arm_and_writes_a_file_that_stands_alone(tmp_path: Path, convention: str) -> None:
+    """Zeros that are off by a few tolerances; the written file predicts what was measured, in Khalil's form."""
+    machine = machine_of(tmp_path, ARM, convention, f"tolerances: {{length: 0.3, angle: 0.1}}\n{FRAMES}")
+    rng = np.random.default_rng(4)
+    q = rng.uniform([-150, -80, -60, -150], [150, 80, 60, 150], (40, 4))
+    off = np.array([0.12, -0.2, 0.5, 0.15])
+    tool = moved(0, 10) @ moved(1, 20) @ moved(2, 100)
+    poses = np.array([product(ARM, row + off, convention) @ tool for row in q])
+    recording = load_recording(machine, [rows_of(tmp_path, q, poses, rng)])
+    fit = estimate(machine, recording)
+    assert 0.75 < fit.chi2_per_dof < 1.25  # 2.7 sigma of 240 - 22 degrees of freedom
+    write_calibrated(tmp_path / "calibrated.yaml", fit, recording)
+    calibrated = load_machine(tmp_path / "calibrated.yaml")
+    assert "convention" not in calibrated.file.mechanism if calibrated.file else False
+    for row in rng.uniform([-150, -80, -60, -150], [150, 80, 60, 150], (5, 4)):
+        got, truth = flange(calibrated, row, ARM), product(ARM, row + off, convention) @ tool
+        assert (
+            np.linalg.norm(got[:3, 3] - truth[:3, 3]) < 0.05
+        )  # of 0.02 mm in 40 rows; the zeros are worth 1.5 mm
+
+
+def test_generated_c_holds_the_table(tmp_path: Path) -> None:
+    """Generated for a table and for the same machine in Khalil's form: the same bytes."""
+    machine = machine_of(tmp_path, ARM, "standard", FRAMES)
+    assert machine.file is not None
+    own = {**machine.file.raw, "mechanism": machine.mechanism.expanded}
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / "arm.yaml").write_text(yaml.safe_dump(own), encoding="utf-8")
+    generate(machine, tmp_path / "a")
+    generate(load_machine(tmp_path / "own" / "arm.yaml"), tmp_path / "b")
+    files = [path.relative_to(tmp_path / "a") for path in (tmp_path / "a").rglob("*") if path.is_file()]
+    assert Path("arm_kin.c") in files
+    for name in files:
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()

@@ -114,7 +114,7 @@ def test_a_formula_is_arithmetic_or_nothing(text: str) -> None:
 
 @pytest.mark.parametrize(
     "text",
-    ["9**9**9**9", "u**" * 300 + "u", "sin(" * 150 + "u" + ")" * 150, "+".join("u" * 250), "1e300*1e300"],
+    ["9**9**9**9", "u**" * 300 + "u", "sin(" * 150 + "u" + ")" * 150, "+".join("u" * 450), "1e300*1e300"],
 )
 def test_towers_of_powers_are_worked_out(text: str) -> None:
     made = Formula.read(text, ("u",), 1.0, "here").value({"u": ca.SX.sym("u")})

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from support.closed_kinematics import INVERSE, base_to_flange, chain, platform_pose, readings
+from support.closed_kinematics import INVERSE, base_to_flange, chain, leg_end, platform_pose, rail, readings
 from support.moving_machines import HEXAPODS, SERIAL, TEXTS, drawn, named, nominal, read_machines, record
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models import lie
@@ -118,3 +118,21 @@ def test_shifted_parameters_move_the_base_too(machines: Mapping[str, Machine]) -
         for placed in ((), (wrong,))
     )
     np.testing.assert_allclose(shifted[:, :3, 3] - world[:, :3, 3], [[3.0, 0.0, 0.0]] * 2, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", HEXAPODS)
+def test_legs_have_their_lengths_after_the_forward_solution(
+    machines: Mapping[str, Machine], name: str
+) -> None:
+    machine, rng = machines[name], np.random.default_rng(3)
+    p = drawn(machine, rng)
+    c, q = named(machine, p), readings(machine, rng, 20)
+    world, good = Predictor(machine, record(machine, q)).poses(p)
+    assert good.all()
+    for row, pose in zip(q, base_to_flange(machine, world, c), strict=True):
+        for leg, reading in enumerate(row, start=1):
+            upper = pose[:3, 3] + pose[:3, :3] @ leg_end(c, leg, "b")
+            moved = c[f"leg{leg}.offset"] + c[f"leg{leg}.gain"] * reading
+            slide = moved * rail(machine, leg, c) if name == "pus" else 0.0
+            length = c[f"leg{leg}.length"] if name == "pus" else moved
+            assert np.linalg.norm(upper - leg_end(c, leg, "a") - slide) == pytest.approx(length, abs=1e-8)

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from support.examples import examples
@@ -195,3 +196,75 @@ def test_a_direction_has_one_of_length_one_however_long_it_is(v: list[float], po
         return
     found = lie.unit_vector([x * 10.0**power for x in v])
     np.testing.assert_allclose(found, np.array(v) / np.linalg.norm(v), rtol=1e-12)
+
+
+@LAWS
+@given(turns)
+def test_logarithm_undoes_exponential(turn: Array) -> None:
+    rotation = lie.exp_so3(turn)
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-13)
+    assert np.linalg.det(rotation) == pytest.approx(1.0)
+    np.testing.assert_allclose(lie.log_so3(rotation), turn, atol=1e-9)
+    np.testing.assert_allclose(lie.exp_so3(-turn), rotation.T, atol=1e-13)
+
+
+@LAWS
+@given(turns)
+def test_a_logarithm_is_never_longer_than_half_a_turn(turn: Array) -> None:
+    assert np.linalg.norm(lie.log_so3(lie.exp_so3(4 * turn))) <= np.pi + 1e-12
+
+
+@LAWS
+@given(vectors(2.0))
+def test_modified_rodrigues_parameters(mrp: Array) -> None:
+    s = ca.SX.sym("s", 3)
+    found = numeric(lie.mrp_rotation(s), (s, mrp))
+    np.testing.assert_allclose(found, Rotation.from_mrp(mrp).as_matrix(), atol=1e-12)
+
+
+@LAWS
+@given(turns)
+def test_symbolic_logarithm_is_the_numeric_one(turn: Array) -> None:
+    r = ca.SX.sym("r", 3, 3)
+    rotation = lie.exp_so3(turn)
+    np.testing.assert_allclose(
+        numeric(lie.log_so3_sx(r), (r, rotation))[:, 0], lie.log_so3(rotation), atol=1e-9
+    )
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_exponential_and_logarithm_undo_each_other_everywhere(angle: float, directions: Array) -> None:
+    w = angle * directions
+    np.testing.assert_allclose(lie.log_so3(lie.exp_so3(w)), w, atol=1e-14 * max(1.0, angle))
+    again = lie.exp_so3(lie.log_so3(lie.exp_so3(w)))
+    np.testing.assert_allclose(again, lie.exp_so3(w), atol=1e-14)
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_the_exponential_is_the_groups(angle: float, directions: Array) -> None:
+    """Exp(w) = expm(w x), and as its own adjoint: Exp(R w) = R Exp(w) R', Ad(Exp w) = exp(ad w)."""
+    turn = lie.exp_so3(np.array([0.4, -1.1, 0.7]))
+    for w in angle * directions:
+        rotation = lie.exp_so3(w)
+        np.testing.assert_allclose(rotation, expm(_skew(w)), atol=1e-14)
+        np.testing.assert_allclose(lie.exp_so3(turn @ w), turn @ rotation @ turn.T, atol=1e-14)
+        np.testing.assert_allclose(
+            rotation @ _skew(directions[0]) @ rotation.T, _skew(rotation @ directions[0]), atol=1e-14
+        )
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-6, 1.0, 3.0])
+def test_twists_are_carried_by_the_adjoint(angle: float, directions: Array) -> None:
+    """Ad(exp X) = exp(ad X) in SE(3), twists [v; w]; and Ad carries twists as the pose carries points."""
+    for w, v in zip(angle * directions, 3.0 * directions[::-1], strict=True):
+        motion = np.zeros((4, 4))
+        motion[:3, :3], motion[:3, 3] = _skew(w), v
+        pose = expm(motion)
+        np.testing.assert_allclose(pose[:3, :3], lie.exp_so3(w), atol=1e-14)
+        np.testing.assert_allclose(pose[:3, 3], _left_jacobian(w) @ v, atol=1e-13)
+        small = np.block([[_skew(w), _skew(v)], [np.zeros((3, 3)), _skew(w)]])
+        rotation, shift = pose[:3, :3], _skew(pose[:3, 3])
+        adjoint = np.block([[rotation, shift @ rotation], [np.zeros((3, 3)), rotation]])
+        np.testing.assert_allclose(expm(small), adjoint, atol=1e-13)
+        carried = pose @ motion @ lie.inverse_pose(pose)  # a twist stays itself along its own screw
+        np.testing.assert_allclose(carried, motion, atol=1e-12)

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from support import ROOT
 from truepose.errors import InputError
+from truepose.files import atomic_directory, atomic_write_text
 from truepose.models.file.machine_file import MachineFile, read_machine, write_machine
 from truepose.models.file.yaml_document import FastLoader, PlainLoader, document_text, read_document
 
@@ -282,3 +283,40 @@ def test_machine_files_at_hand_are_accepted_and_write_back(shared: Path, tmp_pat
         machine = read_machine(path)
         write_machine(tmp_path / "copy.yaml", machine.raw)
         assert read_machine(tmp_path / "copy.yaml").raw == machine.raw, path
+
+
+def _fill(path: Path, fail: bool) -> None:
+    with atomic_directory(path) as partial:
+        (partial / "a.txt").write_text("new")
+        (partial / "sub").mkdir()
+        (partial / "sub" / "b.txt").write_text("new")
+        if fail:
+            raise RuntimeError("stopped")
+
+
+@pytest.mark.parametrize("exists", [False, True])
+def test_a_directory_is_filled_whole_or_not_at_all(tmp_path: Path, exists: bool) -> None:
+    target = tmp_path / "deep" / "out"
+    if exists:
+        target.mkdir(parents=True)
+        (target / "a.txt").write_text("old")
+        (target / "kept.txt").write_text("kept")
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(RuntimeError, match="stopped"):
+        _fill(target, fail=True)
+    assert sorted(tmp_path.rglob("*")) == before
+    _fill(target, fail=False)
+    assert (target / "a.txt").read_text() == (target / "sub" / "b.txt").read_text() == "new"
+    assert (target / "kept.txt").exists() == exists
+    assert [path.name for path in target.parent.iterdir()] == ["out"]
+
+
+def test_a_text_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
+    target = tmp_path / "result.txt"
+    atomic_write_text(target, "old")
+    with pytest.raises(UnicodeEncodeError):
+        atomic_write_text(target, "new \ud800")
+    assert target.read_text() == "old"
+    with pytest.raises(InputError, match="cannot write"):
+        atomic_write_text(tmp_path / "nowhere" / "x.txt", "text")
+    assert list(tmp_path.iterdir()) == [target]

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from numpy.typing import NDArray
 
 from support.closed_kinematics import readings
 from support.moving_machines import FRAMED, HEAD, POSE, PUS, UPS
-from support.pushed_arm import COLUMNS, RANGES, SENSOR, TOOL, placed, sensor_turn, text, torques
+from support.pushed_arm import COLUMNS, RANGES, SENSOR, TOOL, held, placed, sensor_turn, text, torques
 from support.simulated import machine_from
+from support.structures import structure
 from support.telescope_models import LOADED, TRAVEL
 from support.telescope_models import machine_of as machine_of_telescope
 from truepose.errors import InputError
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.models.effects.base import PlacedEffect, effects
+from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
 Array = NDArray[np.float64]
@@ -240,3 +244,64 @@ def test_a_file_without_the_force_is_free_of_it_and_half_a_force_is_refused(tmp_
         InputError, match=r"missing column 'ft.mz', expected all or none of forces.process.columns"
     ):
         load_recording(machine, {n: v for n, v in table.items() if n != "ft.mz"}, need_observations=False)
+
+
+def _written(machine: Machine, q: Array) -> Array:
+    """Readings (n, nq) in mm and deg."""
+    return np.asarray(np.where([a.unit == "rad" for a in machine.mechanism.actuators], np.degrees(q), q))
+
+
+def test_a_link_bends_under_a_force_as_under_a_weight(tmp_path: Path) -> None:
+    """The link's own weight still acts where it is along the link, whichever way the force points."""
+    arm = structure(tmp_path, "arm")
+    assert arm.file is not None
+    document = arm.file.path.read_text(encoding="utf-8")
+    q = readings(arm, np.random.default_rng(5), 3)
+    at, g = (12.0, -5.0, 30.0), np.array(arm.gravity)
+    pushing = f"forces: {{hung: {{columns: [fx, fy, fz], in: tool, at: {list(at)}, axes: base}}}}\n"
+    joints = dict(zip(arm.mechanism.readings, _written(arm, q).T, strict=True))
+    poses = []
+    for kg, pushed in ((7.0, False), (0.0, True)):
+        tail = pushing if pushed else ""
+        path = tmp_path / f"arm-{pushed}.yaml"
+        path.write_text(document + tail, encoding="utf-8")
+        machine = load_machine(path)
+        heavy = [replace(m) for m in machine.masses]
+        if kg:
+            heavy.append(replace(heavy[-1], name="hung", kg=kg, com=at, body="tool"))
+        machine = replace(machine, masses=tuple(heavy))
+        columns = joints | (
+            {f"f{a}": np.full(3, 7.0 * v) for a, v in zip("xyz", g, strict=True)} if pushed else {}
+        )
+        effect = effects.get("link-bending", "test")()
+        links = [
+            PlacedEffect.at(effect, machine, place, {}, {"c": 1e-12}) for place in effect.places(machine)
+        ]
+        predictor = Predictor(machine, load_recording(machine, columns, need_observations=False), links)
+        poses.append(predictor.poses(predictor.model.p_home)[0])
+    np.testing.assert_allclose(poses[1], poses[0], atol=1e-9)
+
+
+def test_an_arm_in_balance_is_predicted_to_second_order(tmp_path: Path) -> None:
+    """Loads are those of the arm as it reads; what that leaves out is quadratic in the yielding."""
+    machine, (q, wrench) = machine_of(tmp_path, text(gravity=str(GRAVITY.tolist()))), drawn(8)
+    errors = []
+    for c in (np.full(6, 2e-6), np.full(6, 1e-6)):
+        recording = load_recording(machine, rows(q, wrench), need_observations=False)
+        predictor = Predictor(machine, recording, compliant(machine, c))
+        found = predictor.poses(predictor.model.p_home)[0][:, :3, 3]
+        truth = [placed(held(a, c, w, GRAVITY)).tool.real for a, w in zip(q, wrench, strict=True)]
+        errors.append(np.linalg.norm(found - truth))
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.05)
+
+
+def test_units_of_columns_and_file_play_no_part(tmp_path: Path) -> None:
+    q, wrench = drawn(4)
+    expected = loads(machine_of(tmp_path, text()), q, wrench)
+    declared = "drivers: [" + ", ".join(f"{{name: {c}, unit: kN}}" for c in COLUMNS[:3]) + "]\n"
+    scaled = wrench * [1e-3, 1e-3, 1e-3, 1e3, 1e3, 1e3]
+    table = pd.DataFrame(rows(q, scaled)).rename(columns={c: f"{c} [N*mm]" for c in COLUMNS[3:]})
+    machine = machine_of(tmp_path, text() + declared)
+    predictor = Predictor(machine, load_recording(machine, table, need_observations=False), ports=True)
+    found = predictor.loads(predictor.model.p_home, np.zeros((4, 0)))
+    np.testing.assert_allclose([found[f"{n}.displacement"] for n in JOINTS], expected.T, rtol=1e-9, atol=1e-9)

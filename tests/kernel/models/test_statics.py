@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from support.closed_kinematics import base_to_flange, chain, leg_end, readings
-from support.moving_machines import SERIAL, drawn, named, read_machines, record
+from support.closed_kinematics import base_to_flange, chain, leg_end, readings, ups_inverse
+from support.moving_machines import SERIAL, drawn, named, nominal, read_machines, record
 from truepose.identification.prediction.predictor import Predictor
 from truepose.models import lie
+from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import AXES
 
@@ -81,3 +83,28 @@ def test_leg_forces_balance_the_wrench_of_the_weight(machines: Mapping[str, Mach
     expected = [_tensions(machine, f, base @ w, c) for f, w in zip(flange, world, strict=True)]
     found = np.column_stack([loads[a.displacement] for a in machine.mechanism.actuators])
     np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-7)
+
+
+@pytest.mark.parametrize("kg", [1.0, 2000.0])
+def test_soft_legs_stand_in_balance(machines: Mapping[str, Machine], kg: float) -> None:
+    """Where legs give way, the unknown forces are those that hold the platform as it then stands."""
+    machine, c = machines["ups"], 1e-4
+    heavy = replace(machine, masses=tuple(replace(m, kg=m.kg * kg) for m in machine.masses))
+    effect = effects.get("leg-compliance", "test")()
+    legs = tuple(limb.name for limb in heavy.mechanism.limbs)
+    placed = PlacedEffect.at(effect, heavy, legs, {}, {"c": c})
+    rng = np.random.default_rng(11)
+    q = readings(heavy, rng, 2)
+    predictor = Predictor(heavy, record(heavy, q), [placed])
+    p = predictor.model.p_home
+    x, good = predictor.assemble(p)
+    assert good.all()
+    world, _ = predictor.poses(p, x)
+    values = nominal(heavy)
+    flange = base_to_flange(heavy, world, values)
+    base = base_to_flange(heavy, np.eye(4)[None], {**values, **{f"tool.{axis}": 0.0 for axis in AXES}})[0]
+    tension = np.array([_tensions(heavy, f, base @ w, values) for f, w in zip(flange, world, strict=True)])
+    np.testing.assert_allclose(x[:, -6:], tension, rtol=1e-4 * kg**0.5, atol=1e-3)
+    grown = np.array([ups_inverse(heavy, f[:3, 3], f[:3, :3], values) for f in flange]) - q
+    gains = np.array([values[f"leg{k}.gain"] for k in range(1, 7)])
+    np.testing.assert_allclose(grown * gains, c * x[:, -6:], rtol=1e-3 * kg**0.5, atol=1e-7)

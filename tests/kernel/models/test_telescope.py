@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from pathlib import Path
 
 import casadi as ca
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from support.generated_c import needs_compiler
 from support.simulated import machine_from
 from support.telescope_models import (
     LENGTH,
@@ -26,6 +28,7 @@ from support.telescope_models import (
     upper_centres,
 )
 from truepose import simulate
+from truepose.codegen.c import generate
 from truepose.errors import InputError
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import write_calibrated
@@ -209,3 +212,26 @@ def test_a_calibrated_file_holds_flexures_and_stiffnesses(tmp_path: Path, model:
     assert names == [p.name for p in read.parameters]
     assert any(name.endswith(".flexure") for name in names)
     assert np.allclose([p.nominal for p in read.parameters], fit.p[: len(names)], rtol=1e-12, atol=1e-12)
+
+
+@needs_compiler
+@pytest.mark.parametrize("model", ["linear", "beam"])
+def test_generated_c_meets_the_models_own_poses(tmp_path: Path, model: str) -> None:
+    generate(machine_of(tmp_path, model), tmp_path / "c")
+    sources = [str(path) for path in (tmp_path / "c").glob("*.c")]
+    command = [
+        "gcc",
+        "-std=c99",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        *sources,
+        "-o",
+        str(tmp_path / "example"),
+        "-lm",
+    ]
+    subprocess.run(command, check=True, capture_output=True)
+    run = subprocess.run(
+        [str(tmp_path / "example")], cwd=tmp_path / "c", check=True, capture_output=True, text=True
+    )
+    assert "0 of" in run.stdout

@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
+import pandas as pd
 import pytest
+import yaml
+from scipy.spatial.transform import Rotation
 
 from support.described_machines import urdf_machine
 from truepose.errors import InputError
+from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.write_machine import write_calibrated
+from truepose.identification.recording.load import load_recording
+from truepose.models.load import load_machine
+from truepose.models.machine.assembly import Statics
 from truepose.models.machine.effect import effects
+from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine
 
 URDF = """<?xml version="1.0"?>
@@ -114,3 +125,46 @@ def test_joints_can_be_compliant_where_nobody_stated_a_mass(tmp_path: Path) -> N
 def test_inertials_that_are_none_are_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         machine_of(tmp_path, urdf=URDF.replace(old, new))
+
+
+def test_loads_are_those_of_the_urdfs_own_links(tmp_path: Path) -> None:
+    """Gravity's torque about q2 is minus the slope of the weights' energy by q2, from centres in the world."""
+    machine, pan, lift = machine_of(tmp_path), 0.3, 0.7
+    upper = Rotation.from_euler("x", 90, degrees=True) * Rotation.from_rotvec([0, 0, pan])
+
+    def energy(angle: float) -> float:
+        fore = upper * Rotation.from_rotvec([angle, 0, 0])
+        return math.fsum(
+            9.80665 * kg * fore.apply(com)[2] / 1000.0 for kg, com in ((3, [300, 0, 0]), (0.5, [510, 20, 0]))
+        )
+
+    model = symbolic_model(machine)
+    q = dict(zip(model.readings, ca.vertsplit(model.q), strict=True))
+    nominal = {p.name: ca.SX(p.nominal) for p in machine.parameters} | {
+        port: ca.SX(0) for port in machine.ports
+    }
+    load = Statics.of(machine, nominal, q, {}, model.x).loads(nominal)["q2.displacement"]
+    torque = float(ca.Function("load", [model.q], [load])([pan, lift]))
+    step = 1e-5
+    assert torque == pytest.approx((energy(lift - step) - energy(lift + step)) / (2 * step), rel=1e-7)
+
+
+def test_a_calibrated_file_keeps_masses_and_gravity(tmp_path: Path) -> None:
+    """It needs no URDF, so that both are written out, in the file's units."""
+    tolerances = "tolerances: {length: 0.3, angle: 0.1}\nunits: {length: m, angle: rad}\n"
+    machine = machine_of(tmp_path, tolerances)
+    rng = np.random.default_rng(3)
+    q = rng.uniform(-1.5, 1.5, (40, 2))
+    model = symbolic_model(machine)
+    pose = ca.Function("pose", [model.q, model.p], [model.pose])
+    at = np.array([np.array(pose(row, model.p_home))[:3, 3] for row in q]) / 1000.0
+    frame = pd.DataFrame(np.column_stack([q, at]), columns=["q1", "q2", *"xyz"])
+    frame.to_csv(tmp_path / "rows.csv", index=False)
+    recording = load_recording(machine, [tmp_path / "rows.csv"])
+    write_calibrated(tmp_path / "calibrated.yaml", estimate(machine, recording), recording)
+    (tmp_path / "arm.urdf").unlink()
+    read = load_machine(tmp_path / "calibrated.yaml")
+    assert yaml.safe_load((tmp_path / "calibrated.yaml").read_text())["mechanism"]["type"] == "graph"
+    assert read.gravity == machine.gravity
+    assert [(m.kg, m.body) for m in read.masses] == [(m.kg, m.body) for m in machine.masses]
+    np.testing.assert_allclose([m.com for m in read.masses], [m.com for m in machine.masses], rtol=1e-12)

@@ -145,7 +145,7 @@ def test_a_sensor_of_a_part_of_a_point_is_refused(poses: Path) -> None:
     height = SENSES | {"channels": "return (Channel('h', 'mm', 0.01, 'position', 'tip'),)"}
     told(
         simulated(poses.parent, SENSOR.format(**height), sensor="type: odd"),
-        "found 1 channels of kind position",
+        "found 1 of the three channels of kind position",
     )
 
 

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
+import subprocess
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import casadi as ca
 import numpy as np
 import pandas as pd
 import pytest
 from numpy.typing import NDArray
 from typer.testing import CliRunner
 
-from support.generated_c import Built, compile_library, needs_compiler
+from support.generated_c import COMPILER, Built, compile_library, needs_compiler
 from truepose.cli import app
+from truepose.identification.prediction.predict import predict, simulate
+from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine
@@ -154,3 +161,123 @@ def test_a_new_mechanism_is_compiled(slides: Job, tmp_path: Path) -> None:
         tilt = machine.geometry["tilt"].nominal
         expected = [row[0] + row[1] * np.sin(tilt), 0.0, row[1] * np.cos(tilt)]
         np.testing.assert_allclose(pose[3::4], expected, atol=1e-9)
+
+
+TRUE_K, ROWS = -1e-4, 60
+
+
+STRETCHED_BELT = '''
+from truepose.models.effects.base import Coefficient, Effect, effects
+
+
+@effects.add("stretched-belt")
+class StretchedBelt(Effect):
+    """A belt that runs out of round: dq = k q^3."""
+
+    slug = "stretched-belt"
+
+    def places(self, machine):
+        return [(a.reading,) for a in machine.mechanism.actuators if a.unit == "rad"]
+
+    def coefficients(self, machine, place, settings):
+        return (Coefficient("k", "1/rad^2", 0.01),)
+
+    def shifts(self, site):
+        return {site.port(site.place[0]): site.c["k"] * site.displacement(site.place[0]) ** 3}
+'''
+
+
+ARM = """
+schema: truepose/machine/1
+name: arm
+mechanism:
+  type: serial
+  joints:
+    - {name: q1, kind: revolute, r: 300, range: [-150, 150]}
+    - {name: q2, kind: revolute, alpha: 90, d: 80, range: [-110, 110]}
+frames: {tool: {in: flange, xyz: [500, 0, 40], tolerance: {xyz: 1}}}
+sensor: {type: position, sigma: {xyz: 0.02}}
+tolerances: {length: 0.2, angle: 0.05}
+"""
+
+
+@pytest.fixture(scope="module")
+def belt(tmp_path_factory: pytest.TempPathFactory) -> Job:
+    """A recording of an arm whose second joint truly stands at q + k q^3, diagnosed with the plugin."""
+    folder = tmp_path_factory.mktemp("belt")
+    job = written(folder, STRETCHED_BELT, ARM)
+    machine, rng = load_machine(job.machine), np.random.default_rng(4)
+    limits = [a.range for a in machine.mechanism.actuators if a.range is not None]
+    q = np.column_stack([rng.uniform(*limit, ROWS) for limit in limits])
+    stands = q + np.outer(TRUE_K * q[:, 1] ** 3, [0, 1])
+    names = [f"{name} [rad]" for name in machine.mechanism.readings]
+    pd.DataFrame(stands, columns=names).to_csv(job.recording, index=False)
+    readings = simulate(machine, load_recording(machine, [job.recording], need_observations=False), seed=5)
+    pd.concat([pd.DataFrame(q, columns=names), readings], axis=1).to_csv(job.recording, index=False)
+    run("diagnose", job.machine, job.recording, "-o", job.out, "--plugin", job.plugin)
+    return job
+
+
+def compiled_poses(job: Job, machine: Machine, q: Array) -> tuple[Array, list[Array]]:
+    """``truepose codegen`` with the plugin, compiled: readings and the C's base-to-tool poses (4, 4)."""
+    assert COMPILER is not None
+    run("codegen", job.machine, "-o", job.out, "--plugin", job.plugin)
+    name = machine.name
+    flags: Sequence[str] = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-O1", "-shared", "-fPIC")
+    subprocess.run([COMPILER, *flags, f"{name}_kin.c", "-lm", "-o", "lib.so"], cwd=job.out, check=True)
+    forward = getattr(ctypes.CDLL(str(job.out / "lib.so")), f"{name}_fk")
+    numbers = ctypes.POINTER(ctypes.c_double)
+    poses = []
+    for row in q:
+        out, inputs = np.zeros(12), np.ascontiguousarray(row)
+        code = forward(None, None, inputs.ctypes.data_as(numbers), out.ctypes.data_as(numbers))
+        assert code == 0
+        poses.append(np.vstack([out.reshape(3, 4), [0, 0, 0, 1]]))
+    return q, poses
+
+
+def modelled_pose(machine: Machine, q: Array) -> Array:
+    """The Python model's pose, nominal base to tool, of an open chain with its effects."""
+    model = symbolic_model(machine, machine.effects)
+    pose = ca.Function("pose", [model.q, model.z, model.p], [model.pose])
+    return np.array(pose(q, model.z_home, model.p_home))
+
+
+@needs_compiler
+def test_a_new_effect_is_compiled_into_the_controllers_code(belt: Job, tmp_path: Path) -> None:
+    job = Job(belt.plugin, belt.out / "improved.yaml", belt.recording, tmp_path / "c")
+    machine = job.load(job.machine)
+    rng = np.random.default_rng(6)
+    for q, pose in zip(*compiled_poses(job, machine, rng.uniform(-1.8, 1.8, (20, 2))), strict=True):
+        np.testing.assert_allclose(pose, modelled_pose(machine, q), rtol=0, atol=1e-9)
+        still = modelled_pose(machine.with_effects(()), q)
+        assert np.linalg.norm((pose - still)[:3, 3]) > 0.5 * abs(TRUE_K * 500 * q[1] ** 3)
+
+
+def diagnosis_of(job: Job) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads((job.out / "diagnosis.json").read_text())
+    return content
+
+
+def test_a_new_effect_is_screened_everywhere_and_named_where_it_acts(belt: Job) -> None:
+    found = diagnosis_of(belt)
+    screened = {tuple(c["place"]) for c in found["candidates"] if c["effect"] == "stretched-belt"}
+    assert screened == {("q1",), ("q2",)}
+    assert found["verdict"] == "missing-physics"
+    (finding,) = found["findings"]
+    assert (finding["effect"], finding["place"]) == ("stretched-belt", ["q2"])
+    assert finding["probability"] > 0.9
+    k = finding["parameters"]["k"]
+    assert k["unit"] == "1/rad^2"
+    assert k["value"] == pytest.approx(TRUE_K, abs=4 * k["std"])
+    assert k["std"] < 0.1 * abs(TRUE_K)
+
+
+def test_a_new_effect_is_part_of_the_improved_machine_and_predicts(belt: Job) -> None:
+    machine = belt.load(belt.out / "improved.yaml")
+    (placed,) = machine.effects
+    assert placed.label == "stretched-belt@q2"
+    recording = load_recording(machine, [belt.recording])
+    foreseen = predict(machine, recording)
+    off = np.concatenate([foreseen[c] - recording.observations[c] for c in ("x", "y", "z")])
+    assert np.sqrt(np.mean(off**2)) == pytest.approx(0.02, rel=0.25)

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import ctypes
+import re
+import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from support.generated_c import needs_compiler
-from support.six_joint_arms import GENERAL, BuiltArm, built, errors, folded, search
+from support.generated_c import COMPILER, WARNINGS, needs_compiler
+from support.six_joint_arms import ARMS, GENERAL, BuiltArm, built, counted, errors, folded, search
 from truepose.arrays import Array
+from truepose.codegen.c import generate
 from truepose.codegen.leaves.all_solutions.resultant import Screws, solutions
+from truepose.codegen.printer import Real
 
 TURNS = (True,) * 6
 SAME = 1e-5
@@ -116,3 +121,52 @@ def test_out_of_reach_there_is_none(root_directory: Path) -> None:
     pose = made.arm.poses(made.arm.readings(1, seed=15))[0].copy()
     pose[3] += 1e5
     assert made.ik_all(pose)[0] == 1
+
+
+def with_list(where: Path, name: str, features: str, *flags: str, real: Real = "double") -> BuiltArm:
+    """One of ARMS with some features, every file compiled with every warning an error."""
+    assert COMPILER is not None
+    directory = where / "-".join(["listed", name, features, real, *flags])
+    generate(ARMS[name].machine(where), directory, real, features=features)
+    sources = sorted(file.name for file in directory.glob(f"{name}_*.c"))
+    command = [COMPILER, *WARNINGS, *(flags or ("-O0",)), "-shared", "-fPIC", *sources, "-lm", "-o", "lib.so"]
+    subprocess.run(command, cwd=directory, check=True)
+    return BuiltArm(ARMS[name], directory, ctypes.CDLL(str(directory / "lib.so")))
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["offset", "gantry_built", "ur_built"])
+def test_a_list_compiles_in_single_precision_and_for_wide_vectors(root_directory: Path, name: str) -> None:
+    for features in ("warm,branches", "cold"):
+        with_list(root_directory, name, features, "-O1", "-march=native", real="float")
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["ur_built", "general"])
+def test_vector_lanes_find_the_same(root_directory: Path, name: str) -> None:
+    plain, lanes = (
+        built(root_directory, name, flags) for flags in (("-DTRUEPOSE_SCALAR",), ("-march=native",))
+    )
+    poses = plain.arm.poses(plain.arm.readings(60, seed=16))
+    pairs = [(plain.ik_all(pose)[1], lanes.ik_all(pose)[1]) for pose in poses]
+    for one, other in pairs:
+        assert len(one) == len(other)
+        assert max(among(plain, other, q).min() for q in one) < SAME
+    assert sum(len(one) for one, _ in pairs) > 200
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["ur_built", "general", "gantry_built"])
+def test_all_solutions_take_no_more_evaluations_than_the_header_says(root_directory: Path, name: str) -> None:
+    made = counted(root_directory, name)
+    header = (made.directory / f"{name}_kin.h").read_text()
+    limit = int(re.findall(rf"#define {name}_MAX_ALL (\d+)", header)[0])
+    count = ctypes.c_int.in_dll(made.library, "evaluations")
+    poses = made.arm.poses(made.arm.readings(40, seed=17))
+    poses[:, [3, 7, 11]] *= np.linspace(0.7, 2.0, 40)[:, None]
+    spent = []
+    for pose in poses:
+        count.value = 0
+        made.ik_all(pose)
+        spent.append(count.value)
+    assert 0 < max(spent) <= limit

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -263,3 +264,22 @@ def test_nothing_is_told_where_nothing_gives_way_that_can_be_seen(
     size: float, rows: int, more: dict[str, Any], tmp_path: Path
 ) -> None:
     assert found_by(tmp_path, UP, *compliant(size), rows=rows, **more) == []
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("sensor", ["as it is", "position"])
+@pytest.mark.parametrize("name", ["ur10-laser-tracker/configurations", "stewart-mocap/session_60"])
+def test_real_recordings_in_another_unit(shared: Path, name: str, sensor: str, tmp_path: Path) -> None:
+    """Points alone show no scale, so that a machine of a robot's size must decide where the slip was."""
+    source = shared / "data" / name
+    machine = yaml.safe_load((source.parent / "machine.yaml").read_text(encoding="utf-8"))
+    rows = pd.read_csv(source.with_suffix(".csv"))
+    if sensor == "position":
+        machine["sensor"] = {"type": "position", "sigma": {"xyz": machine["sensor"]["sigma"]["xyz"]}}
+        rows = rows.drop(columns=["rx", "ry", "rz"])
+    small = rows.assign(**{axis: rows[axis] / 1000 for axis in "xyz"})
+    assert checked(tmp_path, machine, small).found[0].says == "readings in m"
+    machine["units"]["length"] = "m"
+    headed = rows.rename(columns={axis: f"{axis} [mm]" for axis in "xyz"})
+    says = checked(tmp_path, machine, headed).found[0].says
+    assert says in ("the machine file's lengths in mm", "the mechanism's lengths in mm")

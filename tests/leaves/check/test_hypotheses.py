@@ -259,3 +259,14 @@ def test_tolerances_grow_with_a_file_in_another_unit_and_never_with_a_mechanism_
             np.testing.assert_allclose(stated, there.stated * case.rig.tolerance[grows], rtol=1e-9)
         else:
             assert there.stated == min(there.drawn, 1.0)
+
+
+def test_an_inverse_pose_inverted_is_the_pose(tmp_path: Path) -> None:
+    case = Case(tmp_path, *columns_of("pose"))
+    slip = next(s for s in poses.poses(case.rig, case.rig.scene) if s.kind == "inverse-pose")
+    twice = slip.change(slip.change(case.rig.scene))
+    for name, values in case.rig.scene.rows.observations.items():
+        np.testing.assert_allclose(twice.rows.observations[name], values, atol=1e-9)
+    there = slip.change(case.rig.scene)
+    place = [np.column_stack([s.rows.observations[n] for n in "xyz"]) for s in (case.rig.scene, there)]
+    np.testing.assert_allclose(turns(case.rig.scene).apply(place[1]) + place[0], 0.0, atol=1e-9)

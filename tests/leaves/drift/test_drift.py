@@ -272,3 +272,18 @@ def test_the_command_writes_json_and_a_page(tmp_path: Path) -> None:
 def test_an_accuracy_that_is_none_is_refused(tmp_path: Path, text: str) -> None:
     case = sequence(tmp_path, 72, {}, sessions=2, n=2)
     refused("drift", case.machine, *case.files, "--accuracy", text, said="--accuracy")
+
+
+def test_the_unit_of_the_files_does_not_matter(tmp_path: Path) -> None:
+    moves = {"q4.d": [0.0, 0.1, 0.2, 0.3]}
+    plain = sequence(tmp_path, 54, moves)
+    (tmp_path / "um.yaml").write_text(machine_text("um", 1e3), encoding="utf-8")
+    files = []
+    for path in plain.files:
+        frame_ = pd.read_csv(path)
+        frame_[["x", "y", "z"]] *= 1e3
+        files.append(path.with_name(f"um_{path.name}"))
+        frame_.to_csv(files[-1], index=False)
+    one, other = plain.drift(), Case(tmp_path / "um.yaml", files).drift()
+    assert moved(one) == moved(other) == {"q4.d"}
+    np.testing.assert_allclose(movement(other, "q4.d"), movement(one, "q4.d"), rtol=1e-5)

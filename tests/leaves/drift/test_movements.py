@@ -267,3 +267,31 @@ def test_the_grid_holds_the_stated_noise_and_what_is_left_when_nothing_moves(rms
     assert np.min(np.abs(noise)) < 0.05 and noise[0] < -0.4 and noise[-1] > np.log(max(2.0, 1.3 * rms))
     np.testing.assert_allclose(np.diff(noise), 0.1)
     assert unknowns.widening[0] == (1.0,) * 3 and unknowns.size.values == (0.0,)  # no smooth remainder
+
+
+def test_of_two_movements_each_has_its_own_change_and_spread() -> None:
+    top = likeliest_of(stacked(2, np.array([0.0, 0.6, -0.3, 1.0])), {2: 30.0, 1: 3.0})
+    mean, covariance = dense(top)
+    _, *both = movements(said(top, (0.02, 0.99, 0.99)), PRIOR, UNITS, TIMES)
+    for place, own in enumerate(both, start=1):
+        since = np.kron(np.eye(SESSIONS) - np.eye(SESSIONS)[0], np.eye(3)[place]) * SCALE[place]
+        np.testing.assert_allclose(own.change, since @ mean, atol=1e-7)
+        spread = np.diag(since @ covariance @ since.T).clip(0.0)
+        np.testing.assert_allclose(own.std, np.sqrt(spread), atol=1e-7)
+
+
+def test_a_steady_movement_has_its_rate_and_an_unsteady_one_says_so() -> None:
+    for way, steady in (((0.0, 0.6, 2.4, 3.0), True), ((0.0, 3.0, 0.0, 3.0), False)):
+        stack = stacked(3, np.array(way))
+        found = said(likeliest_of(stack, {1: 10.0}), (0.02, 0.99, 0.02))
+        _, own, _ = movements(found, PRIOR, UNITS, TIMES)
+        assert own.steady is steady and own.rate is not None and own.rate_std is not None
+        if steady:
+            assert abs(own.rate - SCALE[1] * 0.01) < 4.0 * own.rate_std
+        (_, unclocked, _) = movements(found, PRIOR, UNITS, None)
+        assert unclocked.rate is not None and unclocked.change == own.change
+    two = Stack(stack.jacobian[:2], stack.offset[:2], 2 * ROWS, SIGMA_STEPS, CLASSES)
+    found = said(likeliest_of(two, {1: 10.0}), (0.02, 0.99, 0.02))
+    _, line, _ = movements(found, PRIOR, UNITS, (0.0, 50.0))
+    assert line.steady and line.rate == pytest.approx(line.change[1] / 50.0)
+    assert line.rate_std == pytest.approx(line.std[1] / 50.0)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from typer.testing import CliRunner
 
 from support import MACHINES
 from support import fringe_signal as signals
@@ -23,6 +24,7 @@ from support.fringe_journeys import cut, journeys
 from support.fringe_journeys import journey as series
 from support.fringe_signal import FIBRE
 from support.machine_texts import machine_from
+from truepose.cli import app
 from truepose.errors import InputError
 from truepose.identification.leaves.fringes.excursions import Fault
 from truepose.identification.leaves.fringes.lengths import read_samples
@@ -294,3 +296,41 @@ def test_light_without_a_cavity_and_a_cavity_without_light_are_refused(lab: Path
     plain = load_machine(MACHINES / "distance.yaml")
     with input_error("expected one of type irradiance"):
         load_recording(plain, [lab / "true.csv"], irradiance=[lab / "light.csv"])
+
+
+def test_diagnose_takes_light_too(lab: Path) -> None:
+    arguments = ["diagnose", MACHINES / "distance.yaml", lab / "true.csv", "-o", lab / "diagnosis"]
+    result = CliRunner().invoke(app, [str(one) for one in (*arguments, "--irradiance", lab / "light.csv")])
+    assert result.exit_code == 2
+    assert "expected one of type irradiance" in result.stderr
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_there_and_back_is_no_change(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, 2.2, 1e-4)
+    far = 0.01 * (1.0 + rng.random())
+    path = signals.displacement(t, 0.3, [(far, 0.0, 0.8), (-far, 0.5, 0.8)])
+    run = signals.run(t, path, signals.Detector(), rng, 0.9, 2e-5)
+    move = read(run)
+    assert not move.faults
+    assert move.count.turns == 1
+    assert NM * abs(move.change) < TOLD
+
+
+def test_brighter_light_on_a_background_is_read_as_well() -> None:
+    run = series(4, gain=300.0, background=2.0)
+    assert NM * read(run).change == pytest.approx(NM * run.change, abs=TOLD)
+
+
+def test_too_few_samples_a_fringe_are_flagged() -> None:
+    assert Fault.FAST in read(series(1, samples=3.0)).faults
+
+
+def test_missing_samples_are_flagged() -> None:
+    broken = cut(journeys(30.0, signals.Detector(), False), False)
+    assert Fault.GAP in read(broken(np.random.default_rng(1))).faults
+
+
+def test_noise_that_hides_fringes_is_flagged() -> None:
+    assert Fault.WEAK in read(series(1, noise=0.3)).faults

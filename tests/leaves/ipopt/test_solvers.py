@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from support import ROOT
 from support.built_machines import FRAMES, POSE, manufactured, nominal
 from support.command import input_error
 from support.moving_machines import record, written
@@ -24,6 +25,7 @@ from truepose.identification.fit.problem import Prior, Problem, prior_of
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.leaves.ipopt.solving import OPTIONS, Program
 from truepose.identification.prediction.predictor import Predictor
+from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
@@ -312,3 +314,14 @@ def test_what_stands_at_a_bound_is_the_same_in_every_unit(unit: float) -> None:
     kept, beyond = (bounds.notes(prior, unit * at, kept=kept) for kept in (True, False))
     assert [note[0] for note in kept] == ["a", "d"]
     assert [note[0] for note in beyond] == ["c", "e"]
+
+
+TELESCOPE = ROOT / "models/machines/telescope"
+
+
+def test_all_solvers_find_one_minimum_of_the_telescope() -> None:
+    machine = load_machine(TELESCOPE / "machine.yaml")
+    recording = load_recording(machine, [TELESCOPE / "recording.csv"])
+    gn, lm = (estimate(machine, recording, damping=damping, tolerance=1e-13) for damping in (0.0, 1e-4))
+    assert apart(lm, gn) < SAME
+    assert apart(bounded(machine, recording), gn) < SAME

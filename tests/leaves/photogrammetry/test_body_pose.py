@@ -228,3 +228,14 @@ def test_suspects_are_named() -> None:
     table["P4.z"] = table["P4.z"] + np.array([0.0, 0.0, 1.0])
     suspects = [str(text) for text in pose_table(table, SIGMA, BODY)["suspects"]]
     assert suspects[:2] == ["", ""] and suspects[2].split()[0] == "P4"
+
+
+def test_the_displacement_agrees_with_scipy() -> None:
+    rng = np.random.default_rng(1)
+    x, true = scatter(rng, 9), motion(rng)
+    y = moved(true, x) + SIGMA * rng.normal(size=x.shape)
+    found = body_pose(x, y, SIGMA)
+    middle_x, middle_y = x.mean(axis=0), y.mean(axis=0)
+    turn, _ = Rotation.align_vectors(y - middle_y, x - middle_x)
+    assert np.max(np.abs(found.pose[:3, :3] - turn.as_matrix())) < EXACT
+    assert np.max(np.abs(found.pose[:3, 3] - (middle_y - turn.apply(middle_x)))) < EXACT * 100

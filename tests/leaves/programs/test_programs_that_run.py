@@ -14,11 +14,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from support.examples import examples
-from support.program_robots import difference
+from support.program_robots import difference, machine_file
 from support.run_controller import Controller, stands
 from support.run_programs import DRAWN, REAL, Node, functions, programs, written
 from truepose.identification.leaves.programs.correct import Correction, correct
 from truepose.identification.leaves.programs.dialects import DIALECTS
+from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
 DIALECT_NAMES = ("urscript", "kuka", "rapid")
@@ -132,3 +133,22 @@ def test_constants_that_are_worked_out_in_a_literal_are_its_numbers(machine: Mac
     new, same = (re.findall(r"[-\d.]+", found.text.splitlines()[1]) for found in (one, other))
     np.testing.assert_allclose(np.array(same, dtype=float), np.array(new, dtype=float), atol=1e-7)
     assert other.text.splitlines()[0] == worked_out.splitlines()[0]
+
+
+@pytest.fixture(scope="module")
+def machine(tmp_path_factory: pytest.TempPathFactory) -> Machine:
+    return load_machine(machine_file(tmp_path_factory.mktemp("arm"), REAL))
+
+
+@pytest.mark.parametrize("dialect", DIALECT_NAMES)
+def test_a_point_computed_from_a_parameter_is_left_to_its_calls(machine: Machine, dialect: str) -> None:
+    main: list[Node] = [("move", ("name", "wa")), ("call", ("name", "wa"))]
+    text = written(dialect, main, ("wa", [("move", ("name", "wa"))]))
+    motion = {"urscript": "movel(wa,", "kuka": "LIN wa", "rapid": "MoveL wa,"}[dialect]
+    lines = text.splitlines()
+    head = next(k for k, line in enumerate(lines) if " go(" in line)
+    assert lines[head + 1].startswith(motion)
+    lines[head + 1] = COMPUTED[dialect].format("wa")
+    found = correct(machine, DIALECTS[dialect].read("\n".join(lines), machine))
+    assert any(one.line == head + 2 for one in found.left)
+    assert found.text.splitlines()[head + 1] == lines[head + 1]

@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from support.command import input_error
-from truepose.identification.leaves.readers.bags import read_bag
+from truepose.identification.leaves.readers.bags import BAND, SECONDS, Stream, read_bag, stretches
 from truepose.identification.recording.joint_readings import JointColumn
 from truepose.identification.recording.load import tables
 from truepose.identification.recording.read import read_recording
@@ -197,3 +197,13 @@ def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
     Path(broken).write_bytes(Path(broken).read_bytes()[:300])
     with input_error(r"broken\.mcap: cannot read the bag"):
         bag_table(Path(broken))
+
+
+def test_stretches_of_many_samples_at_once_are_those_of_their_spread() -> None:
+    rng = np.random.default_rng(1)
+    time, values = np.sort(rng.uniform(0.0, 30.0, 3000)), np.cumsum(rng.normal(0.0, 0.05 * BAND, 3000))
+    found = stretches({"a": Stream(time, values[:, None])})
+    assert found
+    still = [np.ptp(values[np.abs(time - t) <= 0.5 * SECONDS]) <= BAND for t in time]
+    inside = np.array([any(a <= t <= b for a, b in found) for t in time])
+    assert not (inside & ~np.array(still)).any()

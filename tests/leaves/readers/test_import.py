@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 from support.command import input_error, refused, run
+from support.skips import NOTHING_BESIDE, SHARED
 from support.workbook import write_workbook
 from truepose.identification.leaves.readers.importing import read_foreign
 from truepose.identification.leaves.readers.tpoint import read_tpoint
@@ -180,3 +181,60 @@ def test_a_mounts_stars_bring_a_machine_file(tmp_path: Path) -> None:
 def test_stars_that_cannot_be_read_are_refused(old: str, new: str, expected: str) -> None:
     with input_error(expected):
         read_tpoint(TPOINT.format(mount="EQUAT").replace(old, new), "stars.dat")
+
+
+def stars_by_hand(path: Path) -> dict[str, np.ndarray]:
+    """Encoders (deg) and directions (mm) of every star of a TPOINT file of an equatorial mount."""
+    fields = [line.split() for line in path.read_text().splitlines() if line[:1] not in "!:"]
+    rows = [line for line in fields if len(line) >= 14]
+
+    def angle(first: int, hours: bool, parts: int = 3) -> np.ndarray:
+        text = [row[first : first + parts] for row in rows]
+        size = np.array([sum(abs(float(w)) / 60.0**k for k, w in enumerate(words)) for words in text])
+        sign = np.array([-1.0 if words[0].startswith("-") else 1.0 for words in text])
+        return np.asarray(np.radians(sign * size * (15.0 if hours else 1.0)))
+
+    ra, dec, ra_read, dec_read = angle(0, True), angle(3, False), angle(6, True), angle(9, False)
+    sidereal = angle(12, hours=True, parts=2)
+    hour = sidereal - ra
+    point = 1000.0 * np.array([np.cos(dec) * np.cos(hour), -np.cos(dec) * np.sin(hour), np.sin(dec)])
+    turned = np.degrees(np.angle(np.exp(1j * (ra_read - sidereal))))
+    return {"q1": turned, "q2": np.degrees(dec_read), **dict(zip("xyz", point, strict=True))}
+
+
+def test_a_real_mounts_stars_are_those_of_a_plain_reader() -> None:
+    path = SHARED / "data/telescope-mount/gem-28.dat"
+    if not path.is_file():
+        pytest.skip(NOTHING_BESIDE)
+    found = read_foreign(path)
+    assert found.n_rows == 454
+    for name, expected in stars_by_hand(path).items():
+        np.testing.assert_allclose(found.numbers(name), expected, atol=1e-9)
+
+
+def test_stars_of_an_altazimuth_mount_are_turned_by_the_latitude() -> None:
+    found = read_tpoint(TPOINT.format(mount="ALTAZ"), "stars.dat")
+    # at hour angle -6 h a star of declination d stands at sin(alt) = sin(d) sin(latitude), tan(az) = cot(d) / cos(latitude)
+    declination, latitude = np.radians(-10.5), np.radians(40.5)
+    altitude = np.arcsin(np.sin(declination) * np.sin(latitude))
+    azimuth = np.arctan2(np.cos(declination), np.sin(declination) * np.cos(latitude))
+    np.testing.assert_allclose(found.numbers("q2")[1], np.degrees(altitude))
+    np.testing.assert_allclose(found.numbers("q1")[1], -np.degrees(azimuth))
+    point = np.array([found.numbers(axis)[1] for axis in "xyz"])
+    q1, q2 = np.radians([found.numbers("q1")[1], found.numbers("q2")[1]])
+    np.testing.assert_allclose(
+        point, 1000 * np.array([np.cos(q2) * np.cos(q1), np.cos(q2) * np.sin(q1), np.sin(q2)])
+    )
+
+
+def test_stars_of_an_equatorial_mount(tmp_path: Path) -> None:
+    found = read_tpoint(TPOINT.format(mount="EQUAT"), "stars.dat")
+    # an hour past the meridian: 15 deg to the west; the encoders say 4 s, a minute of arc, less
+    np.testing.assert_allclose(found.numbers("q1"), [-15 + 1 / 60, 90.0], atol=1e-9)
+    np.testing.assert_allclose(found.numbers("q2"), [30 + 1 / 60, -10.5], atol=1e-9)
+    points = np.column_stack([found.numbers(axis) for axis in "xyz"])
+    np.testing.assert_allclose(np.linalg.norm(points, axis=1), 1000.0)
+    cosine, turn = np.cos(np.radians(30)), np.radians(-15)
+    np.testing.assert_allclose(
+        points[0], 1000 * np.array([cosine * np.cos(turn), cosine * np.sin(turn), 0.5])
+    )

@@ -13,9 +13,12 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from typer.testing import CliRunner, Result
 
 from support.command import input_error, refused, run
 from support.examples import examples
+from support.skips import NOTHING_BESIDE, SHARED
+from truepose.cli import app
 from truepose.identification.leaves.readers.importing import read_foreign
 from truepose.identification.recording.table import Table, read_table
 
@@ -186,3 +189,23 @@ def test_other_languages_are_called_what_they_are(tmp_path: Path, text: str, sai
     for read in (read_table, read_foreign):
         with input_error(rf"what\.txt: found {said}.*expected a table"):
             read(path)
+
+
+def imported(path: Path, out: Path, *options: str) -> Result:
+    return CliRunner().invoke(app, ["import", str(path), "-o", str(out), *options])
+
+
+@pytest.mark.parametrize("name", ["rec_quat_wxyz.csv", "robotlog.csv", "pj.csv"])
+def test_tables_from_outside_are_asked_about(tmp_path: Path, name: str) -> None:
+    path = SHARED / "cases/import-headings" / name
+    if not path.is_file():
+        pytest.skip(NOTHING_BESIDE)
+    asked = imported(path, tmp_path / "out.csv")
+    assert asked.exit_code == 2
+    line = shlex.split(" ".join(asked.stderr.split()).partition("say which they are: ")[2])
+    assert imported(path, tmp_path / "out.csv", *line).exit_code == 0
+
+
+def test_each_axis_has_the_unit_of_its_own_column(tmp_path: Path) -> None:
+    (tmp_path / "log.txt").write_text("! Leica\nName X[mm] Y[mm] Z[mm] D[m]\nP1 1 2 3 0.1\n")
+    assert {read_foreign(tmp_path / "log.txt").unit(axis, "none", "mm") for axis in "xyz"} == {"mm"}

@@ -10,6 +10,7 @@ from types import MappingProxyType
 
 import numpy as np
 import pytest
+import sympy as sp  # type: ignore[import-untyped]
 from scipy.optimize import minimize_scalar
 
 from support.command import input_error, run
@@ -344,3 +345,60 @@ def test_the_command_says_what_tuned_the_estimate(
     assert method["estimator"] == name and float(method[key]) >= 0.0
     again = load_machine(tmp_path / "out/calibrated.yaml")
     assert again.file is not None and again.file.covariance is not None
+
+
+@pytest.mark.parametrize("name", ["liu", "ridge", "pcr"])
+def test_near_dependence_pays_for_bias(rng: np.random.Generator, name: str) -> None:
+    """Where least squares blows up, each of them varies less and errs less, by its own rule."""
+    h, b = collinear(rng), np.array([0.3, -0.2, 0.1, 0.4, -0.1, 0.2])
+    y = (h @ b)[:, None] + NOISE * rng.standard_normal((40, 5000))
+    problem = decompose(h, y)
+    biased, plain = ESTIMATORS[name](problem).b, ols(problem).b
+    assert np.sum(np.var(biased, axis=1)) < 0.8 * np.sum(np.var(plain, axis=1))
+    assert np.mean((biased.T - b) ** 2) < 0.8 * np.mean((plain.T - b) ** 2)
+
+
+def test_ridge_follows_hoerl_kennard_and_baldwin(rng: np.random.Generator) -> None:
+    h = collinear(rng)
+    problem = decompose(h, h @ rng.standard_normal(6) + NOISE * rng.standard_normal(40))
+    plain = ols(problem).b
+    assert float(ridge(problem).tuning) == pytest.approx(6 * float(problem.noise) / float(plain @ plain))
+
+
+def test_the_error_formula_is_what_sampling_shows(rng: np.random.Generator) -> None:
+    h, b, d, runs = collinear(rng), rng.standard_normal(6), 0.4, 20000
+    y = (h @ b)[:, None] + NOISE * rng.standard_normal((40, runs))
+    seen = np.mean(np.sum((liu(decompose(h, y), d).b.T - b) ** 2, axis=1))
+    _, s, directions = np.linalg.svd(h, full_matrices=False)
+    truth = Spectrum(s, directions.T, np.ones(6), directions @ b, np.array(NOISE**2))
+    # squares of one leading coordinate: relative error of their mean is root(2 / runs) = 1 %
+    assert seen == pytest.approx(error(truth, d, truth.alpha**2), rel=0.04)
+
+
+def test_the_papers_parameter_minimises_the_papers_error() -> None:
+    """Equation 14 is right: derived from equation 13 for two coordinates."""
+    d, variance = sp.symbols("d s2", positive=True)
+    lam, a = sp.symbols("l1:3", positive=True), sp.symbols("a1:3", real=True)
+    error = sum(
+        variance * (k + d) ** 2 / (k * (k + 1) ** 2) + (d - 1) ** 2 * b**2 / (k + 1) ** 2
+        for k, b in zip(lam, a, strict=True)
+    )
+    (best,) = sp.solve(sp.diff(error, d), d)
+    above = sum((b**2 - variance) / (k + 1) ** 2 for k, b in zip(lam, a, strict=True))
+    below = sum((variance + k * b**2) / (k * (k + 1) ** 2) for k, b in zip(lam, a, strict=True))
+    assert sp.simplify(best - above / below) == 0
+    # with the unbiased estimate of each square it becomes Liu's own
+    seen = sp.symbols("b1:3", real=True)
+    unbiased = best.subs({b: sp.sqrt(c**2 - variance / k) for k, b, c in zip(lam, a, seen, strict=True)})
+    own = 1 - variance * sum(1 / (k * (k + 1)) for k in lam) / sum(
+        c**2 / (k + 1) ** 2 for k, c in zip(lam, seen, strict=True)
+    )
+    assert sp.simplify(unbiased - own) == 0
+
+
+def test_the_number_of_components_has_the_least_estimated_error(rng: np.random.Generator) -> None:
+    h = collinear(rng)
+    problem = decompose(h, h @ rng.standard_normal(6) + 3 * NOISE * rng.standard_normal(40))
+    spread, square = problem.noise / problem.values**2, problem.alpha**2
+    errors = [np.sum(spread[:k]) + np.sum((square - spread)[k:]) for k in range(7)]
+    assert int(pcr(problem).tuning) == int(np.argmin(errors))

@@ -308,3 +308,21 @@ def test_joints_without_limits_are_read_and_listed(tmp_path: Path, limit: str) -
 def test_a_urdf_without_masses_states_gravity(tmp_path: Path) -> None:
     begun(tmp_path, URDF)
     assert load_machine(tmp_path / "m.yaml").gravity == (0.0, 0.0, -9.80665)
+
+
+def test_an_arm_is_fitted_with_a_base_and_a_tool_that_nobody_told(tmp_path: Path) -> None:
+    """Readings of an arm that stands elsewhere, with another tool: the file as written finds both."""
+    where = ("--base", "900,-400,150,5,-10,140", "--tool", "20,-30,140,0,0,0")
+    run("init", "--arm", "irb120", "--sensor", "position", *where, "-o", tmp_path / "true.yaml")
+    run("init", "--arm", "irb120", "--sensor", "position", "-o", tmp_path / "m.yaml")
+    true, machine = load_machine(tmp_path / "true.yaml"), load_machine(tmp_path / "m.yaml")
+    ranges = np.degrees([a.range or (-3, 3) for a in machine.mechanism.actuators])
+    q = np.random.default_rng(2).uniform(0.8 * ranges[:, 0], 0.8 * ranges[:, 1], (60, 6))
+    frame = pd.DataFrame(q, columns=list(machine.mechanism.readings))
+    frame.to_csv(tmp_path / "q.csv", index=False)
+    read = simulate(true, load_recording(true, [tmp_path / "q.csv"], need_observations=False), seed=1)
+    pd.concat([frame, read], axis=1).to_csv(tmp_path / "rows.csv", index=False)
+    fit = calibrate(machine, load_recording(machine, [tmp_path / "rows.csv"])).fit
+    assert 0.7 < fit.chi2_per_dof < 1.3  # 2.6 sigma of 180 readings less 36 parameters
+    found = dict(zip(fit.prior.names, fit.p, strict=True))
+    assert abs(found["base.x"] - 900) < 1.5  # the first row's tolerances of 0.3 mm trade with it

@@ -76,12 +76,19 @@ def test_the_header_says_what_is_there(root_directory: Path, name: str, real: Re
             assert len(re.findall(rf"\b{function}\b", text)) > 1, f"{file.name}: {function}"
 
 
-def example_of(machine: Machine, real: Real, where: Path) -> subprocess.CompletedProcess[str]:
-    """What the example prints of a machine's smallest C."""
+def example_of(
+    machine: Machine, real: Real, where: Path, wrong: str = ""
+) -> subprocess.CompletedProcess[str]:
+    """What the example prints of a machine's smallest C; ``wrong`` has functions that replace generated ones."""
     assert COMPILER is not None
+    name = machine.name
     generate(machine, where, real, features=Features.of("warm"))
-    command = [COMPILER, *WARNINGS, "-O0", "example.c", f"{machine.name}_kin.c", "-lm", "-o", "example"]
-    subprocess.run(command, cwd=where, check=True)
+    (where / "wrong.c").write_text(f'#include "{name}_kin.h"\n' + wrong)
+    replaced = re.findall(rf"int ({name}_\w+)\(.*{{", wrong)
+    renamed = [f"-D{function}=right_{function}" for function in replaced]
+    subprocess.run([COMPILER, *WARNINGS, *renamed, "-O0", "-c", f"{name}_kin.c"], cwd=where, check=True)
+    linked = [COMPILER, "-O0", "example.c", "wrong.c", f"{name}_kin.o", "-lm", "-o", "example"]
+    subprocess.run(linked, cwd=where, check=True)
     return subprocess.run([where / "example"], capture_output=True, text=True, check=False)
 
 
@@ -207,3 +214,23 @@ def test_fewer_features_take_their_files_away(tmp_path: Path) -> None:
     there = {file for file in (tmp_path / "out").rglob("*") if file.is_file()}
     assert there == {*files, tmp_path / "out" / "mine_batch.c"}
     assert "batch" not in (tmp_path / "out" / "CMakeLists.txt").read_text()
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    ("wrong", "call", "result"),
+    [("fk", "p, z, q, T", "T[3] += 1e-5"), ("ik", "p, z, T, near, q", "q[0] += 1e-7"), ("ik", "p, z, T, near, q", "code = 2")],
+)  # fmt: skip
+def test_the_example_fails_on_wrong_code(tmp_path: Path, wrong: str, call: str, result: str) -> None:
+    """A pose that is 10 nm off, joints that are 0.1 urad off, and an inverse that gives up."""
+    machine = known_arm("ur5e", tmp_path)
+    arguments = {
+        "fk": "const double *p, const double *z, const double *q, double *T",
+        "ik": "const double *p, const double *z, const double *T, const double *near, double *q",
+    }[wrong]
+    code = (
+        f"int right_ur5e_{wrong}({arguments});\n"
+        f"int ur5e_{wrong}({arguments}) {{ int code = right_ur5e_{wrong}({call}); {result}; return code; }}\n"
+    )
+    ran = example_of(machine, "double", tmp_path, code)
+    assert ran.returncode == 1, ran.stdout

@@ -153,3 +153,9 @@ def test_a_report_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="expected a directory"):
         diagnosis().write(tmp_path / "file")
+
+
+def test_workers_take_results_and_give_them_back() -> None:
+    for result in (machine(), recording()):
+        (back,) = joblib.Parallel(n_jobs=2)(joblib.delayed(copy.copy)(one) for one in [result])
+        assert same(back, result)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import sys
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -12,11 +13,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from support.built_machines import TEXTS, manufactured, read_machines, simulated
 from support.engines import compile_all, compile_none
-from support.examples import examples
+from support.examples import by_day, examples
 from support.generated_c import needs_compiler
 from truepose.codegen.evaluation import batch, compiled
 from truepose.codegen.evaluation.batch import BatchFunction
+from truepose.identification.fit.calibrate import calibrate
 
 Array = NDArray[np.float64]
 
@@ -162,3 +165,20 @@ def test_what_c_cannot_say_is_left_to_the_virtual_machine(expression: str) -> No
 
 
 # -- a whole calibration ------------------------------------------------------------------------------------------
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", by_day(TEXTS, "arm"))
+def test_a_calibration_is_the_same_by_both(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    machine, rng = read_machines(tmp_path)[name], np.random.default_rng(6)
+    recording = simulated(machine, manufactured(machine, rng), rng)
+    fast = calibrate(machine, recording)
+    compile_none(monkeypatch)
+    slow = calibrate(machine, recording)
+    # parts of the parameter, of 1 mm or 1 rad where it is smaller: poses of 500 mm round by 1e-13 mm
+    np.testing.assert_allclose(fast.fit.p, slow.fit.p, rtol=1e-12, atol=1e-12)
+    assert fast.fit.chi2 == pytest.approx(slow.fit.chi2, rel=1e-11)  # tolerances pull: it is not stationary
+    np.testing.assert_allclose(fast.fit.std, slow.fit.std, rtol=1e-9)
+    assert fast.notes == slow.notes

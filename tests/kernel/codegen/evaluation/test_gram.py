@@ -88,3 +88,13 @@ def test_pieces_add_up(engine: str, monkeypatch: pytest.MonkeyPatch) -> None:
     np.testing.assert_allclose(pieces, whole, rtol=1e-12, atol=1e-12)
     monkeypatch.setattr(gram, "CHUNK", 13)
     np.testing.assert_allclose(function(*given), whole, rtol=1e-12, atol=1e-12)
+
+
+@needs_compiler
+def test_both_engines_agree(monkeypatch: pytest.MonkeyPatch) -> None:
+    m, n = 6, 30
+    given, found = inputs(m, n, 100), []
+    for compiled in (True, False):
+        compile_all(monkeypatch) if compiled else compile_none(monkeypatch)
+        found.append(GramFunction("f", *problem(m, n, 2), rows=1)(*given))
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-12, atol=1e-11)

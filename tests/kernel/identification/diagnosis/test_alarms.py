@@ -22,6 +22,7 @@ from truepose.identification.diagnosis.alarms import (
     residual_alarm,
     structure_alarm,
 )
+from truepose.identification.diagnosis.result import Alarm
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.summary import rms_by_kind
 from truepose.identification.fit.tolerance_classes import PartClass
@@ -308,3 +309,36 @@ def test_far_beyond_what_is_drawn_p_is_twice_the_smaller_one_of_two_chi2(
     assert found.statistic == pytest.approx(statistic, rel=1e-6)
     assert 2.0 * smaller < 1e-3
     assert found.p == pytest.approx(2.0 * smaller, rel=1e-4)
+
+
+def test_wrong_tolerances_are_seen_and_widening_them_reconciles() -> None:
+    lin = linear(np.random.default_rng(5), departure=6.0)
+    noise = free_noise(lin)
+    assert conflict_with_tolerances(lin, noise).p < 1e-3
+    wide = replace(lin, weight=lin.weight / 6.0)
+    assert conflict_with_tolerances(wide, noise).p > 0.01
+
+
+def test_parameters_without_tolerance_are_projected_out() -> None:
+    rng = np.random.default_rng(6)
+    lin = linear(rng)
+    weight = np.ones(FREE)
+    weight[0] = 0.0
+    far = lin.gram.copy()
+    shift = 1e3 * lin.gram[:, 0]  # the unknown parameter stands anywhere
+    far[:, FREE] += shift
+    far[FREE, :FREE] = far[:FREE, FREE]
+    far[FREE, FREE] = lin.gram[FREE, FREE] + 2e3 * lin.gram[0, FREE] + 1e6 * lin.gram[0, 0]
+    found = [
+        conflict_with_tolerances(
+            Linearisation((gram,), (READINGS,), FREE, (), 0, np.zeros(FREE), weight, lin.parts, ()), 1.0
+        )
+        for gram in (lin.gram, far)
+    ]
+    assert found[0].statistic == pytest.approx(found[1].statistic, rel=1e-4)
+
+
+def test_an_alarm_without_cause_is_raised_once_in_a_hundred() -> None:
+    """p of a true model is uniform."""
+    p = (np.arange(5000) + 0.5) / 5000
+    assert sum(Alarm(1.0, float(value)).raised for value in p) == 50

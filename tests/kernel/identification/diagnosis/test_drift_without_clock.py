@@ -11,13 +11,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 
 from support.drifting_arm import (
     JOINTS,
     SIGMA,
+    TURN_SIGMA,
     built,
     machine_text,
-    noisy,
     tool_pose,
 )
 from support.examples import by_day
@@ -40,7 +41,7 @@ def arm(folder: Path) -> Machine:
     return machine_from(folder, machine_text(), "arm")
 
 
-def recorded(moves: Moves, order: str = "random", seed: int = 6, n: int = N) -> pd.DataFrame:
+def recorded(moves: Moves, order: str = "random", seed: int = 5, n: int = N) -> pd.DataFrame:
     """Rows in the order of acquisition, no clock; ``raster``: the second joint goes up in eight steps, once."""
     rng = np.random.default_rng(seed)
     p, q = built(rng), np.radians(rng.uniform(-110, 110, (n, len(JOINTS))))
@@ -50,7 +51,10 @@ def recorded(moves: Moves, order: str = "random", seed: int = 6, n: int = N) -> 
     for k in range(n):
         here, joints = dict(p), q[k].copy()
         moves(here, joints, k / (n - 1))
-        rows.append([*np.degrees(q[k]), *noisy(tool_pose(here, joints), rng)])
+        pose = tool_pose(here, joints)
+        turn, place = np.radians(TURN_SIGMA) * rng.standard_normal(3), SIGMA * rng.standard_normal(3)
+        seen = Rotation.from_matrix(pose[:3, :3]) * Rotation.from_euler("XYZ", turn)
+        rows.append([*np.degrees(q[k]), *(pose[:3, 3] + place), *np.degrees(seen.as_rotvec())])
     return pd.DataFrame(rows, columns=[*JOINTS, "x", "y", "z", "rx", "ry", "rz"])
 
 

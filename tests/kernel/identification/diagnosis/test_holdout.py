@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from support.examples import examples
 from support.recordings import rows_of
@@ -269,3 +270,31 @@ def test_repeats_of_a_pose_are_held_out_together(case: tuple[Estimate, Recording
     assert len(quarters) == 4
     sizes = [int(b.rows.sum()) for b in quarters]
     assert max(sizes) - min(sizes) <= 1 and sum(sizes) + outermost.rows.sum() == n
+
+
+def campaign(n: int, drivers: Mapping[str, Array], validation: NDArray[np.bool_] | None = None) -> Recording:
+    """Readings of two joints in time order."""
+    rng = np.random.default_rng(8)
+    given = {} if validation is None else {"validation": validation}
+    return rows_of(rng.uniform(-1, 1, (n, 2)), drivers=drivers, **given)
+
+
+def test_validation_rows_are_the_split_where_there_are_any() -> None:
+    validation = np.arange(50) >= 40
+    split, blocks = held_out_blocks(campaign(50, {}, validation), ~validation)
+    assert split == "role"
+    np.testing.assert_array_equal(blocks[-1].rows, validation)
+
+
+def test_blocks_extrapolate_in_reach_load_and_temperature_and_share_no_row() -> None:
+    rng = np.random.default_rng(9)
+    drivers = {
+        "payload": rng.choice([0.0, 1.0, 2.0, 3.0, 5.0], 100),
+        "temperature.air": rng.normal(22, 1, 100),
+    }
+    recording = campaign(100, drivers)
+    split, blocks = held_out_blocks(recording, np.ones(100, dtype=bool))
+    assert split == "blocks"
+    assert [b.name for b in blocks[:3]] == [OUTERMOST, "heaviest loads", "warmest rows"]
+    assert np.sum([b.rows for b in blocks], axis=0).max() == 1
+    assert np.any([b.rows for b in blocks], axis=0).all()

@@ -21,6 +21,7 @@ from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue, catalogue
 from truepose.identification.signatures.lines import PARTS, refined
 from truepose.identification.signatures.signatures import Signatures
+from truepose.models.effects.base import effects
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 
@@ -202,3 +203,9 @@ def test_creep_begins_anew_where_clocks_do(tmp_path: Path) -> None:
     assert both is not None and alone is not None
     # logarithms of ten ages and of twenty: a processor's vectors may end elsewhere
     np.testing.assert_allclose(both[:10], alone, rtol=1e-13, atol=1e-13)
+
+
+def test_more_refraction_than_there_is_raises_a_question() -> None:
+    air = effects.get("air-refraction", "test")()
+    assert "thermometer" in air.found({"share": 4.5}, {"share": 0.1})
+    assert "thermometer" not in air.found({"share": 1.6}, {"share": 0.1})

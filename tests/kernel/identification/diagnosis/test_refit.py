@@ -322,3 +322,32 @@ def test_forms_must_make_nothing_worse_at_the_ends_and_names_may(choice: Choice)
     assert not choice.may_be_applied(names, names, comparison(2.0, 0.5))
     assert not choice.may_be_applied(with_form, None, harmful)
     assert choice.may_be_applied(with_form, None, harmless) is not choice.strays(with_form, None)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "pose", "worse"),
+    [(0.5, 0.5, False), (1.0, 1.0, False), (0.5, 1.03, True), (1.03, 0.5, True), (1.01, 1.01, False)],
+)
+def test_neither_readings_nor_the_tool_may_get_worse(ratio: float, pose: float, worse: bool) -> None:
+    assert comparison(ratio, pose).worse is worse
+
+
+def test_sure_names_are_applied_where_others_may_not(choice: Choice, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those whose place and driver are known; where all are sure, or none is, there is nothing smaller."""
+    case, found = held(PLAY, SCALE)
+    number = {c.label: i for i, c in enumerate(case.cat.candidates)}
+    play, scale = number["backlash@q2"], number["actuator-scale@q1"]
+    names = refit(found, {play: 1.0, scale: 1.0}, (), case.exclude)
+    assert names is not None and names.nameless(found) == ()
+    good, bad = comparison(0.5, 0.5), comparison(2.0, 2.0)
+
+    def compared(_: Choice, fit: Estimate) -> Comparison:
+        return good if {e.label for e in fit.effects} == {"backlash@q2"} else bad
+
+    monkeypatch.setattr(Choice, "compared", compared)
+    monkeypatch.setattr(Choice, "beside_drawing", compared)
+    label, model, applied = chosen_model(choice, names, names, (play,), bad)
+    assert label == "sure-names" and model is not None and list(model.accepted) == [play] and applied is good
+    for sure in ((), (play, scale)):
+        assert chosen_model(choice, names, names, sure, bad)[:2] == ("plain", None)
+    assert chosen_model(choice, names, names, (scale,), bad)[:2] == ("plain", None)  # it does no better

@@ -203,3 +203,12 @@ def test_halves_of_too_few_readings_say_nothing_of_names() -> None:
     few[:8] = True
     short = replace(found, fit=replace(found.fit, used=few))
     assert replications(short, (one, one), case.rms) == (None, None)
+
+
+def test_an_effect_that_is_there_throughout_is_in_both_halves(both: tuple[Case, Found]) -> None:
+    case, found = both
+    told = named(found, inclusion(found.problem, found.posterior))
+    for half in replications(found, told, case.rms):
+        assert half is not None and half.agree
+        assert min(half.halves) > 0.5
+    assert replications(found, (), case.rms) == ()

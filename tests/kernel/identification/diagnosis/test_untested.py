@@ -226,3 +226,15 @@ def test_curves_beside_an_untested_deflection_go_with_its_name(tmp_path: Path) -
     assert [m.probability for m in said[0].equivalents] == [0.6, 0.3, 0.2]
     standing = replace(name, probability=0.7)
     assert without_untested(found, [standing, *curves]) == (standing, *curves)
+
+
+def test_a_wave_that_may_be_a_deflection_is_no_sure_wave(searched: Searched) -> None:
+    """The driver is as open as the law; the place, which both share, stays."""
+    found, name = blamed(*searched(False), "encoder-eccentricity")
+    found = replace(found, linearisation=found.signatures.linearise(found.fit))
+    (beside,) = beside_untested(found, [name])
+    assert beside.probability < 0.7 and beside.levels.driver < 0.7
+    assert beside.levels.place > 0.95
+    (rival, *_) = beside.equivalents
+    assert rival.cause == EffectAtPlace("joint-compliance", ("q2",)) and not rival.tested
+    assert rival.probability + beside.probability == pytest.approx(name.probability, abs=0.05)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from support.graph_machines import machine_of, poses, recorded, spread
-from support.loop_closed_forms import PLANAR, Planar, near, planar_pose
+from support.loop_closed_forms import PLANAR, Planar, delta_position, near, planar_pose
 from truepose.arrays import Array
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import write_calibrated
@@ -81,3 +81,34 @@ def test_a_calibrated_shorthand_is_a_graph_that_predicts_the_same(tmp_path: Path
     ]
     assert off[0] < 0.1 * off[1]
     assert [limb.name for limb in again.mechanism.limbs] == ["leg1", "leg2", "leg3"]
+
+
+def test_a_delta_robot_is_calibrated(tmp_path: Path) -> None:
+    """Both rods of a parallelogram off alike, as the closed form has them; 129 parameters share what is seen."""
+    machine, rng = machine_of("delta"), np.random.default_rng(13)
+    arms, rods = 250 + 0.2 * rng.standard_normal(3), 550 + 0.2 * rng.standard_normal(3)
+    zeros = np.radians(0.1) * rng.standard_normal(3)
+
+    def seen(q: Array) -> Array:
+        return np.array([delta_position(row + zeros, 200.3, arms, rods, 59.9) - [0, 0, 50] for row in q])
+
+    q = spread("delta", 60, 0.9)
+    xyz = seen(q) + 0.02 * rng.standard_normal((60, 3))
+    recording = recorded(tmp_path, machine, q, **dict(zip("xyz", xyz.T, strict=True)))
+    fit = estimate(machine, recording)
+    assert 0.7 < fit.chi2_per_dof < 1.3  # 2.7 sigma of 160 degrees of freedom
+    fresh = spread("delta", 20, 0.8, seed=3)
+    off = [
+        float(
+            np.sqrt(
+                np.mean(np.sum((poses(machine, tmp_path, fresh, p)[:, :3, 3] - seen(fresh)) ** 2, axis=1))
+            )
+        )
+        for p in (None, fit.p)
+    ]
+    assert off[0] > 0.3
+    assert off[1] < 0.03
+    new = Predictor(machine, recorded(tmp_path, machine, fresh))
+    slope = new.twists(fit.p, new.assemble(fit.p)[0])[1][:, :3, fit.prior.free].reshape(60, -1)
+    std = np.sqrt(np.einsum("ij,jk,ik->i", slope, fit.covariance, slope))
+    assert np.sqrt(np.mean(((new.poses(fit.p)[0][:, :3, 3] - seen(fresh)).ravel() / std) ** 2)) < 2

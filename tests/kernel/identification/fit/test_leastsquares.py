@@ -149,3 +149,12 @@ def test_steps_into_the_undefined_are_shortened() -> None:
     solution = minimise(blocks, np.array([5.0]), tolerance=1e-14)
     assert solution.status.ok
     assert solution.t[0] == pytest.approx(np.exp(-2.0))
+
+
+def test_a_linear_problem_takes_one_undamped_step() -> None:
+    rng = np.random.default_rng(2)
+    j, y = rng.standard_normal((30, 4)), rng.standard_normal(30)
+    solution = minimise(lambda t: [np.column_stack([j, j @ t - y])], np.zeros(4), damping=0.0)
+    assert solution.status.ok
+    assert solution.iterations == 2
+    np.testing.assert_allclose(solution.t, np.linalg.lstsq(j, y, rcond=None)[0], atol=1e-12)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,12 +17,14 @@ from support.built_machines import (
     departures,
     manufactured,
     nominal,
+    read_machines,
     simulated,
 )
 from support.moving_machines import written
 from truepose.errors import ConvergenceError, InputError
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.leastsquares import minimise
+from truepose.models.machine.machine import Machine
 
 
 def test_huber_resists_outliers_that_draw_least_squares_away(machines: Machines) -> None:
@@ -92,3 +95,15 @@ def test_a_fit_that_does_not_converge_names_what_still_moves(
     )
     with pytest.raises(ConvergenceError, match=r"iteration limit.*responsible: .*tool\.x"):
         estimate(machine, recording)
+
+
+@pytest.fixture(scope="module")
+def machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Machine]:
+    return read_machines(tmp_path_factory.mktemp("machines"))
+
+
+def test_huber_and_least_squares_agree_without_outliers(machines: Mapping[str, Machine]) -> None:
+    machine, rng = machines["arm"], np.random.default_rng(9)
+    recording = simulated(machine, manufactured(machine, rng), rng)
+    plain, robust = (estimate(machine, recording, loss=loss) for loss in ("gauss", "huber"))
+    assert np.abs(departures(robust, plain.p)).max() < 1.5

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.optimize import least_squares
 
 from support import two_arms
 from support.two_arms import (
@@ -22,6 +23,9 @@ from support.two_arms import (
     pose,
 )
 from truepose.api import calibrate
+from truepose.arrays import Array
+from truepose.identification.fit.write_machine import write_calibrated
+from truepose.identification.prediction.predict import predict
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
 from truepose.models.load import load_machine
@@ -121,3 +125,46 @@ def test_a_camera_of_unknown_pose_on_one_hand_is_found(tmp_path: Path) -> None:
     found = pose([value[f"camera.{a}"] for a in "xyz"], [value[f"camera.r{a}"] for a in "xyz"])
     np.testing.assert_allclose(found[:3, 3], camera[:3, 3], atol=0.1)
     np.testing.assert_allclose(found[:3, :3], camera[:3, :3], atol=2e-3)
+
+
+@pytest.mark.nightly
+def test_closed_contact_of_both_hands_needs_no_instrument(tmp_path: Path) -> None:
+    """The left tool's ball touches two points of a rod in the right hand, nobody knows where: no reading but the joints."""
+    rng, rows = np.random.default_rng(11), []
+
+    def apart(q: Array, point: Array) -> Array:
+        real = dict(zip(JOINTS, q.tolist(), strict=True))
+        real = {name: value + OFFSETS.get(name, 0.0) for name, value in real.items()}
+        right = chain(RIGHT, real) @ pose(*RIGHT_TOOL)
+        return np.asarray((chain(LEFT, real) @ pose(*TOOL))[:3, 3] - (right @ point)[:3])
+
+    for name in ("a", "b"):
+        first = dict(zip(JOINTS, rng.uniform(-0.5, 0.5, 7).tolist(), strict=True))
+        touched = (chain(LEFT, first) @ pose(*TOOL))[:, 3]
+        point = np.linalg.inv(chain(RIGHT, first) @ pose(*RIGHT_TOOL)) @ touched
+        for _ in range(40):
+            start = np.array(list(first.values())) + rng.uniform(-0.8, 0.8, 7)
+            found = least_squares(apart, start, args=(point,), max_nfev=40)
+            if np.linalg.norm(found.fun) < 1e-3 and np.abs(found.x).max() < 1.5:
+                degrees = np.degrees(found.x + 1e-6 * rng.standard_normal(7)).tolist()
+                rows.append({**dict(zip(JOINTS, degrees, strict=True)), "placement": "rod", "socket": name})
+    assert len(rows) > 30
+    sensor = "sensor: {type: socket, in: right, sigma: {xyz: 0.01}}\n"
+    frames = FRAMES.replace("tolerance: {xyz: 1, rpy: 0.2}", "tolerance: {xyz: 0, rpy: 0}")
+    tolerances = "tolerances: {l2.offset: 0.5, l3.offset: 0.5, r1.offset: 0.5, r2.offset: 0.5}\n"
+    machine = load_machine(two_arms.write(tmp_path, MECHANISM + frames + sensor + tolerances))
+    fit = calibrate(machine, pd.DataFrame(rows)).fit
+    value = dict(zip(fit.prior.names, zip(fit.p, fit.std, strict=True), strict=True))
+    for name in ("l2", "l3", "r1", "r2"):  # r3 turns the points that it touches, too: it is left as it is
+        assert abs(value[f"{name}.offset"][0] - OFFSETS.get(name, 0.0)) < 2e-3
+        assert value[f"{name}.offset"][1] < 2e-3
+
+
+def test_a_calibrated_file_predicts_what_the_fit_does(tmp_path: Path) -> None:
+    machine = load_machine(two_arms.write(tmp_path, MECHANISM + FRAMES + exact(TARGETS)))
+    recording = load_recording(machine, measured(30))
+    fit = calibrate(machine, recording).fit
+    write_calibrated(tmp_path / "calibrated.yaml", fit, recording)
+    told = predict(load_machine(tmp_path / "calibrated.yaml"), recording)
+    read: Array = measured(30)[["R2.x", "R2.y", "R2.z"]].to_numpy()
+    assert np.abs(told[["R2.x", "R2.y", "R2.z"]].to_numpy() - read).max() < 0.1

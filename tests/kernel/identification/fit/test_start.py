@@ -65,3 +65,15 @@ def test_points_that_turn_with_the_tool_put_the_base_right_once_the_tool_is(tmp_
     drawn = machine(tmp_path, "drawn", both, **HERE, loose="2000", tilt="200", bent="120")
     # three turns of putting each right leave no more; the first leaves millimetres
     assert apart(started(true, drawn), true) < 1e-3
+
+
+@pytest.mark.parametrize(("tilt", "put"), [("12", True), ("11", False)])
+def test_a_frame_is_put_right_that_may_be_a_radian_off(tmp_path: Path, tilt: str, put: bool) -> None:
+    """At five sigma: from nearer than that a fit finds its way itself."""
+    stands = {"base": "30, -20, 10", "turn": "5, -8, 20", "tool": HERE["tool"]}
+    true, drawn = (
+        machine(tmp_path, "true", POSE, **stands),
+        machine(tmp_path, "drawn", POSE, **HERE, tilt=tilt),
+    )
+    start = started(true, drawn)
+    assert apart(start, true if put else drawn) < 1e-6

@@ -16,6 +16,7 @@ from truepose.arrays import Array
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.noise import unexplained
+from truepose.identification.fit.problem import prior_of
 from truepose.identification.fit.tool_pose import (
     EXPLANATIONS,
     READINGS,
@@ -155,3 +156,21 @@ def test_refits_scatter_as_the_budget_says(
     told = parts[READINGS] + parts[TOLERANCES] if source == "both" else parts[source]
     assert np.mean(squares) == pytest.approx(np.mean(told), rel=0.3)
     assert np.max(np.abs(np.log(squares / told))) < np.log(2.0)
+
+
+def test_the_readings_part_shrinks_with_their_number(small: Machine) -> None:
+    """As 1/n where the readings decide; tolerances are left as they were where the readings say nothing."""
+    rng = np.random.default_rng(2)
+    poses = record(small, rng.uniform(-1.4, 1.4, (20, 2)))
+    wide = prior_of(small).with_sigma(100.0 * prior_of(small).sigma)
+    rows = np.arange(20, dtype=np.intp)
+    found = []
+    for times in (1, 4, 16):
+        many = record(small, np.tile(poses.q, (times, 1)))
+        recording = measured(small, many, drawn(small, np.random.default_rng(1)), rng)
+        fit = estimate(small, recording, prior=wide)
+        noise = fit.scatter.variance[0]
+        spread = tool_spread(fit, recording, rows)
+        found.append(np.mean(spread.variance[READINGS]) / noise)
+        assert np.mean(spread.variance[TOLERANCES]) < 0.02 * np.mean(spread.variance[READINGS])
+    np.testing.assert_allclose(np.divide(found[0], found), [1.0, 4.0, 16.0], rtol=0.05)

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from support.plain_kinematics import frame
 from support.simulated import machine_from
-from truepose.api import calibrate
+from truepose.api import calibrate, diagnose
 from truepose.arrays import Array
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.write_machine import write_calibrated
@@ -140,3 +140,23 @@ def test_a_recorded_payload_leaves_the_centre_alone(tmp_path: Path) -> None:
     for name, value in (("q2", SOFT[1]), ("q3", SOFT[2])):
         at, sigma = found[f"joint-compliance@{name}:c"]
         assert abs(at - value) < 4 * sigma
+
+
+@pytest.mark.nightly
+def test_a_compliance_is_told_with_the_doubt_that_an_unweighed_payload_leaves(tmp_path: Path) -> None:
+    """c of q3 carries the payload alone: its own 1-sigma must be that of the payload's kg, 1 of 2."""
+    table = recorded(
+        np.full(60, KG), seed=8, soft=(0.0, 0.0, SOFT[2])
+    )  # q2 would tell kg: the arm's own is known
+    known = TEXT.replace("kg: 2,", "kg: 3.2,").replace("[0, 0, 60]", "[25, -10, 80]")
+    sure = diagnose(machine_of(tmp_path, known.replace(", tolerance: {kg: 1, com: 30}", "")), table)
+    unsure = diagnose(machine_of(tmp_path), table)
+    spread = []
+    for result in (sure, unsure):
+        found = [f for f in result.findings if f.effect == "joint-compliance" and f.place == ("q3",)]
+        assert found
+        value, sigma = found[0].parameters["c"].value, found[0].parameters["c"].std
+        assert abs(value - SOFT[2]) < 4 * sigma
+        spread.append(sigma / value)
+    assert spread[0] < 0.05
+    assert spread[1] == pytest.approx(1.0 / 2.0, rel=0.25)

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
@@ -22,6 +23,8 @@ from truepose.identification.fit.decomposition import Decomposition
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.identifiability.analysis import drawn_poses, identifiability
 from truepose.identification.identifiability.observability import identifiable
+from truepose.identification.recording.load import load_recording
+from truepose.identification.report.identifiability_words import unseen_sentences
 from truepose.identification.report.notes import worded
 from truepose.models.load import load_machine
 
@@ -184,3 +187,31 @@ def test_the_command_speaks_and_writes(tmp_path: Path) -> None:
     run("identifiability", machine, "-o", tmp_path / "one.json")
     one = json.loads((tmp_path / "one.json").read_text("utf-8"))
     assert one["parameters"] == document["parameters"]
+
+
+def test_a_step_of_another_size_changes_no_rank_and_no_sigma() -> None:
+    jacobian, weight = problem(9, 4)
+    steps = np.array([1e-3, 1.0, 10.0, 1e3, 0.1, 5.0])
+    one, other = Decomposition.of(jacobian, weight), Decomposition.of(jacobian * steps, weight * steps)
+    assert other.rank == one.rank
+    np.testing.assert_allclose(other.std * steps, one.std, rtol=1e-7)
+
+
+def test_readings_are_not_needed_and_change_nothing(tmp_path: Path) -> None:
+    machine = load_machine(MACHINES / "serial.yaml")
+    rng = np.random.default_rng(5)
+    low, high = np.array([a.range for a in machine.mechanism.actuators], dtype=float).T
+    q = pd.DataFrame(rng.uniform(low, high, (20, 3)), columns=["q1 [mm]", "q2 [rad]", "q3 [rad]"])
+    q.to_csv(tmp_path / "poses.csv", index=False)
+    run("simulate", MACHINES / "serial.yaml", tmp_path / "poses.csv", "-o", tmp_path / "read.csv")
+    bare, read = (
+        identifiability(machine, load_recording(machine, [tmp_path / name], need_observations=False))
+        for name in ("poses.csv", "read.csv")
+    )
+    assert (
+        (bare.poses, bare.n_observations, bare.rank)
+        == (read.poses, read.n_observations, read.rank)
+        == (20, 60, 13)
+    )
+    np.testing.assert_allclose([p.std for p in bare.parameters], [p.std for p in read.parameters], rtol=1e-9)
+    assert unseen_sentences(bare.unseen) == unseen_sentences(read.unseen)

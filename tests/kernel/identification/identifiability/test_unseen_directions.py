@@ -166,3 +166,12 @@ def test_what_is_identifiable_has_the_sigma_of_the_readings_without_tolerances_t
     held = flags & np.isfinite(tolerance)
     # tolerances only add; each fit has found its own noise
     assert np.all(fits["map"].std[free][held] <= 1.05 * std[held])
+
+
+@pytest.mark.parametrize("kind", ["serial", "ups", "pus", "distance"])
+def test_the_set_of_a_machine_has_its_rank(kind: str) -> None:
+    found = identifiability(load_machine(MACHINES / f"{kind}.yaml"))
+    assert len(found.subset.kept) == found.rank_at_drawing
+    assert not set(found.subset.kept) & set(found.subset.relations)
+    assert set(found.subset.kept) | set(found.subset.relations) == set(found.known.names)
+    assert identifiability(load_machine(MACHINES / f"{kind}.yaml")).subset == found.subset

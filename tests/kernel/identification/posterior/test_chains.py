@@ -29,9 +29,9 @@ from truepose.identification.posterior import sampler as finding
 from truepose.identification.posterior import sampler as sampling
 from truepose.identification.posterior.design import GridPoint, Term, Terms
 from truepose.identification.posterior.posterior import Chains, Posterior, class_probability, mode, sample
-from truepose.identification.posterior.sampler import Chain, Reach
+from truepose.identification.posterior.sampler import Chain, Reach, plausible
 from truepose.identification.posterior.spike_slab import SpikeSlab
-from truepose.identification.posterior.state import State, best_point, log_posterior
+from truepose.identification.posterior.state import State, best_point, log_posterior, tops
 from truepose.identification.prior import Richness
 
 TERMS = 6
@@ -255,3 +255,28 @@ def test_what_stands_in_for_a_term_is_told_beside_it(long: None) -> None:
         assert found.beside[one, other] > 0.2
     assert np.all(found.beside.sum(axis=1) <= 1.0 + 1e-9)
     assert 0.9 < found.causes[0] + found.causes[1] < 1.3  # both may be there
+
+
+def test_a_seed_has_one_answer() -> None:
+    dense = catalogue_problem(2)
+    one, same = (sample(spike_slab(dense), RICHNESS, seed=7) for _ in range(2))
+    assert one.terms == same.terms and one.points == same.points and one.disagreement == same.disagreement
+    assert [(s.members, share) for s, share in one.states] == [(s.members, share) for s, share in same.states]
+    other = sample(spike_slab(dense), RICHNESS, seed=8)
+    assert other.terms != one.terms
+
+
+def test_the_answer_is_that_of_two_chains_by_themselves() -> None:
+    """From the mode and from half of it, after as many sweeps that do not count: the mean of theirs."""
+    problem = spike_slab(catalogue_problem(4))
+    found, top = sample(problem, RICHNESS, seed=5, rounds=1), tops(problem, RICHNESS)[0]
+    around = plausible(problem, RICHNESS, [top])
+    assert around.terms.all() and not around.certain and len(top.members) > 1
+    causes = []
+    for k, start in enumerate((top.members, top.members[::2])):
+        chain = Chain(problem, RICHNESS, around.reach, top.point, start, 5 + k)
+        sweeps = list(chain.sweeps(chains.BURN + chains.ROUND))[chains.BURN :]
+        terms = np.mean([np.sum([v.terms for v in sweep.visits], axis=0) for sweep in sweeps], axis=0)
+        causes.append(np.minimum(terms, 1.0))  # sums over slots are a mean of 1 at most, but for chance
+    np.testing.assert_allclose(found.causes, np.mean(causes, axis=0), atol=1e-9)  # both are in one region
+    assert found.disagreement == pytest.approx(float(np.max(np.abs(causes[0] - causes[1]))), abs=1e-9)

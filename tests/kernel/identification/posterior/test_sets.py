@@ -214,3 +214,20 @@ def test_signs_count_for_a_whole_state() -> None:
     assert right > wrong and right <= np.log(2.0) + 1e-9
     assert np.exp(right) + np.exp(wrong) == pytest.approx(2.0)  # 2 P(c > 0) and 2 P(c < 0)
     assert free.log_bounds(point, members) == free.log_bounds(point, ()) == 0.0
+
+
+def test_a_conditional_is_its_odds_and_nothing() -> None:
+    dense = catalogue_problem(0)
+    problem = SpikeSlab(dense.design, dense.unknowns, single(*[1] * 6), SIZES)
+    point = GridPoint((1,), 0, 0)
+    conditional = problem.conditional(point, ((2, 1),))
+    slot = -1.3
+    odds = np.exp(problem.log_odds(point, ((2, 1),)) + slot)
+    np.testing.assert_allclose(conditional.terms(slot), odds.sum(axis=0) / (1.0 + odds.sum()), atol=1e-12)
+    assert conditional.log_total(slot) == pytest.approx(np.log1p(odds.sum()))
+    rng = np.random.default_rng(1)
+    drawn = [conditional.draw(slot, rng) for _ in range(20_000)]
+    for term in range(6):
+        for size in range(2):
+            share = odds[size, term] / (1.0 + odds.sum())
+            assert drawn.count((term, size)) / 20_000 == pytest.approx(share, abs=0.015)

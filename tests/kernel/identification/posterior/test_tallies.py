@@ -14,7 +14,7 @@ from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.posterior import Posterior, Tally, class_probability, mode
 from truepose.identification.posterior.sampler import Sweep, Visit
 from truepose.identification.posterior.spike_slab import SpikeSlab
-from truepose.identification.posterior.state import State
+from truepose.identification.posterior.state import State, typical
 
 POINT = GridPoint((1,), 0, 0)
 
@@ -102,3 +102,14 @@ def test_of_a_class_one_stands_for_all_and_a_second_must_be_there_beside_it() ->
     assert mode(posterior(causes, beside, *states), SLAB) == state(0)
     both = [0.99, 0.97, 0.2, 0.2]
     assert mode(posterior(both, beside, *states), SLAB) == state(0, 1)
+
+
+def test_typical_states_stand_for_equal_parts_of_the_posterior() -> None:
+    """Each as often as its share has it, and never one beyond the last."""
+    states = [(state(k), share) for k, share in enumerate((0.4, 0.35, 0.15))]  # shares may not add up to one
+    for number in (1, 2, 9, 24):
+        found = typical(states, number)
+        assert sum(share for _, share in found) == pytest.approx(1.0)
+        assert {s for s, _ in found} <= {s for s, _ in states}
+    shares = {s.members[0][0]: share for s, share in typical(states, 9)}
+    assert shares == pytest.approx({0: 4 / 9, 1: 4 / 9, 2: 1 / 9}, abs=1 / 9)

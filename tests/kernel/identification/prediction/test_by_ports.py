@@ -7,8 +7,10 @@ import pytest
 
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.problem import Problem
+from truepose.identification.prediction.by_ports import ByPorts, GramSum, Part
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
+from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.machine.machine import Machine
 from truepose.threads import VARIABLE
@@ -114,3 +116,56 @@ def test_threads_change_no_digit_of_a_fit(recorded: Case, monkeypatch: pytest.Mo
         found.append(estimate(machine, recording, terms))
     for other in found[1:]:
         assert np.array_equal(other.p, found[0].p) and np.array_equal(other.std, found[0].std)
+
+
+@pytest.mark.parametrize("orders", [60.0, 120.0])
+def test_columns_of_long_series_are_those_of_directions(
+    recorded: tuple[Machine, Recording], orders: float
+) -> None:
+    """A linearisation in directions is the one in coefficients, turned; what is left out no reading sees."""
+    machine, recording = recorded
+    terms = _series(machine, orders, 4)
+    fit = estimate(machine, recording, [e.with_values([0.0] * len(e.coefficients)) for e in terms[:1]])
+    plain = Signatures(machine, recording, terms)
+    slim = plain.seen_from(fit)
+    assert slim.width < plain.width and slim.seen_from(fit) is slim and slim.of(terms).turns == slim.turns
+    wide, few = plain.linearise(fit), slim.linearise(fit)
+    size = wide.free + plain.width
+    turn = np.zeros((size, few.free + slim.width))
+    turn[: wide.free, : few.free] = np.eye(wide.free)
+    for k, (own, columns) in enumerate(zip(plain.columns, slim.columns, strict=True)):
+        rows = slice(wide.free + own.start, wide.free + own.stop)
+        turn[rows, few.free + columns.start : few.free + columns.stop] = few.turn(k)
+    for gram, other in zip(few.grams, wide.grams, strict=True):
+        length = np.sqrt(np.maximum(np.diag(gram), 1e-300))[: turn.shape[1]]
+        turned = turn.T @ other[:size, :size] @ turn
+        np.testing.assert_allclose(gram[: len(length), : len(length)] / np.outer(length, length),
+                                   turned / np.outer(length, length), atol=1e-8)  # fmt: skip
+    gone = np.linalg.qr(few.turn(0), mode="complete")[0][:, few.turn(0).shape[1] :]
+    at = wide.free + np.arange(plain.columns[0].start, plain.columns[0].stop)
+    assert np.max(np.linalg.eigvalsh(gone.T @ wide.among(at) @ gone), initial=0.0) < 2e-3
+    amplitudes = few.departure[few.free : few.free + slim.columns[0].stop]
+    fitted = wide.departure[wide.free : wide.free + plain.columns[0].stop]
+    assert few.turn(0) @ amplitudes == pytest.approx(few.turn(0) @ few.turn(0).T @ fitted, abs=1e-12)
+
+
+def test_gram_matrix_is_that_of_the_columns_written_out() -> None:
+    rng = np.random.default_rng(11)
+    n, m = 30, 4
+    ports = ByPorts(
+        rng.standard_normal((n, m, 3)),
+        np.array([0, 2, 2, 1]),
+        np.array([1, 3, 4, 6]),
+        rng.standard_normal((n, 4)),
+    )
+    part = Part(rng.standard_normal((n, m, 3)), np.array([0, 2, 5]), ports)
+    columns = np.empty((n, m, 7))
+    columns[:, :, part.at] = part.dense
+    ports.put_into(columns)
+    for channels in (None, [0, 3]):
+        flat = columns[:, channels or slice(None)].reshape(-1, 7)
+        total = GramSum(7, channels)
+        total.add(part)
+        total.add(part)
+        assert total.matrix() == pytest.approx(2.0 * flat.T @ flat, abs=1e-12)
+    assert part.readings([1, 2]) == 2 * n

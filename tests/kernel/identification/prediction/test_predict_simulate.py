@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from truepose.identification.recording.table import read_table
 from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
+from truepose.models.units import convert
 
 KINDS = ("serial", "pus", "ups", "distance")
 
@@ -195,3 +197,55 @@ def test_an_effect_that_diagnosis_does_not_look_for_here_can_be_simulated() -> N
     assert parse_effect("actuator-scale@m4:s=8e-4", machine).values == {"s": 8e-4}
     with pytest.raises(InputError, match="m9"):
         parse_effect("actuator-scale@m9:s=8e-4", machine)
+
+
+def poses(machine: Machine, path: Path, n: int = 25, columns: Mapping[str, object] | None = None) -> Path:
+    """A file of random poses in the machine's range."""
+    rng = np.random.default_rng(8)
+    data: dict[str, object] = {"pose": np.arange(n), **(columns or {})}
+    if any(sensor.differs_from_row for sensor in machine.sensors):
+        data["from"] = np.maximum(np.arange(n) - 1, 0)
+    for actuator in machine.mechanism.actuators:
+        assert actuator.range is not None
+        data[f"{actuator.reading} [{actuator.reading_unit}]"] = rng.uniform(*actuator.range, n)
+    pd.DataFrame(data).to_csv(path, index=False)
+    return path
+
+
+def _in_micrometres(text: str, path: Path) -> Machine:
+    """The same arm with every length in um and every angle in mrad."""
+    from truepose.models.file.machine_file import write_machine
+    from truepose.models.file.yaml_document import read_document
+
+    path.write_text(text, encoding="utf-8")
+    raw, um, mrad = read_document(path), 1000.0, float(np.radians(1.0)) * 1000.0
+    raw["units"] = {"length": "um", "angle": "mrad"}
+    for joint in raw["mechanism"]["joints"]:
+        turning = joint["kind"] == "revolute"
+        for key in {"d", "r"} & set(joint):
+            joint[key] *= um
+        for key in {"alpha", "beta", "theta"} & set(joint):
+            joint[key] *= mrad
+        joint["range"] = [v * (mrad if turning else um) for v in joint["range"]]
+    raw["frames"]["base"]["tolerance"] = {"xyz": 5 * um, "rpy": mrad}
+    raw["frames"]["tool"] = {"in": "flange", "xyz": [200 * um, 0, 30 * um], "tolerance": {"xyz": um}}
+    raw["sensor"]["sigma"] = {"xyz": 0.01 * um}
+    raw["tolerances"] = {"length": 0.1 * um, "angle": 0.1 * mrad}
+    for mass in raw["masses"].values():
+        mass["com"] = [v * um for v in mass["com"]]
+    write_machine(path, raw)
+    return load_machine(path)
+
+
+def test_a_file_in_other_units_predicts_the_same(tmp_path: Path) -> None:
+    machine = load_machine(MACHINES / "serial.yaml")
+    rows = load_recording(machine, [poses(machine, tmp_path / "p.csv")], need_observations=False)
+    text = (MACHINES / "serial.yaml").read_text(encoding="utf-8")
+    other = _in_micrometres(text, tmp_path / "um.yaml")
+    rows_um = load_recording(other, [tmp_path / "p.csv"], need_observations=False)
+    found, wanted = predict(other, rows_um), predict(machine, rows)
+    assert len(wanted.columns) >= 6
+    for column in wanted:
+        angle = str(column).startswith("pose.r")
+        factor = convert(1.0, "mrad", "deg") if angle else convert(1.0, "um", "mm")
+        np.testing.assert_allclose(found[column] * factor, wanted[column], rtol=1e-9, atol=1e-9)

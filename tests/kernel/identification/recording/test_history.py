@@ -86,3 +86,9 @@ def test_what_depends_on_history_is_the_same_in_a_part_and_in_any_order(tmp_path
     assert again is not None
     np.testing.assert_array_equal(side, [0, 1, -1, -1])
     np.testing.assert_array_equal(again, side[order])
+
+
+def test_a_lag_follows_a_ramp_one_time_constant_behind() -> None:
+    time = np.linspace(0.0, 1000.0, 11)
+    lagged = exponential_lag(time, 0.1 * time, 50.0)
+    np.testing.assert_allclose(lagged, 0.1 * (time - 50.0 * (1.0 - np.exp(-time / 50.0))), atol=1e-12)

@@ -208,3 +208,14 @@ def test_creep_of_many_rows_is_that_of_every_move(
     np.testing.assert_allclose(
         creep_sum(time, way, piece, t0, dwell), exact, atol=1e-9 * np.max(np.abs(exact))
     )
+
+
+@given(WAYS, WIDTHS, st.floats(-10, 10), st.floats(-10, 10))
+def test_minor_loops_between_the_same_ends_are_congruent(
+    way: Array, width: float, low: float, high: float
+) -> None:
+    """After any past, the second and every later round of a loop has one shape: only its height differs."""
+    loop = np.tile(np.linspace(low, high, 5).tolist() + np.linspace(high, low, 5).tolist(), 3)
+    rounds = [play(np.concatenate([past, loop]), width)[-10:] for past in (way, np.zeros(1))]
+    shapes = [r - r[0] for r in rounds]
+    np.testing.assert_allclose(shapes[0], shapes[1], atol=1e-9)

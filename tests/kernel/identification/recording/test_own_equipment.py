@@ -19,6 +19,7 @@ from support.pushed_arm import RANGES, SENSOR, TOOL, G, held, placed, sensor_tur
 from truepose.api import calibrate
 from truepose.arrays import Array
 from truepose.identification.fit.write_machine import write_calibrated
+from truepose.identification.load import load_checked
 from truepose.identification.prediction.predict import predict
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
@@ -164,6 +165,7 @@ def test_two_tools_are_one_calibration(tmp_path: Path) -> None:
     paths = files(tmp_path, monday=measured(joints(40, 1), 0.0, 5), tuesday=measured(joints(40, 2), 50.0, 6))
     machine = machine_of(tmp_path, LONG, **UNKNOWN)
     recording = load_recording(machine, paths)
+    assert load_checked(tmp_path / "arm.yaml", paths)[0].verdict == "ok"
     found = calibrate(machine, recording)
     assert found.judgement.calibrated and 0.7 < found.fit.chi2_per_dof < 1.4
     values = dict(zip(found.fit.prior.names, zip(found.fit.p, found.fit.std, strict=True), strict=True))

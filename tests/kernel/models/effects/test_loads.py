@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from support.effect_machines import READINGS, STRAIGHT, Machines
-from support.effects import Campaign, Solved, position, shift_slopes, with_effect
+from support.effect_machines import READINGS, STRAIGHT, Machines, read_machines
+from support.effects import Campaign, Solved, bare, position, shift_slopes, with_effect
 from truepose.errors import InputError
 from truepose.models.effects.base import effects
 from truepose.models.machine.kinematics import symbolic_model
-from truepose.models.machine.machine import Mass
+from truepose.models.machine.machine import Machine, Mass
 
 # -- stated masses -------------------------------------------------------------------------------------
 
@@ -175,3 +176,23 @@ def test_a_limb_that_is_a_slide_gives_way_in_one_place(machines: Machines) -> No
     leg = shift_slopes(hybrid, with_effect(hybrid, "leg-compliance", ("leg1",)))
     np.testing.assert_allclose(joint["q1.displacement"], leg["q1.displacement"])
     assert [effect.screened(hybrid, place) for place in effect.places(hybrid)] == 3 * [False] + 3 * [True]
+
+
+@pytest.fixture(scope="module")
+def machines(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Machine]:
+    return read_machines(tmp_path_factory.getbasetemp() / "effects")
+
+
+def test_leg_forces_balance_the_weight(machines: Mapping[str, Machine]) -> None:
+    machine = machines["telescope"]
+    reference = bare(machine)
+    values = dict(zip(reference.model.names, reference.model.p_home, strict=True))
+    pose = reference.pose  # of the tool, 30 mm above the platform
+    up = 0.0
+    for k, limb in enumerate(machine.mechanism.limbs):
+        end = np.array([values[n] for n in limb.platform_point]) - [0, 0, 30]
+        top = pose[:3, :3] @ end
+        foot = np.add([values[n] for n in limb.base_point], [0, 0, READINGS["telescope"][k]])
+        leg = pose[:3, 3] + top - foot
+        up -= reference.load[limb.length] * leg[2] / np.linalg.norm(leg)
+    assert up == pytest.approx(9.80665 * (8 + 4), rel=1e-9)

@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from numpy.typing import NDArray
 
 from support.sensor_bench import TEXTS, Bench
 from support.simulated import machine_from
 from truepose.errors import InputError
+from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.prediction.predict import simulate
+from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
+from truepose.identification.recording.recording import Recording
+from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effects.base import PlacedEffect, effects
 from truepose.models.machine.kinematics import symbolic_model
+from truepose.models.machine.machine import Machine
 
 CASES = {
     "arm": (
@@ -219,3 +226,53 @@ def test_joints_that_stand_still_do_not_hide_a_latency(benches: Mapping[str, Ben
 
 
 # -- diagnosis -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.nightly
+def test_a_diagnosis_names_a_target_off_its_place(benches: Mapping[str, Bench]) -> None:
+    bench = benches["telescope"]
+    found = diagnose(bench.machine, bench.recording("target-offset@P3:x=0.02,y=-0.015,z=0.01"))
+    assert [(f.effect, f.place) for f in found.findings] == [("target-offset", ("P3",))]
+    (finding,) = found.findings
+    for name, value in (("x", 0.02), ("y", -0.015), ("z", 0.01)):
+        quantity = finding.parameters[name]
+        assert abs(quantity.value - value) < 4 * quantity.std
+
+
+Array = NDArray[np.float64]
+
+
+def _values(machine: Machine, recording: Recording, placed: PlacedEffect) -> Array:
+    """(n, k) columns that are predicted with the coefficients of the effect as they stand."""
+    predictor = Predictor(machine, recording, (placed,))
+    p = predictor.model.p_home
+    x, good = predictor.assemble(p)
+    assert good.all()
+    return predictor.columns(p, x)[1]
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_a_signature_is_the_change_of_the_reading(benches: Mapping[str, Bench], name: str) -> None:
+    bench = benches[name]
+    placed = [bench.placed(text).with_values([0.0] * 9) for text in CASES[name]]
+    placed = [replace(e, amplitudes=(0.0,) * len(e.coefficients)) for e in placed]
+    recording = bench.recording(seed=None)
+    start = np.array([p.nominal for p in bench.machine.parameters])
+    fit = estimate(bench.machine, recording, start=start)
+    fit = replace(fit, p=start)  # nothing to be found: exactly the drawing
+    signatures = Signatures(bench.machine, recording, placed)
+    sigma = np.array([c.sigma for s in bench.machine.sensors for c in s.channels])
+    ((_, _, found),) = list(signatures.rows(fit))
+    column = 0
+    for effect in placed:
+        for k, c in enumerate(effect.coefficients):
+            h = np.eye(len(effect.coefficients))[k] * 1e-3 * c.scale
+            plus, minus = (_values(bench.machine, recording, effect.with_values(s * h)) for s in (1, -1))
+            slope = (plus - minus) / (2e-3 * sigma)
+            top = float(np.max(abs(slope)))
+            assert top > 0
+            # differences of lengths of 1 m known to 1e-13 of themselves, moved by 1e-3 of a scale
+            np.testing.assert_allclose(
+                found[:, :, column], slope, atol=1e-5 * top + 1e-6, err_msg=str(effect)
+            )
+            column += 1

@@ -26,6 +26,7 @@ from support.socket_arm import (
     table,
 )
 from truepose.errors import InputError
+from truepose.identification.diagnosis.diagnose import diagnose
 from truepose.identification.fit.estimate import estimate
 from truepose.identification.fit.write_machine import write_calibrated
 from truepose.identification.prediction.predict import predict
@@ -149,3 +150,17 @@ def test_fields_are_checked(tmp_path: Path, sensor: str, message: str) -> None:
 def test_two_balls_need_two_names(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"found parameter 'ball\.x' twice"):
         machine_of(tmp_path, SOCKET, BAR.replace("name: bar, ", ""))
+
+
+@pytest.mark.nightly
+def test_a_scale_is_found_in_sockets(tmp_path: Path) -> None:
+    rng = np.random.default_rng(37)
+    rows, ball = as_built(rng), np.array([5.0, -10.0, 80.0])
+    machine = machine_of(tmp_path, SOCKET)
+    frame = table(rng, rows, ball, 8)
+    frame["q2"] /= 1 + 5e-3  # the joint turns more than its reading says
+    found = diagnose(machine, read(tmp_path, machine, frame))
+    assert found.verdict == "missing-physics"
+    first = found.findings[0]
+    members = {(first.effect, first.place), *((e.effect, e.place) for e in first.equivalents)}
+    assert ("actuator-scale", ("q2",)) in members

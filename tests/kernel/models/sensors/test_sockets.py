@@ -23,11 +23,14 @@ from support.socket_arm import (
     campaign,
     machine_of,
     read,
+    residuals,
     table,
 )
 from truepose.identification.fit.calibrate import calibrate
 from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.summary import rms_by_kind
+from truepose.identification.prediction.predictor import Predictor
 from truepose.models.machine.sensor import Rows
 from truepose.models.sensors.socket import Seats, Socket
 
@@ -202,3 +205,43 @@ def test_one_ball_over_several_sets_is_told(tmp_path: Path) -> None:
     notes = calibrate(machine, read(tmp_path, machine, pd.concat(parts))).notes
     assert any("sets first, second are taken to have one ball" in note for note in notes)
     assert not any("one ball" in note for note in calibrate(machine, read(tmp_path, machine, parts[0])).notes)
+
+
+def machine_truth(fit: Estimate, rows: Array, ball: Array) -> Array:
+    p = fit.prior.mean.copy()
+    at = {name: k for k, name in enumerate(fit.prior.names)}
+    p[[at[name] for name in NAMES]] = rows.ravel()
+    p[[at[f"ball.{axis}"] for axis in "xyz"]] = ball
+    return p
+
+
+def test_what_the_sockets_see_is_recovered(tmp_path: Path) -> None:
+    """Distances between new poses of the ball, within what the fit says it knows; far better than the drawing."""
+    machine, recording, rows, ball = campaign(tmp_path, 11, each=12)
+    fit = estimate(machine, recording)
+    rng = np.random.default_rng(2)
+    fresh = table(rng, rows, ball, 2, sigma=0.0)
+    new = Predictor(machine, read(tmp_path, machine, fresh))
+    truth = machine_truth(fit, rows, ball)
+    jacobian = np.concatenate([b.jacobian for b in new.blocks(fit.p, new.assemble(fit.p)[0])])
+    seen = jacobian.reshape(-1, len(fit.p))[:, fit.prior.free]
+    off = (residuals(new, fit.p) - residuals(new, truth)).ravel()
+    std = np.sqrt(np.einsum("ij,jk,ik->i", seen, fit.covariance, seen))
+    before = (residuals(new, new.model.p_home) - residuals(new, truth)).ravel()
+    assert np.sqrt(np.mean(off**2)) < 0.2 * np.sqrt(np.mean(before**2))
+    assert np.sqrt(np.mean((off / std) ** 2)) < 1.6  # 36 numbers of 20 or so independent ones
+    assert np.abs(residuals(new, truth)).max() < 1e-6  # the two models of the arm are one
+
+
+def test_a_bad_row_is_told_from_its_socket(tmp_path: Path) -> None:
+    """A robust fit weighs the row down and moves its socket back to the others."""
+    machine, recording, _, _ = campaign(tmp_path, 19, each=8)
+    clean = estimate(machine, recording)
+    q = recording.q.copy()
+    q[3, 1] += 0.02  # about 10 mm
+    broken = replace(recording, q=q)
+    fit, plain = estimate(machine, broken, loss="huber"), estimate(machine, broken)
+    assert fit.weights[3] < 0.05
+    assert np.min(np.delete(fit.weights, 3)) > 0.2
+    off, worse = (np.abs(f.in_tolerances - clean.in_tolerances).max() for f in (fit, plain))
+    assert off < 0.3 * worse
