@@ -10,6 +10,7 @@ import casadi as ca
 from truepose.models.effects.base import (
     NO_SETTINGS,
     Coefficient,
+    DriverKind,
     Effect,
     Observed,
     Place,
@@ -118,7 +119,6 @@ class PlatformDeformation(Effect):
     source = "Gayral and Daney 2012, INRIA RR-8096, equations 1 to 4"
     # the entries add up: a symmetric part and what departs from it may stand together
     settings_add = True
-    driven_by = "coupling"  # the flexures' forces grow with the actuators' travel
 
     def places(self, machine: Machine) -> Sequence[Place]:
         limbs = machine.mechanism.limbs
@@ -138,6 +138,10 @@ class PlatformDeformation(Effect):
 
     def reads_load(self, settings: Settings) -> bool:
         return round(settings.get("form", COMMON)) in (WEIGHT, RECIPROCAL)
+
+    def driver_kind(self, machine: Machine, place: Place, settings: Settings) -> DriverKind:
+        """Return the legs' load, or the travel of the actuators, with which the flexures' forces grow."""
+        return "load" if self.reads_load(settings) else "coupling"
 
     def shifts(self, site: Site) -> Shifts:
         limbs = _limbs(site.machine)
