@@ -31,12 +31,12 @@ LINES: Mapping[str, int] = {
     "identification/diagnosis identification/signatures": 3_505,  # 2,600
     "identification/identifiability identification/compensation": 1_165,  # 1,600
     "identification/report src/truepose/shown": 3_260,  # 3,000
-    "identification/leaves": 12_690,  # 10,000
+    "identification/leaves": 12_830,  # 10,000
     "src/truepose": 2_105,  # 2,000
     "tests": 43_800,  # 40,000
 }
 """Code lines of rooms: folders without ``leaves`` that have a line of their own. Behind each: what the house was drawn for."""
-PRODUCT, KERNEL = 45_420, 29_335  # 40,000 and 26,000
+PRODUCT, KERNEL = 45_560, 29_335  # 40,000 and 26,000
 HEART = ("identification/diagnosis", "identification/posterior", "identification/signatures")
 HEART_LINES, HEART_NUMBERS = 5_000, 143
 DAY_TESTS = 7_000

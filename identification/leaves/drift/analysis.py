@@ -21,17 +21,9 @@ from truepose.identification.fit.problem import Prior, prior_of
 from truepose.identification.fit.set_ups import without_set_ups
 from truepose.identification.identifiability.observability import Knowledge, Note
 from truepose.identification.identifiability.patterns import Blind
-from truepose.identification.leaves.drift.sessions import (
-    Kinds,
-    Likeliest,
-    Session,
-    Stack,
-    bounded,
-    likeliest,
-    linearised,
-    movement_posterior,
-    sessions_of,
-)
+from truepose.identification.leaves.drift.movement_problem import Kinds, Stack
+from truepose.identification.leaves.drift.movements import Likeliest, likeliest, movement_posterior
+from truepose.identification.leaves.drift.sessions import Session, bounded, linearised, sessions_of
 from truepose.identification.leaves.drift.sizes import (
     Durability,
     Movement,

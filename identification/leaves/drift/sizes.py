@@ -27,13 +27,9 @@ from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.leastsquares import Solution, Status
 from truepose.identification.fit.problem import Prior, Problem
 from truepose.identification.fit.summary import rms_by_kind
-from truepose.identification.leaves.drift.sessions import (
-    Likeliest,
-    MovementPosterior,
-    Session,
-    Stack,
-    bounded,
-)
+from truepose.identification.leaves.drift.movement_problem import Stack
+from truepose.identification.leaves.drift.movements import Likeliest, MovementPosterior
+from truepose.identification.leaves.drift.sessions import Session, bounded
 from truepose.identification.posterior.marginal import Marginal
 
 # -- How long an older calibration lasts: what it predicts of later recordings, with its own uncertainty

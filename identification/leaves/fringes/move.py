@@ -15,7 +15,8 @@ import numpy as np
 from truepose.arrays import Array
 from truepose.identification.leaves.fringes.count import Count, End, count_fringes
 from truepose.identification.leaves.fringes.excursions import Fault
-from truepose.identification.leaves.fringes.levels import Levels, Scan, noise_of, read_scan
+from truepose.identification.leaves.fringes.levels import Levels, noise_of
+from truepose.identification.leaves.fringes.scan import Scan, read_scan
 from truepose.models.sensors.irradiance import Reflectivities, coupling
 
 _SURE = 16.0  # difference in chi2 between the signs

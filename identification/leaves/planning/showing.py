@@ -13,9 +13,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from truepose.arrays import Array
+from truepose.identification.leaves.planning.criterion import CRITERION, TITLE
 from truepose.identification.leaves.planning.discriminate.experiment import SPLIT, Experiment, Pair
 from truepose.identification.leaves.planning.information import decimals
-from truepose.identification.leaves.planning.plan import CRITERION, TITLE, Plan
+from truepose.identification.leaves.planning.plan import Plan
 from truepose.identification.report.notes import worded
 from truepose.models.file.driver import APPROACH, SESSION, TIME, Driver
 from truepose.models.machine.machine import Machine

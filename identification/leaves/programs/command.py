@@ -15,7 +15,7 @@ from truepose.files import atomic_file
 
 if TYPE_CHECKING:
     from truepose.identification.leaves.programs.dialects import Dialect
-    from truepose.identification.leaves.programs.program import Cell
+    from truepose.identification.leaves.programs.frames import Cell
     from truepose.identification.leaves.programs.words import Limit
     from truepose.models.machine.machine import Machine
 
@@ -71,7 +71,7 @@ def compensate(
 
     def corrected(loaded: Machine) -> Corrected:
         from truepose.identification.leaves.programs.dialects import dialect_of
-        from truepose.identification.leaves.programs.program import Cell
+        from truepose.identification.leaves.programs.frames import Cell
         from truepose.identification.leaves.programs.words import Limit
 
         known = dialect_of(path, dialect)

@@ -22,29 +22,26 @@ import numpy as np
 from truepose.arrays import Array
 from truepose.errors import InputError, ReadBackError
 from truepose.identification.compensation.inverse import Reach
+from truepose.identification.leaves.programs.frames import Cell, Frames, Told, shown_name
 from truepose.identification.leaves.programs.meaning import (
     Meant,
-    Robot,
     by_tool,
     joint_units,
     joint_values,
     meant_of,
 )
 from truepose.identification.leaves.programs.points import decimals_of
+from truepose.identification.leaves.programs.pose_forms import written
 from truepose.identification.leaves.programs.program import (
     LARGEST,
-    Cell,
-    Frames,
     Left,
     Program,
     Target,
-    Told,
     in_order,
     replaced,
     shown,
-    shown_name,
-    written,
 )
+from truepose.identification.leaves.programs.robot import Robot
 from truepose.models import lie
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import AXES

@@ -18,17 +18,16 @@ import numpy as np
 
 from truepose.arrays import Array
 from truepose.errors import InputError
+from truepose.identification.leaves.programs.configurations import StatusTurn
 from truepose.identification.leaves.programs.flow import Assignment, Keywords
+from truepose.identification.leaves.programs.pose_forms import Euler, numbers_of
 from truepose.identification.leaves.programs.program import (
     BASE_ITSELF,
     NUMBER,
-    Euler,
     Kind,
     Number,
     Span,
-    StatusTurn,
     Target,
-    numbers_of,
     parts,
 )
 from truepose.identification.leaves.programs.reader import (

@@ -8,13 +8,13 @@ import re
 from collections.abc import Mapping, Sequence
 
 from truepose.errors import InputError
+from truepose.identification.leaves.programs.pose_forms import RotationVector
 from truepose.identification.leaves.programs.program import (
     WHOLE_NUMBER,
     Kind,
     Left,
     Number,
     Program,
-    RotationVector,
     Target,
     in_order,
     shown,

@@ -14,17 +14,17 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truepose.arrays import Array
+from truepose.identification.leaves.programs.configurations import Quadrants
 from truepose.identification.leaves.programs.flow import Assignment, Keywords
+from truepose.identification.leaves.programs.frames import is_rigid
+from truepose.identification.leaves.programs.pose_forms import Quaternion
 from truepose.identification.leaves.programs.program import (
     BASE_ITSELF,
     LARGEST,
     NUMBER,
     Number,
-    Quadrants,
-    Quaternion,
     Span,
     Target,
-    is_rigid,
     numbers_in,
     parts,
     replaced,

@@ -17,12 +17,12 @@ from typing import ClassVar
 import numpy as np
 
 from truepose.arrays import Array
+from truepose.identification.leaves.programs.configurations import Configuration
 from truepose.identification.leaves.programs.flow import Assignment, Flow, Keywords
+from truepose.identification.leaves.programs.pose_forms import Form, numbers_of
 from truepose.identification.leaves.programs.program import (
     BASE_ITSELF,
-    Configuration,
     Copies,
-    Form,
     Kind,
     Left,
     Lines,
@@ -32,7 +32,6 @@ from truepose.identification.leaves.programs.program import (
     Target,
     in_order,
     masked,
-    numbers_of,
     shown,
 )
 from truepose.models.machine.machine import Machine

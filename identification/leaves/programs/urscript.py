@@ -15,16 +15,8 @@ import numpy as np
 
 from truepose.arrays import Array
 from truepose.identification.leaves.programs.flow import Assignment, Keywords
-from truepose.identification.leaves.programs.program import (
-    NUMBER,
-    Number,
-    RotationVector,
-    Span,
-    Target,
-    closing,
-    numbers_of,
-    parts,
-)
+from truepose.identification.leaves.programs.pose_forms import RotationVector, numbers_of
+from truepose.identification.leaves.programs.program import NUMBER, Number, Span, Target, closing, parts
 from truepose.identification.leaves.programs.reader import (
     UNUSED,
     Going,

@@ -13,7 +13,7 @@ import yaml
 
 import truepose
 from support.checked_arm import Document, written
-from truepose.identification.leaves.check.bare import encoders
+from truepose.identification.leaves.check.load_side import encoders
 from truepose.identification.leaves.check.pair import Pair
 from truepose.identification.leaves.check.result import Found
 

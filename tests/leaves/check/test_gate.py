@@ -20,9 +20,10 @@ import truepose
 from support.checked_arm import ARM, JOINTS, Document, checked, document, metres, recorded, written
 from support.command import input_error, invoke, refused, run
 from support.examples import by_day
+from truepose.identification.leaves.check.no_convention import unnamed_table
 from truepose.identification.leaves.check.pair import Pair
 from truepose.identification.leaves.check.result import Found
-from truepose.identification.leaves.check.run import check_files, check_loaded, unnamed_table
+from truepose.identification.leaves.check.run import check_files, check_loaded
 
 MACHINES = Path(truepose.__path__[0]) / "models/machines"
 

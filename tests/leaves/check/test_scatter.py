@@ -12,10 +12,10 @@ import truepose
 from support import MACHINES
 from support.checked_arm import EXACT, document, rig_of
 from truepose.identification.identifiability.analysis import drawn_poses
-from truepose.identification.leaves.check.bare import SIGMA_FAR, sigmas
 from truepose.identification.leaves.check.pair import Pair, chosen
 from truepose.identification.leaves.check.result import Found
 from truepose.identification.leaves.check.rig import Rig
+from truepose.identification.leaves.check.stated_sigma import SIGMA_FAR, sigmas
 
 
 @pytest.fixture(scope="module")

@@ -33,15 +33,9 @@ from support.stacked_sessions import (
 )
 from truepose.identification.fit.problem import prior_of
 from truepose.identification.leaves.drift.analysis import unseen_by_all
-from truepose.identification.leaves.drift.sessions import (
-    Kinds,
-    Stack,
-    likeliest,
-    linearised,
-    movement_posterior,
-    movement_problem,
-    sessions_of,
-)
+from truepose.identification.leaves.drift.movement_problem import Kinds, Stack, movement_problem
+from truepose.identification.leaves.drift.movements import likeliest, movement_posterior
+from truepose.identification.leaves.drift.sessions import linearised, sessions_of
 from truepose.identification.leaves.drift.sizes import joint_parameters, movements, straight_line
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.posterior import sample

@@ -24,18 +24,17 @@ from truepose.identification.leaves.planning.discriminate.factors import (
     settings,
     unplanned,
 )
-from truepose.identification.leaves.planning.discriminate.race import (
+from truepose.identification.leaves.planning.discriminate.hypotheses import (
     RIVAL_FORMS,
-    WIDE,
     Field,
     Hypothesis,
-    Pool,
-    Signals,
     hypotheses,
     ordered,
     race,
     shares,
 )
+from truepose.identification.leaves.planning.discriminate.pool import Pool
+from truepose.identification.leaves.planning.discriminate.rows import WIDE, Signals
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine

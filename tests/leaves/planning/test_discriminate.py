@@ -24,14 +24,8 @@ from truepose.identification.leaves.planning.discriminate.factors import (
     factors,
     read_offer,
 )
-from truepose.identification.leaves.planning.discriminate.race import (
-    Contest,
-    Race,
-    Rows,
-    chosen,
-    recording_of,
-    signals,
-)
+from truepose.identification.leaves.planning.discriminate.race import Contest, Race, chosen
+from truepose.identification.leaves.planning.discriminate.rows import Rows, recording_of, signals
 from truepose.identification.leaves.planning.information import PoseInformation
 from truepose.identification.leaves.planning.showing import experiment_table, sentences
 from truepose.identification.prediction.predict import simulate, with_inputs

@@ -17,10 +17,13 @@ from support.graph_machines import machine_of
 from support.plans import NAMES, poses, written
 from truepose.arrays import Array
 from truepose.identification.fit.problem import prior_of
+from truepose.identification.leaves.planning.climb import Landscape, climb
+from truepose.identification.leaves.planning.criterion import log_det
 from truepose.identification.leaves.planning.discriminate.experiment import Experiment
-from truepose.identification.leaves.planning.discriminate.race import Rows
+from truepose.identification.leaves.planning.discriminate.rows import Rows
+from truepose.identification.leaves.planning.exchange import Pool, exchange
 from truepose.identification.leaves.planning.information import PoseInformation
-from truepose.identification.leaves.planning.plan import Landscape, Pool, climb, exchange, log_det, plan
+from truepose.identification.leaves.planning.plan import plan
 from truepose.identification.leaves.planning.showing import BETWEEN, experiment_table, plan_table
 from truepose.identification.prediction.predict import simulate
 from truepose.identification.recording.load import load_recording

@@ -13,8 +13,9 @@ import pytest
 from support.graph_machines import machine_of
 from support.plans import NAMES, poses
 from truepose.identification.fit.problem import prior_of
+from truepose.identification.leaves.planning.climb import Landscape
 from truepose.identification.leaves.planning.information import PoseInformation
-from truepose.identification.leaves.planning.plan import Landscape, plan
+from truepose.identification.leaves.planning.plan import plan
 from truepose.identification.leaves.planning.showing import plan_table
 from truepose.identification.prediction.predict import simulate, with_inputs
 from truepose.identification.prediction.predictor import Predictor

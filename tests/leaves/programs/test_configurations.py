@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from truepose.identification.leaves.programs.program import Configuration, Quadrants, StatusTurn
+from truepose.identification.leaves.programs.configurations import Configuration, Quadrants, StatusTurn
 
 SLACK, HAIR = np.radians([0.05, 0.01])
 """rad: as much as rounding to a tenth of a degree may move a joint, and a little."""

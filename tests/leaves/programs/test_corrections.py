@@ -23,7 +23,7 @@ from support.program_robots import (
 from truepose.arrays import Array
 from truepose.identification.leaves.programs.correct import Correction, correct
 from truepose.identification.leaves.programs.dialects import DIALECTS
-from truepose.identification.leaves.programs.program import Cell
+from truepose.identification.leaves.programs.frames import Cell
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 

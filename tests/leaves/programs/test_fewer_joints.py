@@ -13,8 +13,8 @@ from support.program_robots import numbers_of
 from truepose.identification.compensation.inverse import PoseSolver
 from truepose.identification.leaves.programs.correct import correct
 from truepose.identification.leaves.programs.dialects import DIALECTS
-from truepose.identification.leaves.programs.meaning import Robot
-from truepose.identification.leaves.programs.program import Cell
+from truepose.identification.leaves.programs.frames import Cell
+from truepose.identification.leaves.programs.robot import Robot
 
 
 @pytest.mark.parametrize("dialect", ["kuka", "rapid"])

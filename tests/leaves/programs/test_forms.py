@@ -7,7 +7,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from truepose.arrays import Array
-from truepose.identification.leaves.programs.program import Euler, Form, Quaternion, RotationVector, written
+from truepose.identification.leaves.programs.pose_forms import (
+    Euler,
+    Form,
+    Quaternion,
+    RotationVector,
+    written,
+)
 
 VECTOR = RotationVector(("m",) * 3, ("rad",) * 3, (7,) * 6, "m and rad")
 UNITS = RotationVector(("um", "mm", "m"), ("deg", "rad", "mrad"), (1,) * 6, "of several units")

@@ -9,9 +9,9 @@ import pytest
 
 from truepose.errors import InputError
 from truepose.identification.compensation.inverse import PoseSolver
+from truepose.identification.leaves.programs.arm_shape import ArmShape
 from truepose.identification.leaves.programs.correct import correct
 from truepose.identification.leaves.programs.dialects import DIALECTS
-from truepose.identification.leaves.programs.meaning import ArmShape
 from truepose.identification.leaves.programs.program import closing
 from truepose.models.machine.machine import Machine
 

@@ -13,13 +13,8 @@ from scipy.linalg import block_diag
 from truepose.arrays import Array
 from truepose.identification.fit.problem import Prior
 from truepose.identification.fit.tolerance_classes import PartClass
-from truepose.identification.leaves.drift.sessions import (
-    Kinds,
-    Likeliest,
-    MovementPosterior,
-    Stack,
-    movement_problem,
-)
+from truepose.identification.leaves.drift.movement_problem import Kinds, Stack, movement_problem
+from truepose.identification.leaves.drift.movements import Likeliest, MovementPosterior
 from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.posterior.state import State

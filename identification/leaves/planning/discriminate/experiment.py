@@ -23,20 +23,17 @@ from truepose.identification.leaves.planning.discriminate.factors import (
     factors,
     unplanned,
 )
-from truepose.identification.leaves.planning.discriminate.race import (
+from truepose.identification.leaves.planning.discriminate.hypotheses import (
     Field,
     Hypothesis,
-    Pool,
-    Race,
-    Rows,
-    chosen,
     hypotheses,
     ordered,
     race,
-    recording_of,
     shares,
-    signals,
 )
+from truepose.identification.leaves.planning.discriminate.pool import Pool
+from truepose.identification.leaves.planning.discriminate.race import Race, chosen
+from truepose.identification.leaves.planning.discriminate.rows import Rows, recording_of, signals
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.file.driver import AIR, PAYLOAD, Driver
