@@ -13,6 +13,7 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import TypedDict
 
+import pytest
 from joblib import Parallel, delayed
 
 from .mutants import Mutant
@@ -134,7 +135,7 @@ def collect(tree: Path, records: Path, workers: int) -> Coverage:
         raise RuntimeError(
             f"{records}: some files of tests were not run, their records are empty; see their logs"
         )
-    found: list[Record] = [json.loads(line) for text in texts for line in text.splitlines()]
+    found: list[Record] = [json.loads(line) for text in texts for line in text.splitlines() if line]
     return Coverage(tuple(r for r in found if r["passed"] and r["seconds"] <= SLOW))
 
 
@@ -151,7 +152,11 @@ def _record(tree: Path, records: Path, file: str) -> None:
     plugin = ["-p", "benchmarks.mutation.recorder", "-p", "no:cacheprovider"]
     command = [sys.executable, "-m", "pytest", "-q", *plugin, file]
     with (records / f"{name}.log").open("w") as log:
-        subprocess.run(command, cwd=tree, env=environment, stdout=log, stderr=log, check=False)
+        code = subprocess.run(
+            command, cwd=tree, env=environment, stdout=log, stderr=log, check=False
+        ).returncode
+    if code == pytest.ExitCode.NO_TESTS_COLLECTED:  # all of its tests run at night
+        partial.write_text("\n", encoding="utf-8")
     partial.rename(records / f"{name}.jsonl")
 
 
