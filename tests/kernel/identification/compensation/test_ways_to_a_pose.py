@@ -88,6 +88,7 @@ def test_a_pose_out_of_reach_is_told_from_a_joint_out_of_its_range(machine: Mach
     assert found.status[2] in (Reach.UNREACHABLE, Reach.ITERATION_LIMIT)
     assert found.saturated(1) == ("q1",) and not found.beyond[0].any() and not found.beyond[2].any()
     assert found.position[2] > 3000.0 and found.position[0] < 1e-5
+    assert "of 3 poses: 1 solved, 1 joint range, 1 " in repr(found)
     # from elsewhere: another way to stand there has every joint in its range, or none has
     again = inverse(machine, np.concatenate([poses, far]), outside)
     assert again.solved[0] and not again.solved[2]
