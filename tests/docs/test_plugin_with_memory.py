@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from support import ROOT
 from support.simulated import readings_of
+from support.two_joints import TWO_JOINTS
 from truepose.cli import app
 from truepose.identification.prediction.predict import predict, simulate
 from truepose.identification.recording.load import load_recording
@@ -23,18 +24,6 @@ from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
 from truepose.models.registry import load_plugin
 
-ARM = """
-schema: truepose/machine/1
-name: arm
-mechanism:
-  type: serial
-  joints:
-    - {name: q1, kind: revolute, r: 300, range: [-150, 150]}
-    - {name: q2, kind: revolute, alpha: 90, d: 80, range: [-110, 110]}
-frames: {tool: {in: flange, xyz: [500, 0, 40], tolerance: {xyz: 1}}}
-sensor: {type: position, sigma: {xyz: 0.02}}
-tolerances: {length: 0.2, angle: 0.05}
-"""
 TRUE_K, ROWS = 0.8, 80
 
 
@@ -61,7 +50,7 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
     ]
     made = Job(folder / "cable.py", folder / "recording.csv", folder / "out")
     made.plugin.write_text(code)
-    (folder / "machine.yaml").write_text(ARM)
+    (folder / "machine.yaml").write_text(TWO_JOINTS)
     load_plugin(made.plugin)
     machine = load_machine(folder / "machine.yaml")
     written(machine, made.recording, seed=4)

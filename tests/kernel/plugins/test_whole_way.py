@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from support.generated_c import COMPILER, Built, compile_library, needs_compiler
+from support.two_joints import TWO_JOINTS
 from truepose.cli import app
 from truepose.identification.prediction.predict import predict, simulate
 from truepose.identification.recording.load import load_recording
@@ -187,25 +188,11 @@ class StretchedBelt(Effect):
 '''
 
 
-ARM = """
-schema: truepose/machine/1
-name: arm
-mechanism:
-  type: serial
-  joints:
-    - {name: q1, kind: revolute, r: 300, range: [-150, 150]}
-    - {name: q2, kind: revolute, alpha: 90, d: 80, range: [-110, 110]}
-frames: {tool: {in: flange, xyz: [500, 0, 40], tolerance: {xyz: 1}}}
-sensor: {type: position, sigma: {xyz: 0.02}}
-tolerances: {length: 0.2, angle: 0.05}
-"""
-
-
 @pytest.fixture(scope="module")
 def belt(tmp_path_factory: pytest.TempPathFactory) -> Job:
     """A recording of an arm whose second joint truly stands at q + k q^3, diagnosed with the plugin."""
     folder = tmp_path_factory.mktemp("belt")
-    job = written(folder, STRETCHED_BELT, ARM)
+    job = written(folder, STRETCHED_BELT, TWO_JOINTS)
     machine, rng = load_machine(job.machine), np.random.default_rng(4)
     limits = [a.range for a in machine.mechanism.actuators if a.range is not None]
     q = np.column_stack([rng.uniform(*limit, ROWS) for limit in limits])

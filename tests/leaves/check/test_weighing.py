@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 
 from support.checked_arm import EXACT, Document, checked, document, rig_of
 from support.examples import examples
+from truepose.identification.leaves.check.findings import findings, unexplained
 from truepose.identification.leaves.check.kinds.joints import offset, signs
 from truepose.identification.leaves.check.rig import Rig, motion
-from truepose.identification.leaves.check.said import findings, unexplained
 from truepose.identification.leaves.check.search import Search, shares
 from truepose.identification.leaves.check.weighing import (
     CERTAIN,

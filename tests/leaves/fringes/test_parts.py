@@ -10,7 +10,7 @@ from truepose.identification.leaves.fringes import excursions as exc
 from truepose.identification.leaves.fringes import levels
 from truepose.identification.leaves.fringes.excursions import Excursions, extremes, find_excursions
 from truepose.identification.leaves.fringes.levels import Levels, Noise, fitted_levels, noise_of
-from truepose.identification.leaves.fringes.rest import find_rest
+from truepose.identification.leaves.fringes.resting_level import find_rest
 from truepose.identification.leaves.fringes.scan import Scan, read_scan
 from truepose.models.sensors.irradiance import folded_phase, fringe
 

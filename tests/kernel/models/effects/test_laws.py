@@ -67,6 +67,13 @@ def test_zero_coefficients_leave_the_machine_and_slopes_follow_the_ports(
             column += len(effect.coefficients)
 
 
+@pytest.mark.parametrize("slug", PLACED)
+def test_an_effect_that_states_one_driver_has_it_in_every_form(machines: Machines, slug: str) -> None:
+    stated = effects.get(slug, "test").driven_by
+    kinds = {one.kind for _, placed in where_it_acts(machines, slug) for one in placed}
+    assert stated is None or kinds == {stated}
+
+
 @pytest.mark.parametrize("slug", EFFECTS)
 def test_every_effect_is_described(slug: str) -> None:
     kind = effects.get(slug, "test")
