@@ -31,8 +31,8 @@ FRESH = """
 No test was written for it: what it says of the tests as they were. Laws that were written since are named.
 
 """
-ASKED = ("since", "sample", "fresh", "seed")
-"""Options that say which mutants."""
+ASKED = ("since", "sample", "fresh", "seed", "budget", "only")
+"""Options that say which mutants, and how long they have tests."""
 Results = Mapping[str, Sequence[Mapping[str, Any]]]
 """Results of mutants by area."""
 
@@ -40,13 +40,24 @@ Results = Mapping[str, Sequence[Mapping[str, Any]]]
 def written(found: Results, fresh: Results, options: Mapping[str, Any]) -> str:
     """The page, from the results of a sample, of one that no test was written for, and the options of the command."""
     reasons: dict[str, str] = yaml.safe_load(REASONS.read_text(encoding="utf-8")) or {}
-    asked = " ".join(f"--{name} {options[name]}" for name in ASKED if options[name])
+    asked = " ".join(f"--{name} {_word(options[name])}" for name in ASKED if options[name])
     tried = sum(len(results) for sample in (found, fresh) for results in sample.values())
     page = HEAD.format(**{**options, "asked": asked}, tried=tried)
     for title, sample in ((SAMPLE, found), (FRESH, fresh)):
         if any(sample.values()):
             page += title + _table(sample, reasons) + "\n" + _survivors(sample, reasons)
     return page
+
+
+def _word(value: object) -> str:
+    """Return an option's value as it is typed."""
+    return (
+        " ".join(value)
+        if isinstance(value, list)
+        else f"{value:g}"
+        if isinstance(value, float)
+        else str(value)
+    )
 
 
 def _table(found: Results, reasons: Mapping[str, str]) -> str:
