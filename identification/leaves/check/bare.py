@@ -1,4 +1,4 @@
-"""What is seen without a fit: missing blocks, too few or repeated rows, joints that stand still or leave their range."""
+"""Find what needs no fit: missing blocks, too few or repeated rows, joints that stand still or leave their range."""
 
 from __future__ import annotations
 

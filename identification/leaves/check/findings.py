@@ -1,4 +1,4 @@
-"""What a search says: a mend where one is certain, questions where several lead, or that nothing tried explains the misfit."""
+"""Say what a search found: a mend where one is certain, questions where several lead, or that no slip explains the misfit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether joints give way along the gravity that the file states, or against it: a robot that hangs, said to stand.
+"""Tell whether joints give way along the gravity that the file states, or against it: a robot that hangs, said to stand.
 
 A machine fits as it is drawn whichever way is down. But its joints give way along gravity, never against it: if compliances
 that are all negative fit far better than any that are positive, gravity pulls the other way.

@@ -1,4 +1,4 @@
-"""Encoders on the load side against the joints that they read: another unit, the other way, another joint, another zero."""
+"""Compare encoders on the load side with the joints that they read: another unit, the other way, another joint or zero."""
 
 from __future__ import annotations
 

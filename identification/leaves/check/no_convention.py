@@ -1,4 +1,4 @@
-"""A serial table that cannot be read because its fields are those of a data sheet: which convention fits the readings."""
+"""Find the convention of a table that cannot be read because its fields are those of a data sheet."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from truepose.errors import InputError
+from truepose.identification.leaves.check.findings import shown
 from truepose.identification.leaves.check.pair import Pair
 from truepose.identification.leaves.check.result import Check, Found
 from truepose.identification.leaves.check.rig import Rig
-from truepose.identification.leaves.check.said import shown
 from truepose.identification.load import load_recording
 from truepose.models.file.machine_file import checked_machine
 from truepose.models.load import build_machine

@@ -1,4 +1,4 @@
-"""The check itself: files in, findings out; and the gate that every fit goes through first."""
+"""Check files, and each pair of files before it is fitted: files in, findings out."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from truepose.errors import InputError
 from truepose.identification.fit.set_ups import without_set_ups
 from truepose.identification.leaves.check import weighing
 from truepose.identification.leaves.check.bare import bare, coarse_joints, no_tolerances, out_of_range
+from truepose.identification.leaves.check.findings import findings
 from truepose.identification.leaves.check.gravity import reversed_gravity
 from truepose.identification.leaves.check.load_side import encoders
 from truepose.identification.leaves.check.no_convention import unnamed_table
 from truepose.identification.leaves.check.pair import Pair
 from truepose.identification.leaves.check.result import Check, Found
 from truepose.identification.leaves.check.rig import Rig
-from truepose.identification.leaves.check.said import findings
 from truepose.identification.leaves.check.search import Search, search
 from truepose.identification.leaves.check.standing_rows import left_of, length_of, standing_out
 from truepose.identification.leaves.check.stated_sigma import sigmas

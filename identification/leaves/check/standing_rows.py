@@ -1,4 +1,4 @@
-"""What a check says of rows that stand out of the rest, and of what is left of all rows."""
+"""Say which rows stand out of the rest, and what is left of all rows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A stated sigma against what replicates say of it, or, without any, against all that a fit leaves."""
+"""Compare a stated sigma with what replicates say of it or, without any, with all that a fit leaves."""
 
 from __future__ import annotations
 

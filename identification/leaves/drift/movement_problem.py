@@ -1,4 +1,4 @@
-"""Movements between sessions as terms of the posterior that ``diagnose`` draws from: spike and slab, geometry marginalised.
+"""Pose movements between sessions as terms of the posterior that ``diagnose`` draws from, geometry marginalised.
 
 With r_k + A_k tau_k the whitened residual of session k, tau_k in steps less the prior's mean,
     tau_k = tau + sum_i (C z_i)_k,   tau ~ N(0, tolerance^2),   z_i = 0 or z_i ~ N(0, q_i^2),

@@ -1,4 +1,4 @@
-"""Which parameters move between sessions: the posterior over sets of movements, and what would do in the stead of one."""
+"""Find which parameters move between sessions: the posterior over sets of movements, and what would do in one's stead."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recordings as sessions in the order of their clock, each with the readings' linearisation at any parameters."""
+"""Part recordings into sessions in the order of their clock, each with its linearisation at any parameters."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ import numpy as np
 from truepose.arrays import Array, Mask
 from truepose.identification.leaves.fringes import excursions
 from truepose.identification.leaves.fringes.levels import Levels, Noise, fitted_levels, noise_of, rough_levels
-from truepose.identification.leaves.fringes.rest import Rest, find_rest
+from truepose.identification.leaves.fringes.resting_level import Rest, find_rest
 from truepose.identification.leaves.fringes.turns import DECISIVE, Held, Light, Verdict, judge
 from truepose.models.sensors.irradiance import Reflectivities, coupling, folded_phase, fringe, phase_noise
 

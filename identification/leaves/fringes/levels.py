@@ -1,4 +1,4 @@
-"""Gain, offset and contrast of a photocurrent from the signal itself: the two levels of its fringe.
+"""Find gain, offset and contrast of a photocurrent from the signal itself: the two levels of its fringe.
 
 The signal at resonance (``low``) and between resonances (``high``) normalises a fringe to v in [0, 1]. Both
 may drift during a series. They are found where the mirror passes several fringes evenly: there the times of the

@@ -1,4 +1,4 @@
-"""The level at which a series rests before it moves, or after it moved (given reversed)."""
+"""Find the level at which a series rests before it moves, or after it moved (given reversed)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A scan of the wavelength while the mirror rests: the cavity's length, roughly, and the phase with its side.
+"""Read a scan of the wavelength while the mirror rests: the cavity's length, roughly, and the phase with its side.
 
 The phase of the round trip is delta0 + L x with x = 4 pi (1/lambda - 1/lambda0). How fast fringes pass while x
 is scanned gives L; and as delta0 is found from both sides of lambda0, it is known modulo 2 pi and not, as from

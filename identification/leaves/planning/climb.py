@@ -1,4 +1,4 @@
-"""Moving all poses at once inside the joints' ranges, with the criterion's exact gradient (paper, Fig. 13).
+"""Move all poses at once inside the joints' ranges, with the criterion's exact gradient (paper, Fig. 13).
 
 Use ``climb`` from a good design: the criterion has many local maxima. Poses that cannot be assembled, or lie
 next to a singularity, are never entered: a pose that would goes on in a smaller box around its last good place.

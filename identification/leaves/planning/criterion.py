@@ -1,4 +1,4 @@
-"""What a set of poses is worth."""
+"""Measure what a set of poses is worth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Choosing poses among candidates: add the pose that gains most, eliminate the one that is missed least.
+"""Choose poses among candidates: add the pose that gains most, eliminate the one that is missed least.
 
 DETMAX (Mitchell 1974), which IOOPS (Daney, Papegay and Blaise, IJRR 24, 2005; telescope paper, section 6.3) does
 for robots. What an added or eliminated pose changes is an update of low rank of the information, so that

@@ -1,4 +1,4 @@
-"""Measurement poses that calibrate a machine best, before anything is measured.
+"""Plan the measurement poses that calibrate a machine best, before anything is measured.
 
 ``plan`` draws poses at random, exchanges them for better candidates and moves them inside the joints' ranges,
 each step no worse than the one before. What a set of poses is worth is log det of the information that its readings will

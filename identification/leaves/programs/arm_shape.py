@@ -1,4 +1,4 @@
-"""How an arm of six joints stands: wrist behind axis 1, wrist behind the lower arm, axis 5 below zero.
+"""Tell how an arm of six joints stands: wrist behind axis 1, wrist behind the lower arm, axis 5 below zero.
 
 Controllers of KUKA and ABB tell configurations by these. Forward is the x axis of the robot's base, turned with axis 1;
 up is its z axis.

@@ -1,4 +1,4 @@
-"""All joints that put an arm's tool at a pose, and which of them a program means.
+"""Find all joints that put an arm's tool at a pose, and which of them a program means.
 
 A pose in a program has up to eight solutions and whole turns of the joints. Newton's method is started from many places of
 the joints' ranges; what it finds is told apart, and a target's configuration, or else the way from the target before,

@@ -1,4 +1,4 @@
-"""Numbers of a target that choose among the joints which reach its pose: status and turn (KUKA), quadrants (ABB).
+"""Choose among the joints that reach a target by its further numbers: status and turn (KUKA), quadrants (ABB).
 
 Both are read from joint values as the controller shows them, so the machine file's joints must be the controller's
 axes, with its zeros and directions.

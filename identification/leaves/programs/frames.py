@@ -1,4 +1,4 @@
-"""The frames that a program's targets are told in, as poses: from the program, from the user, or the machine file's."""
+"""Find the frames that a program's targets are told in: from the program, from the user, or the machine file's."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What targets mean: the pose in the sensor's frame, and the nominal joints that a controller would take there."""
+"""Find what targets mean: the pose in the sensor's frame, and the nominal joints that a controller would take there."""
 
 from __future__ import annotations
 

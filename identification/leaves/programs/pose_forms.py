@@ -1,4 +1,4 @@
-"""Ways of writing a pose as numbers: Euler angles, quaternions, rotation vectors; and of writing one number.
+"""Write a pose as numbers, and read it: Euler angles, quaternions, rotation vectors; write one number.
 
 Several sets of numbers mean the same rotation. The one next to the numbers that stood there before is taken, so that
 a small correction changes them little.

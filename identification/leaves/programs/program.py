@@ -1,4 +1,4 @@
-"""A robot program as what can be corrected in it: targets, the spans of their numbers, and what is left as it is.
+"""Hold a robot program as what can be corrected in it: targets, the spans of their numbers, and what is left as it is.
 
 Texts are decoded as Latin-1, one character a byte, so that whatever stands between the numbers is written back as it was.
 """

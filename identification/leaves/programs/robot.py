@@ -1,4 +1,4 @@
-"""One machine as the controller believes it to be and as it is, with any tool."""
+"""Set one solver to the machine as the controller believes it to be, or to the real one, with any tool."""
 
 from __future__ import annotations
 

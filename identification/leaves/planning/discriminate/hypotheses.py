@@ -1,4 +1,4 @@
-"""From explanations to contests: which version of each is true, how large it is, and which versions rival it."""
+"""Turn explanations into contests: which version of each is true, how large it is, and which versions rival it."""
 
 from __future__ import annotations
 

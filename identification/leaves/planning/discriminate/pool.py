@@ -1,4 +1,4 @@
-"""The rows that an experiment may choose from."""
+"""Hold the rows that an experiment may choose from."""
 
 from __future__ import annotations
 

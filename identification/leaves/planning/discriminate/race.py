@@ -1,4 +1,4 @@
-"""How well rows tell explanations apart, and which rows do it best.
+"""Measure how well rows tell explanations apart, and choose the rows that do it best.
 
 With the readings whitened, let i be true with coefficients a, and let j claim to be. What j cannot reproduce, with
 any size of its own and with geometry adapting within its tolerances, is

@@ -1,4 +1,4 @@
-"""Rows that an experiment may take, and what each would tell of the constants and of every explanation.
+"""Work out what the rows of an experiment would tell of the constants and of every explanation.
 
 A row is a pose with a setting of the factors; its readings' derivatives come from the diagnosis' own signatures, on
 a recording that was never made.
