@@ -10,7 +10,12 @@ import numpy as np
 
 from catalogue_canvas import DRAWN, ERROR, FRAME, REAL, Array, Canvas, fitted
 from catalogue_law import law
-from truepose.identification.recording.history import creep_sum, line_of_full_loop, stop_operator
+from truepose.identification.recording.history import (
+    creep_sum,
+    heat_of_motion,
+    line_of_full_loop,
+    stop_operator,
+)
 
 CURVES: Final[dict[str, Callable[[Canvas], None]]] = {}
 
@@ -60,6 +65,23 @@ def _backlash(paper: Canvas) -> None:
     middle = [tuple(np.mean(side, axis=0)) for side in (up, down)]
     paper.arrow((middle[0][0], middle[0][1] - 3), (middle[1][0], middle[1][1] + 3), both=True)
     paper.text(middle[0][0] + 8, (middle[0][1] + middle[1][1]) / 2 + 3, "b", ERROR)
+
+
+@drawn("counterbalance")
+def _counterbalance(paper: Canvas) -> None:
+    q = np.linspace(0, 2 * np.pi, 60)
+    error = law("counterbalance", "q", {"c": 1.0}, {"q": q}, settings={"angle": 0.0, "ratio": 0.6})
+    paper.axes("reading", "twist of the joint", zero=45)
+    paper.line(*fitted(q, error), colour=ERROR)
+
+
+@drawn("dress-pack")
+def _dress_pack(paper: Canvas) -> None:
+    q = np.linspace(-np.pi, np.pi, 60)
+    paper.axes("one joint, the other in two places", "pull of the hose", zero=45)
+    for other, colour in ((0.0, ERROR), (1.2, DRAWN)):
+        pull = np.sin(q - other)
+        paper.line(*fitted(q, pull), colour=colour)
 
 
 @drawn("early-reading")
@@ -156,6 +178,16 @@ def _lens_distortion(paper: Canvas) -> None:
             paper.line(*seen, width=1.3)
 
 
+@drawn("motor-heat")
+def _motor_heat(paper: Canvas) -> None:
+    t = np.linspace(0, 6000.0, 80)
+    q = np.where(t < 2500.0, np.arange(80) % 2, 1.0).astype(float)
+    heat = heat_of_motion(t, q, np.zeros(len(t), dtype=np.int64), 900.0)
+    error = law("motor-heat", "x", {"c": 1.0}, {"x": q, "heat.x~900": heat}, settings={"lag": 900.0})
+    paper.axes("time: at work, then at rest", "zero")
+    paper.line(*fitted(t, error), colour=ERROR)
+
+
 @drawn("mount-drift")
 def _mount_drift(paper: Canvas) -> None:
     t = np.linspace(0, 7200, 60)
@@ -200,6 +232,22 @@ def _piezo_hysteresis(paper: Canvas) -> None:
     real = way + law("piezo-hysteresis", "x", {f"w{k}": 0.3 for k in (1, 2, 3, 4)}, at)
     paper.axes("command", "position")
     paper.line(*_loop(way, real))
+
+
+@drawn("rocking-mount")
+def _rocking_mount(paper: Canvas) -> None:
+    moment = np.linspace(0, 1, 60)
+    paper.axes("moment on the mount", "tilt")
+    paper.line(*fitted(moment, np.maximum(moment - 0.5, 0.0)), colour=ERROR)
+
+
+@drawn("screw-growth")
+def _screw_growth(paper: Canvas) -> None:
+    x = np.linspace(0, 1, 2)
+    paper.axes("reading, cold and warm", "error")
+    for heat, colour in ((0.2, DRAWN), (1.0, ERROR)):
+        grown = heat * x
+        paper.line(*fitted(x, grown, over=x), colour=colour)
 
 
 @drawn("screw-periodic")

@@ -30,16 +30,18 @@ PAGE: Final = ROOT / "docs/catalogue.md"
 GROUPS: Final = {
     "Joints and drives": (
         "actuator-scale", "transmission-error", "encoder-eccentricity", "screw-periodic", "axis-coupling", "axis-straightness",
-        "axis-wobble", "joint-runout", "flexure-shift",
+        "axis-wobble", "joint-runout", "flexure-shift", "counterbalance", "dress-pack",
     ),
     "Play, friction, creep and arrival": (
         "backlash", "friction-hysteresis", "piezo-hysteresis", "piezo-creep", "early-reading",
     ),
     "Weight and forces": (
         "joint-compliance", "link-bending", "leg-compliance", "platform-deformation", "screw-windup", "gravity-sag",
-        "axis-flexure",
+        "axis-flexure", "rocking-mount",
     ),
-    "Heat, time and sessions": ("thermal-expansion", "mount-drift", "frame-shift", "zero-shift"),
+    "Heat, time and sessions": (
+        "thermal-expansion", "motor-heat", "screw-growth", "mount-drift", "frame-shift", "zero-shift",
+    ),
     "Sensors": (
         "sensor-scale", "sensor-periodic", "target-offset", "lens-distortion", "air-refraction", "latency", "fringe-miscount",
     ),

@@ -132,6 +132,18 @@ def creep_sum(time: Array, readings: Array, piece: IntArray, t0: float, dwell: f
     return out
 
 
+def heat_of_motion(time: Array, readings: Array, piece: IntArray, seconds: float) -> Array:
+    """(n,) sum over past moves of |step| exp(-age / seconds) at ordered times (n,), s; in the unit of the readings (n,).
+
+    The first-order response of a body that every move warms alike. It is cold at the beginning of the rows; where a ``piece``
+    (n,) begins nobody saw the move, and what was warm goes on cooling.
+    """
+    steps = np.abs(np.diff(readings, prepend=readings[:1]))
+    steps[np.diff(piece, prepend=piece[:1] - 1) != 0] = 0.0
+    kept = np.exp(-np.maximum(np.diff(time), 0.0) / seconds)
+    return np.concatenate([steps[:1], affine(kept, steps[1:], float(steps[0]))])
+
+
 def _creep_by_exponentials(time: Array, steps: Array, fresh: Mask, t0: float, dwell: float) -> Array:
     """The same by a sum of exponentials, each of which follows from the row before.
 

@@ -26,6 +26,7 @@ from truepose.arrays import Array, Mask
 from truepose.identification.recording.history import (
     creep_sum,
     exponential_lag,
+    heat_of_motion,
     last_steps,
     line_of_full_loop,
     order_in_time,
@@ -34,6 +35,7 @@ from truepose.identification.recording.history import (
 )
 from truepose.models.file.driver import (
     APPROACH,
+    HEAT,
     MEASURED_LOADS,
     OF_THE_ORDER,
     ROW,
@@ -292,7 +294,7 @@ def frozen(array: A) -> A:
     return array
 
 
-_NUMBERS: Final = {"stop": (1, 2), "loop": (3, 4), "creep": (1, 2)}
+_NUMBERS: Final = {"stop": (1, 2), "loop": (3, 4), "creep": (1, 2), HEAT: (1,)}
 
 
 def remembered(whole: Recording, driver: Driver) -> Array | None:
@@ -304,6 +306,7 @@ def remembered(whole: Recording, driver: Driver) -> Array | None:
     ``stop.J~r~o``, ``loop.J~r~low~high~o``: the same where every approach starts o behind its goal (else far);
     ``creep.J~t0``: sum over past moves of step * log10(1 + age / t0), t0 in s (needs ``time``);
     ``creep.J~t0~d``: the same where moves end d s before the row is read (else 0);
+    ``heat.J~s``: sum over past moves of |step| exp(-age / s) (needs ``time``);
     ``D~seconds``: driver D through a first-order lag (needs ``time``).
     The way of a joint begins anew in every session, and without a clock in every file; creep goes on from session to
     session, as long as one clock runs through them. Rows that are declared shuffled tell no way.
@@ -379,6 +382,16 @@ def _creep(whole: Recording, joint: str, numbers: list[float]) -> Array | None:
     return out
 
 
+def _heat(whole: Recording, joint: str, numbers: list[float]) -> Array | None:
+    if whole.time is None:
+        return None
+    order = whole.order
+    out = np.empty(len(whole))
+    readings = whole.moved[:, whole.joints.index(joint)]
+    out[order] = heat_of_motion(whole.time[order], readings[order], _pieces(whole)[order], *numbers)
+    return out
+
+
 def _lagged(whole: Recording, name: str, seconds: float) -> Array | None:
     values = whole.driver(name)
     if values is None or whole.time is None:
@@ -393,4 +406,5 @@ _KINDS: Final[Mapping[str, Callable[[Recording, str, list[float]], Array | None]
     "stop": _stop,
     "loop": _loop,
     "creep": _creep,
+    HEAT: _heat,
 }

@@ -28,8 +28,10 @@ from truepose.models.machine.states import across
 LARGEST = {"mm": 0.1, "rad": 3e-3}
 LEAN, LEANS = "lean", 36
 """Setting: where the centre of what the joint carries lies about its axis, rad; and how many are tried, evenly over a turn."""
-EVEN = 0.05
-"""rad from the balance, within which friction may hold the joint anywhere in its play."""
+FRICTION, FRICTIONS = "friction", (1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
+"""Setting: the load, N*m or N, up to which friction holds the joint on the flank that it came to; and what is tried."""
+EVEN, NOTHING = 0.05, 1e-6
+"""rad from the balance, within which friction may hold the joint anywhere in its play; N*m of a load that is none."""
 
 
 @effects.add("backlash")
@@ -39,11 +41,13 @@ class Backlash(Effect):
     The joint stands at reading - (b/2) * approach, b >= 0 its whole play.
 
     Setting ``lean``: the weight that it carries decides on which side of the play it rests, not the way that it came (a
-    telescope's axis that is not quite in balance); the load's centre lies at that angle about the joint's axis.
+    telescope's axis that is not quite in balance); the load's centre lies at that angle about the joint's axis. Setting
+    ``friction`` (N*m, N): the load pushes the joint to its flank where it is larger than that; where it is smaller, friction
+    holds the joint on the side that it came from.
     """
 
     slug = "backlash"
-    setting_ranges = ranges({"lean": ANY})
+    setting_ranges = ranges({"lean": ANY, "friction": NOT_NEGATIVE})
     title = "Backlash"
     sentence = (
         "Joint {0} has play: where it stands depends on the side from which it arrived, or to which its weight "
@@ -51,14 +55,14 @@ class Backlash(Effect):
     )
     formula = (
         "dq = -(b / 2) approach, approach +1 when it arrived moving towards larger readings; with lean: dq = (b / 2) sign "
-        "of the torque that gravity exerts"
+        "of the torque that gravity exerts; with friction F: dq = (b / 2) sign(load - F approach)"
     )
     size = "0.5 to 2 arcmin (1.5e-4 to 6e-4 rad); 1 to 20 um"
     look_alikes = ("friction-hysteresis", "piezo-hysteresis", "joint-compliance")
     experiment = "approach the same poses from both sides"
     source = "reversal error of ISO 230-2"
     settings_add = False
-    continuous = (LEAN,)
+    continuous = (LEAN, FRICTION)
 
     def places(self, machine: Machine) -> Sequence[Place]:
         return singly(machine.mechanism.readings)
@@ -70,22 +74,31 @@ class Backlash(Effect):
     def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
         """The way that it came; on machines that point, also every side that its weight may lie on."""
         actuator = actuator_at(machine, place[0])
+        if machine.loaded and drives_joint(machine, actuator) and not points_only(machine):
+            return ({}, *({FRICTION: friction} for friction in FRICTIONS))
         if actuator.unit != "rad" or not points_only(machine) or not drives_joint(machine, actuator):
             return ({},)
         return ({}, *({LEAN: 2 * pi * k / LEANS} for k in range(LEANS)))
 
     def weight(self, settings: Settings) -> float:
-        return 1.0 / LEANS if LEAN in settings else 1.0
+        return {LEAN: 1.0 / LEANS, FRICTION: 1.0 / len(FRICTIONS)}.get(next(iter(settings), ""), 1.0)
 
     def reads_load(self, settings: Settings) -> bool:
-        return LEAN in settings
+        return bool({LEAN, FRICTION} & {*settings})
 
     def shifts(self, site: Site) -> Shifts:
         port = actuator_at(site.machine, site.place[0]).displacement
         if LEAN in site.settings:
             return {port: site.c["b"] / 2 * _side(site)}
-        (approach,) = self.drivers(site.machine, site.place, site.settings)
-        return {port: -site.c["b"] / 2 * site.driver(approach)}
+        (name,) = self.drivers(site.machine, site.place, site.settings)
+        approach = site.driver(name)
+        if FRICTION in site.settings:
+            pushed, even = (
+                site.load(port) - site.settings[FRICTION] * approach,
+                EVEN * site.settings[FRICTION],
+            )
+            return {port: site.c["b"] / 2 * pushed / ca.sqrt(pushed**2 + even**2 + NOTHING**2)}
+        return {port: -site.c["b"] / 2 * approach}
 
     def drivers(self, machine: Machine, place: Place, settings: Settings) -> tuple[str, ...]:
         return () if LEAN in settings else (f"approach.{actuator_at(machine, place[0]).reading}",)

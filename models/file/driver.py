@@ -48,8 +48,12 @@ motion.
 Play is smaller (0.5 to 2 arcmin are 1e-4 to 4e-4 of a travel of 90 deg), so that all longer motions take it up, and encoders
 of joints that are held scatter less.
 """
+HEAT = "heat"
+"""``heat.J~s``: what is left of the way of joint J where what it warms cools with a time constant of s seconds."""
 OF_THE_WAY = ("stop", "loop")
 """Kinds of what a joint's way leaves behind (``truepose.identification.recording.recording``)."""
+OF_THE_CLOCK = ("creep", HEAT)
+"""Kinds of what a joint's way leaves behind for some time."""
 _NUMBER = r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?"
 _NAME: Final = re.compile(
     rf"(?P<kind>[^.]+?)(?:\.(?P<place>.+?))?(?P<numbers>(?:~{_NUMBER})*)", flags=re.DOTALL
@@ -74,6 +78,7 @@ _KINDS: Final[Mapping[str, tuple[str, float]]] = {
     "stop": ("{reading}", 0.0),
     "loop": ("{reading}", 0.0),
     "creep": ("{reading}", 0.0),
+    HEAT: ("{reading}", 0.0),
 }
 """Unit, in terms of the joint's reading where there is one, and value where nothing is recorded."""
 _AIRS: Final = (PRESSURE, "humidity")
@@ -86,7 +91,7 @@ _BY_DIMENSION: Final[Mapping[str, DriverKind]] = {
 _DRIVES: Final[Mapping[str, DriverKind]] = {
     **dict.fromkeys((SESSION, RECORDING), "session"),
     **dict.fromkeys((TIME, ROW, "creep"), "time"),
-    TEMPERATURE: "temperature",
+    **dict.fromkeys((TEMPERATURE, HEAT), "temperature"),
     **dict.fromkeys((PAYLOAD, TORQUE, CURRENT, FORCE, MOMENT), "load"),
     **dict.fromkeys((VELOCITY, APPROACH, STEP, "stop", "loop"), "arrival"),
 }
@@ -122,11 +127,11 @@ class Driver:
 
     @property
     def column(self) -> str:
-        """The column to record for it: ``time`` for creep, the joint for what its way tells, else its own name."""
+        """The column to record for it: ``time`` for creep and heat, the joint for what its way tells, else its own name."""
         if self.kind == STEP:
             return self.place
-        if self.numbers and self.kind in (*OF_THE_WAY, "creep"):
-            return TIME if self.kind == "creep" else self.place
+        if self.numbers and self.kind in (*OF_THE_WAY, *OF_THE_CLOCK):
+            return TIME if self.kind in OF_THE_CLOCK else self.place
         return self.now.name
 
     @property
