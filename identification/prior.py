@@ -80,8 +80,6 @@ ELSEWHERE = 0.2
 """Prior share of what follows another place's thermometer, where the place has one of its own. Chosen."""
 SET_UP = 0.9
 """Share of movements between sessions that are of frames and sensors: they are set up anew, and parts stay. Chosen."""
-REMAINDER = 0.5
-"""Probability that there is a smooth remainder (model discrepancy) beside all effects. Chosen: no knowledge."""
 
 # -- what a fleet may say otherwise -------------------------------------------------------------------------
 
@@ -117,13 +115,6 @@ BOUND_DOUBT = 0.2
 """1-sigma, in the log, of how far physical bounds are known: drivers are logged beside where they act. Chosen."""
 MOVED = 0.1
 """Usual largest movement between sessions, in tolerances (without one: in steps of 100 mm or 1 rad). Chosen."""
-REMAINDER_FROM, REMAINDER_STEP = 0.25, 2.0
-"""Smallest rms of the remainder in stated sigmas, and the factor between its sizes. Chosen: steps of a grid."""
-
-
-def beyond_usual(size: float) -> float:
-    """How many times rarer an effect of this size (in units of the largest usual one) is than of a usual size."""
-    return float(max(size, 1.0) ** RARER)
 
 
 # -- whether a formula holds --------------------------------------------------------------------------------
@@ -132,15 +123,6 @@ FORM_ERROR = 0.1
 """1-sigma of a formula's deviation, as a share of its signal: closed forms of springs and screws hold to some percent.
 
 Chosen."""
-POOR = 0.3
-"""Probability that the formula of a thing that is there is poor: off by ``OFF_FORM[0]`` of its signal. Chosen."""
-OFF_FORM = (0.25, 0.5, 1.0)
-"""How far a signal is off its formula along one driver: the first makes a poor formula, the others another thing. Chosen."""
-ONLY_ALIKE, PART_OF_IT = 0.3, 1.0
-"""Odds that what looks like an effect is something else, of another form: by itself, and beside something without a name.
-
-Fitted."""
-
 # -- how good the stated sigmas are -------------------------------------------------------------------------
 
 

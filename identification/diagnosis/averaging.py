@@ -1,6 +1,6 @@
 """The model that predicts: the likeliest set's fit, moved to the mean over all sets, as uncertain as these are apart.
 
-Each visited state (a set with its sizes, noise, tolerances and remainder) gives a mean and a covariance of geometry and
+Each visited state (a set with its sizes, noise and tolerances) gives a mean and a covariance of geometry and
 coefficients, linear at the likeliest set's fit. The mixture of them has
 
     mean  m = sum w_s m_s,    covariance = sum w_s (C_s + (m_s - m) (m_s - m)')
@@ -179,11 +179,10 @@ def _without_rare(found: Found, kept: Collection[int]) -> list[tuple[State, floa
 
 
 def _kept(found: Found, state: State, kept: Collection[int]) -> State:
-    """A state without rare terms, and without a remainder where the likeliest has none."""
+    """A state without rare terms."""
     candidates = found.problem.candidates
     members = tuple(m for m in state.members if candidates[m[0]] in kept)
-    point = state.point if found.mode.point.remainder else state.point._replace(remainder=0)
-    return State(members, point, state.log_posterior)
+    return State(members, state.point, state.log_posterior)
 
 
 def _turn(found: Found, kept: Sequence[int]) -> sp.csr_array:
@@ -193,12 +192,8 @@ def _turn(found: Found, kept: Sequence[int]) -> sp.csr_array:
     out = sp.lil_array((lin.free + len(columns), design.n + design.width))
     out.setdiag(np.concatenate([np.ones(lin.free), np.zeros(min(out.shape) - lin.free)]))
     stated = {column: lin.free + k for k, column in enumerate(lin.indices(found.catalogue.stated))}
-    columns_of_forms = problem.nameless.tolist() if found.mode.point.remainder else []
-    forms = {column: k for k, column in enumerate(columns_of_forms)}
     for row, column in enumerate(columns, start=lin.free):
         out[row, stated.get(column, design.n + column)] = 1.0
-        if column in forms:
-            out[[row], np.flatnonzero(design.always.remainder)] = problem.remainder[forms[column]]
     return out.tocsr()
 
 
@@ -209,7 +204,7 @@ def _moved(found: Found, likeliest: Estimate, terms: tuple[PlacedEffect, ...], m
     prior, unit = _prior(likeliest, terms), prior_of(machine, terms).scale
     at, start = prior.free, start_from(likeliest, terms)
     moves, count = prior.sigma > 0.0, len(machine.parameters)
-    # what a fit moves; a coefficient of the remainder that no reading sees has no size, and is not moved
+    # what a fit moves
     mixture = mixture.of(np.concatenate([moves[:count][moves[:count]], moves[count:]]))
     for part in (*0.5 ** np.arange(HALVINGS + 1), 0.0):
         p = start.copy()

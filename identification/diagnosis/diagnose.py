@@ -19,7 +19,7 @@ from truepose.identification.diagnosis.findings import (
 )
 from truepose.identification.diagnosis.naming import Summary, Supported, keep_supported, summarised
 from truepose.identification.diagnosis.null_fits import Fits, null_fits
-from truepose.identification.diagnosis.posterior_summary import SURE, Inclusion, Presence
+from truepose.identification.diagnosis.posterior_summary import SURE, Inclusion, Sums
 from truepose.identification.diagnosis.proof import prove, replications
 from truepose.identification.diagnosis.refit import Choice, likeliest_model, model_of_names
 from truepose.identification.diagnosis.result import NAMED, Alarm, Alternative, Diagnosis, Lead
@@ -31,7 +31,7 @@ from truepose.identification.learned_prior import FleetPrior, LearnedPrior
 from truepose.identification.recording.load import with_measured_loads
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import catalogue
-from truepose.identification.signatures.untestable import missing_inputs
+from truepose.identification.signatures.untestable import missing_inputs, with_assumed_gravity
 from truepose.models.machine.machine import Machine
 from truepose.threads import run_both
 
@@ -60,10 +60,11 @@ def diagnose(
     ``Diagnosis.examined``. Raises InputError for unusable input and ConvergenceError when the fit without effects finds no
     minimum.
     """
-    machine = with_measured_loads(with_set_ups(machine, recording), recording)
+    stated = with_measured_loads(with_set_ups(machine, recording), recording)
+    machine = with_assumed_gravity(stated)
     progress("fitting without effects")
     every = stages(machine, estimate_reading_errors(machine, recording))
-    fits, cat = null_fits(machine, every[0]), catalogue(machine, recording)
+    fits, cat = null_fits(machine, every[0]), catalogue(machine, recording, stated)
     if prior is not None:
         cat = replace(cat, learned=FleetPrior(prior, machine.mechanism_type))
     progress(f"weighing {len(cat.candidates)} explanations")
@@ -74,7 +75,8 @@ def diagnose(
     del near  # and what its chains remember
     stopped = stop()
     progress("naming and proving")
-    return replace(conclude(fits, found.pop(), examine), stopped=stopped)  # whose matrices are let go there
+    said = conclude(fits, found.pop(), examine)  # whose matrices are let go there
+    return replace(said, nominal=stated, missing=missing_inputs(stated, recording), stopped=stopped)
 
 
 def conclude(fits: Fits, found: Found, examine: Examine | None = None) -> Diagnosis:
@@ -137,7 +139,7 @@ def conclude_nothing(
         candidates=ranked_alternatives(cat, found.alone),
         evidence_map=evidence_map(cat, found.alone),
         untestable=(*cat.untestable, *supported.unseen),
-        missing=missing_inputs(machine, recording),
+        missing=(),
         free=fits.free,
         before=fits.before,
         after=choice.drawing,
@@ -152,7 +154,7 @@ def conclude_nothing(
         disagreement=found.posterior.disagreement,
         budget_spent=found.posterior.cut,
         applied=choice.applied("plain", plain, plain),
-        together=Presence(machine, cat, found.problem, found.posterior).together(),
+        together=Sums(machine, cat, found.problem, found.posterior).together(),
         examined=None if examine is None else examine(found, summary.inclusion),
         **NOTHING,
         prior_notes=() if cat.learned is None else cat.learned.notes(c.at_place for c in cat.candidates),

@@ -27,19 +27,18 @@ from truepose.identification.diagnosis.posterior_summary import (
     SURE,
     Inclusion,
     Named,
-    Presence,
     Rival,
+    Sums,
     driver_of,
-    inclusion,
     parts_of,
 )
 from truepose.identification.diagnosis.result import NAMED, Replication
-from truepose.identification.diagnosis.rivals import beside_untested, forms_hold, without_untested
 from truepose.identification.diagnosis.search import Found, chosen
 from truepose.identification.fit.estimated import Estimate
-from truepose.identification.posterior.state import slot_odds, supports
+from truepose.identification.posterior.state import supports
 from truepose.identification.signatures.untestable import Untestable
 from truepose.models.effects.empirical import Empirical
+from truepose.models.file.driver import DriverKind
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.placed import EffectAtPlace
 
@@ -49,120 +48,84 @@ FAMILY = 3
 """Places of one effect from which on they are told as a family."""
 
 
-def named(found: Found, said: Inclusion) -> tuple[Named, ...]:
+def named(found: Found, sums: Sums) -> tuple[Named, ...]:
     """Causes of the mode, the best supported first; then what has a place and a driver only.
 
     Not all of them are more probable than not (``Named.said``).
     """
     problem = found.problem
     causes = dict.fromkeys(int(problem.spike_slab.terms.cause[term]) for term, _ in found.mode.members)
-    single = [_single(found, k) for k in causes if problem.causes[k].effect != Empirical.slug]
-    presence = Presence(found.signatures.machine, found.catalogue, problem, found.posterior)
-    names, candidates = list[Named](), found.catalogue.candidates
-    for n in _supported(found, said, single):
-        levels = presence.levels(*n.cause, candidates[n.candidates[0]].kind, n.probability)
-        names.append(replace(n, levels=levels))
-    own = {n.cause for n in names if n.said}
-    told = sorted((told_once(n, said, own) for n in names), key=lambda n: -n.gain)
-    of_effect = Counter(cause.effect for cause in own)
-    together = [
-        replace(n, family=n.cause.effect) if n.said and of_effect[n.cause.effect] >= FAMILY else n
-        for n in told
+    own = [k for k in causes if any(found.catalogue.named(i) for i in _terms_of(found, k))]
+    laws = [_law(found, sums, k, own) for k in own]
+    gains = _gains(found, [n.candidates for n in laws])
+    of_effect = Counter(n.cause.effect for n in laws if n.said)
+    told = list[Named]()
+    for n, gain in zip(laws, gains, strict=True):
+        family = n.cause.effect if n.said and of_effect[n.cause.effect] >= FAMILY else ""
+        equivalents = tuple(replace(m, gain=m.gain + gain) for m in n.equivalents)
+        told.append(replace(n, gain=gain, family=family, equivalents=equivalents))
+    told.sort(key=lambda n: -n.gain)
+    return (*told, *_nameless(found, sums, told))
+
+
+def _terms_of(found: Found, number: int) -> list[int]:
+    """Candidates of the mode that a cause has."""
+    terms = found.problem.spike_slab.terms
+    return [found.problem.candidates[t] for t, _ in found.mode.members if int(terms.cause[t]) == number]
+
+
+def _law(found: Found, sums: Sums, number: int, named_ones: Collection[int]) -> Named:
+    """A cause of the mode with what else may be in its slot: other laws, or something without a name.
+
+    Where that is the likelier, there is no law to say.
+    """
+    problem, posterior, cat = found.problem, found.posterior, found.catalogue
+    row, candidates, probability = posterior.beside[number], _terms_of(found, number), sums.law(number)
+    rivals = [k for k in np.argsort(-row) if k not in named_ones and row[k] > SHOWN][:LISTED]
+    laws = [k for k in rivals if problem.causes[k].effect != Empirical.slug]
+    certainty = max(sums.any_law([number, *laws]), probability)
+    cause, here = problem.causes[number], max(row[number], 1e-9)
+    equivalents = [
+        Rival(problem.causes[k], sums.law(k), float(np.log(row[k] / here)), sums.tested(k)) for k in laws
     ]
-    return (*together, *_nameless(found, presence, together))
+    levels = sums.levels(cause, cat.candidates[candidates[0]].kind, probability)
+    other = levels.driver - certainty
+    unnamed = EffectAtPlace(Empirical.slug, cause.place)
+    if other > SHOWN:
+        equivalents.append(Rival(unnamed, other, 0.0))
+    if other > probability:
+        equivalents = [m for m in equivalents if m.cause != unnamed] + [Rival(cause, probability, 0.0)]
+        cause, probability = unnamed, 0.0
+    ranked = tuple(sorted(equivalents, key=lambda m: -m.probability))
+    return Named(cause, tuple(candidates), probability, certainty, ranked, levels=levels)
 
 
-def _nameless(found: Found, presence: Presence, names: Sequence[Named]) -> list[Named]:
+def _nameless(found: Found, sums: Sums, names: Sequence[Named]) -> list[Named]:
     """Forms of the mode whose place and driver are known and that no name speaks of, the largest first."""
     cat, machine = found.catalogue, found.signatures.machine
     spoken = {key for n in names if n.said for key in _speaks_of(machine, n)}
-    groups: dict[tuple[tuple[str, ...], str], list[int]] = {}
+    groups: dict[tuple[EffectAtPlace, DriverKind], list[int]] = {}
     for i in chosen(found.problem, found.mode):
         placed = cat.candidates[i]
-        if not cat.named(i) and (placed.place[0], driver_of(placed.kind)) not in spoken:
-            groups.setdefault((placed.place, driver_of(placed.kind)), []).append(i)
-    if not groups:
+        if cat.named(i):
+            continue
+        for kind in placed.effect.driver_kinds(machine, placed.place, placed.settings_map):
+            if not {(part, driver_of(kind)) for part in sums.parts(placed.at_place)} <= spoken:
+                groups.setdefault((EffectAtPlace(Empirical.slug, placed.place), kind), []).append(i)
+    gains = _gains(found, list(groups.values()))
+    every = ((*key, own, gain) for (key, own), gain in zip(groups.items(), gains, strict=True))
+    out = [
+        Named(cause, tuple(own), 0.0, 0.0, (), gain, levels=sums.levels(cause, kind, 0.0))
+        for cause, kind, own, gain in every
+    ]
+    return sorted((n for n in out if n.levels.driver >= NAMED), key=lambda n: -n.gain)
+
+
+def _gains(found: Found, wanted: Sequence[Collection[int]]) -> list[float]:
+    """Log Bayes factor of the mode against it without some of its candidates, for each of ``wanted``."""
+    if not wanted:
         return []
-    gains = supports(found.problem.spike_slab, found.mode, [_places(found, own) for own in groups.values()])
-    out = []
-    for ((place, _), own), gain in zip(groups.items(), gains, strict=True):
-        levels = presence.levels(Empirical.slug, place, cat.candidates[own[0]].kind, 0.0)
-        if levels.driver >= NAMED:
-            cause = EffectAtPlace(Empirical.slug, place)
-            out.append(Named(cause, tuple(own), 0.0, 0.0, (), gain, levels=levels))
-    return sorted(out, key=lambda n: -n.gain)
-
-
-def as_named(said: Inclusion, names: Sequence[Named]) -> Inclusion:
-    """Each cause with the probability that its name has: less than there is by what is only like it."""
-    own = {n.cause: n.probability for n in names if not n.nameless}
-    ranked = sorted({**said.places, **own}.items(), key=lambda item: -item[1])
-    return replace(said, places=dict(ranked))
-
-
-def _supported(found: Found, said: Inclusion, names: Sequence[Named]) -> list[Named]:
-    """With the log Bayes factor of each name and of its class, and with what is only like it or a part of something else."""
-    if not names:
-        return []
-    alone = supports(found.problem.spike_slab, found.mode, [_places(found, n.candidates) for n in names])
-    gains = [max(gain, _least(found, n)) for gain, n in zip(alone, names, strict=True)]
-    held = forms_hold(found, said.nameless, [n.candidates for n in names])
-    every = zip(names, gains, held, strict=True)
-    return [replace(_beside_alike(n, gain, itself), tested=tested) for n, gain, (itself, tested) in every]
-
-
-def _least(found: Found, one: Named) -> float:
-    """Log Bayes factor that a name has at least: from its prior odds beside the others to those that it was drawn with.
-
-    What the likeliest state says of it may be less: other states hold it, too.
-    """
-    spike_slab, members = found.problem.spike_slab, found.mode.members
-    own = [m for m in members if found.problem.candidates[m[0]] in one.candidates]
-    if len(own) != 1:
-        return -np.inf
-    prior_odds = spike_slab.terms.log_prior_of(own) + slot_odds(found.problem.richness, len(members) - 1)
-    sweeps = found.posterior.sweeps  # so many draws tell no more than one in so many
-    drawn = (one.probability * sweeps + 1.0) / (sweeps + 2.0)
-    return float(np.log(drawn / (1.0 - drawn)) - prior_odds)
-
-
-def _beside_alike(one: Named, gain: float, held: float) -> Named:
-    """A name with its log Bayes factor, where it is the thing itself with a probability ``held``."""
-    members = [replace(m, probability=held * m.probability, gain=gain + m.gain) for m in one.equivalents]
-    alike = (1.0 - held) * one.probability
-    if alike > SHOWN:
-        cause = EffectAtPlace(Empirical.slug, one.cause.place)
-        members.append(Rival(cause, alike, gain + float(np.log((1.0 - held) / held))))
-    own, whole = held * one.probability, held * one.certainty
-    return replace(one, probability=own, certainty=whole, gain=gain, equivalents=tuple(members))
-
-
-def told_once(one: Named, said: Inclusion, own: Collection[EffectAtPlace]) -> Named:
-    """One probability for each cause: another explanation is as probable as it is at all, in this stead or beside it.
-
-    ``own``: what is named for itself, and so no other explanation of anything.
-    """
-    others = [m for m in one.equivalents if m.cause not in own]
-    twice = sum(m.probability for m in one.equivalents if m.cause in own)
-    at_all = [0.0 if m.cause.effect == Empirical.slug else said.of(m.cause) for m in others]
-    as_told = [replace(m, probability=max(m.probability, p)) for m, p in zip(others, at_all, strict=True)]
-    ranked = tuple(sorted(as_told, key=lambda m: -m.probability))
-    return replace(one, certainty=max(one.certainty - twice, one.probability), equivalents=ranked)
-
-
-def _single(found: Found, number: int) -> Named:
-    """A cause of the mode with what else may be in its slot."""
-    problem, posterior = found.problem, found.posterior
-    row, own = posterior.beside[number], float(posterior.causes[number])
-    rivals = [k for k in np.argsort(-row) if k != number and row[k] > SHOWN][:LISTED]
-    others = sum(min(row[k], 1.0) for k in rivals)
-    # all that may be in the slot, what has no name included
-    certainty = min(1.0, own + sum(row[k] for k in rivals if problem.causes[k].effect != Empirical.slug))
-    kept = float(min(1.0, max(1.0 - own, 0.0) / others)) if others > 0.0 else 1.0
-    each = ((problem.causes[k], float(min(row[k], 1.0))) for k in rivals)
-    shown = tuple(Rival(cause, kept * p, float(np.log(p / max(row[number], 1e-9)))) for cause, p in each)
-    terms = [t for t, _ in found.mode.members if int(problem.spike_slab.terms.cause[t]) == number]
-    return Named(problem.causes[number], tuple(problem.candidates[t] for t in terms), own, certainty, shown)
+    return supports(found.problem.spike_slab, found.mode, [_places(found, own) for own in wanted])
 
 
 def _places(found: Found, wanted: Collection[int]) -> Index:
@@ -192,25 +155,23 @@ class Summary:
         return tuple(i for n in self.laws if n.probability > NAMED for i in n.candidates)
 
     def sure(self, probability: float = 0.0) -> tuple[int, ...]:
-        """Return candidates that act at their place by their driver for sure, of names as probable as that."""
-        sure = [n for n in self.laws if n.levels.driver >= SURE and n.probability >= probability]
+        """Return candidates that act at their place by their driver for sure: laws as probable as that, and what has none."""
+        sure = [
+            n for n in self.names if n.levels.driver >= SURE and (n.nameless or n.probability >= probability)
+        ]
         return tuple(i for n in sure for i in n.candidates)
 
 
 def summarised(found: Found, fit: Estimate) -> Summary:
     """Of a posterior; terms that the likeliest ``fit`` does not hold (bounds left nothing of them) are not told."""
-    said = inclusion(found.problem, found.posterior)
-    cat = found.catalogue
-    held = {effect.label for effect in fit.effects}
-    kept = list[Named]()
-    for n in named(found, said):
-        own = tuple(i for i in n.candidates if cat.candidates[i].label in held)
+    sums = Sums(found.signatures.machine, found.catalogue, found.problem, found.posterior)
+    held, kept = {effect.label for effect in fit.effects}, list[Named]()
+    for n in named(found, sums):
+        own = tuple(i for i in n.candidates if found.catalogue.candidates[i].label in held)
         kept += [replace(n, candidates=own)] if own else []
-    every = beside_untested(found, kept)
-    shown = without_untested(found, every)
-    names = _told(found, [n for n in shown if n.said])
-    rest = [n for n in shown if n not in names and max(n.levels.driver, n.certainty) >= LEADING]
-    return Summary(names, tuple(rest), as_named(said, every))
+    names = _told(found, [n for n in kept if n.said])
+    rest = [n for n in kept if n not in names and max(n.levels.driver, n.certainty) >= LEADING]
+    return Summary(names, tuple(rest), sums.inclusion())
 
 
 def _told(found: Found, names: Sequence[Named]) -> tuple[Named, ...]:

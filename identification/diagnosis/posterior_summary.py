@@ -1,19 +1,20 @@
-"""What the posterior says, summed over its states: of effects at places, of parts and drivers, of sets, and of a name's class.
+"""What the posterior says, as sums over its states: of parts, of drivers at parts, of laws at places, and of sets.
 
 "Is it exactly this law?" and "does this part respond to this driver?" are two questions. A name, a form without one and
 another law at the same part with the same driver are rivals for the first and agree on the second. So each state's terms
-count by their part alone, and by part and driver.
+count by their part alone, and by part and driver; a law counts in states that leave nothing without a name at its parts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import get_args
 
 from truepose.identification.diagnosis.result import NAMED, UNKNOWN, Levels, SetOfEffects, Together
 from truepose.identification.diagnosis.selection_problem import SelectionProblem
 from truepose.identification.posterior.posterior import Posterior
+from truepose.identification.posterior.state import State
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.models.effects.empirical import Empirical
 from truepose.models.file.driver import DriverKind
@@ -36,32 +37,12 @@ ANY = ""
 
 @dataclass(frozen=True)
 class Inclusion:
-    """places: probability of each effect at each place; sets: the likeliest sets, a smooth remainder being one without a
-    place; nameless: that something without a name is there, a form in a slot or the smooth remainder."""
+    """places: probability of each law at its place, and of something without one; sets: the likeliest sets; nameless: that
+    something without a name is there."""
 
     places: Mapping[EffectAtPlace, float]
     sets: tuple[SetOfEffects, ...]
     nameless: float
-
-    def of(self, cause: EffectAtPlace) -> float:
-        """Probability of an effect at its place."""
-        return self.places.get(cause, 0.0)
-
-
-def inclusion(problem: SelectionProblem, posterior: Posterior) -> Inclusion:
-    """What the posterior says of effects at places."""
-    places = dict(zip(problem.causes, posterior.causes.tolist(), strict=True))
-    sets: dict[tuple[EffectAtPlace, ...], float] = {}
-    for state, share in posterior.states:
-        numbers = sorted({int(problem.spike_slab.terms.cause[term]) for term, _ in state.members})
-        key = tuple(problem.causes[k] for k in numbers)
-        key += (EffectAtPlace(Empirical.slug, ()),) if state.point.remainder > 0 else ()
-        sets[key] = sets.get(key, 0.0) + share
-    ranked = sorted(places.items(), key=lambda item: -item[1])
-    listed = {place: p for place, p in ranked if p > REPORTED}
-    likeliest = sorted(sets.items(), key=lambda item: -item[1])[:LISTED]
-    nameless = sum(p for key, p in sets.items() if any(c.effect == Empirical.slug for c in key))
-    return Inclusion(listed, tuple(SetOfEffects(*one) for one in likeliest), nameless)
 
 
 def driver_of(kind: DriverKind) -> str:
@@ -80,49 +61,97 @@ def parts_of(machine: Machine, slug: str, place: Iterable[str]) -> tuple[str, ..
     return tuple(dict.fromkeys(joints.get(one, one) for one in elements))
 
 
-class Presence:
-    """How probable it is that something is at parts, and that a driver acts there, over all states of a posterior."""
+class Sums:
+    """All that is said of parts, drivers and laws: shares of a posterior's states that agree on it."""
 
     def __init__(
         self, machine: Machine, cat: Catalogue, problem: SelectionProblem, posterior: Posterior
     ) -> None:
-        self._machine, self._cat = machine, cat
-        self._states = list[tuple[float, frozenset[Key]]]()
-        for state, share in posterior.states:
-            keys = (key for t, _ in state.members for key in self._of(problem.candidates[t]))
-            self._states.append((share, frozenset(keys)))
+        self._machine, self._cat, self._problem, self._posterior = machine, cat, problem, posterior
+        self._causes = [frozenset(self._numbers(state)) for state, _ in posterior.states]
+        self._shares = [share for _, share in posterior.states]
+        cause = problem.spike_slab.terms.cause
+        self._untested = {int(cause[t]) for t, i in enumerate(problem.candidates) if i in cat.untested}
+        self._keys, self._alone = list[frozenset[Key]](), list[frozenset[int]]()
+        for (state, _), causes in zip(posterior.states, self._causes, strict=True):
+            candidates = [problem.candidates[term] for term, _ in state.members]
+            self._keys.append(frozenset(key for i in candidates for key in self._of(i)))
+            unnamed = {part for i in candidates if not cat.named(i) for part in self.parts(cat.cause(i))}
+            self._alone.append(
+                frozenset(k for k in causes if not unnamed & set(self.parts(problem.causes[k])))
+            )
+
+    def parts(self, cause: EffectAtPlace) -> tuple[str, ...]:
+        """The parts that a cause is at."""
+        return parts_of(self._machine, *cause)
+
+    def law(self, number: int) -> float:
+        """Probability of a cause's law: that it is there, with nothing without a name at its parts."""
+        whole = self._sum(number in causes for causes in self._causes)
+        alone = self._sum(number in causes for causes in self._alone)
+        return float(self._posterior.causes[number]) * alone / whole if whole else 0.0
+
+    def tested(self, number: int) -> bool:
+        """Whether the recording could test a cause: it knows what it would be driven by."""
+        return number not in self._untested
+
+    def any_law(self, numbers: Collection[int]) -> float:
+        """Probability that one of some laws is there so."""
+        return self._sum(not causes.isdisjoint(numbers) for causes in self._alone)
 
     def at(self, parts: Sequence[str], kind: DriverKind | None = None) -> float:
         """Probability of something at all of these parts, with one driver or whatever drives it."""
         driver = ANY if kind is None else driver_of(kind)
         wanted = {(part, driver) for part in parts}
-        return min(sum(share for share, keys in self._states if wanted <= keys), 1.0)
+        return self._sum(wanted <= keys for keys in self._keys)
 
-    def levels(self, slug: str, place: Sequence[str], kind: DriverKind, law: float) -> Levels:
+    def levels(self, cause: EffectAtPlace, kind: DriverKind, law: float) -> Levels:
         """Of an effect at its place, whose law has the probability ``law``: no level is less probable than a deeper one."""
-        parts = parts_of(self._machine, slug, place)
-        driver = max(self.at(parts, kind), law)
-        return Levels(max(self.at(parts), driver), kind, driver)
+        driver = max(self.at(self.parts(cause), kind), law)
+        return Levels(max(self.at(self.parts(cause)), driver), kind, driver)
 
     def together(self) -> tuple[Together, ...]:
         """Of each driver the places that are not sure one by one, where it is sure that it acts at one of them at least."""
-        keys = sorted({key for _, keys in self._states for key in keys if key[1] != ANY})
+        every = sorted({key for keys in self._keys for key in keys if key[1] != ANY})
         out = list[Together]()
-        for driver in [kind for kind in get_args(DriverKind) if kind in {own for _, own in keys}]:
-            alone = {part: self.at((part,), driver) for part, own in keys if own == driver}
+        for driver in [kind for kind in get_args(DriverKind) if kind in {own for _, own in every}]:
+            alone = {part: self.at((part,), driver) for part, own in every if own == driver}
             open_ = {part: p for part, p in alone.items() if SHOWN < p < SURE}
             group = {(part, driver) for part in open_}
-            total = min(sum(share for share, state in self._states if group & state), 1.0)
+            total = self._sum(not keys.isdisjoint(group) for keys in self._keys)
             if len(open_) > 1 and total >= SURE:
                 ranked = tuple(sorted(open_, key=lambda part: (-open_[part], part)))
                 out.append(Together(driver, ranked, total))
         return tuple(out)
 
+    def inclusion(self) -> Inclusion:
+        """What is said of effects at places, and of sets of them."""
+        causes, sets = self._problem.causes, dict[tuple[EffectAtPlace, ...], float]()
+        for numbers, share in zip(self._causes, self._shares, strict=True):
+            key = tuple(causes[k] for k in sorted(numbers))
+            sets[key] = sets.get(key, 0.0) + share
+        places = {cause: self.law(k) for k, cause in enumerate(causes) if cause.effect != Empirical.slug}
+        forms = [(k, cause) for k, cause in enumerate(causes) if cause.effect == Empirical.slug]
+        places |= {cause: float(self._posterior.causes[k]) for k, cause in forms}
+        ranked = sorted(places.items(), key=lambda item: -item[1])
+        listed = {place: p for place, p in ranked if p > REPORTED}
+        likeliest = sorted(sets.items(), key=lambda item: -item[1])[:LISTED]
+        nameless = sum(p for key, p in sets.items() if any(c.effect == Empirical.slug for c in key))
+        return Inclusion(listed, tuple(SetOfEffects(*one) for one in likeliest), nameless)
+
+    def _sum(self, holds: Iterable[bool]) -> float:
+        return min(sum(share for share, one in zip(self._shares, holds, strict=True) if one), 1.0)
+
+    def _numbers(self, state: State) -> Iterator[int]:
+        return (int(self._problem.spike_slab.terms.cause[term]) for term, _ in state.members)
+
     def _of(self, candidate: int) -> Iterator[Key]:
         """What a candidate says."""
         placed = self._cat.candidates[candidate]
-        for part in parts_of(self._machine, placed.effect.slug, placed.place):
-            yield from ((part, ANY), (part, driver_of(placed.kind)))
+        kinds = placed.effect.driver_kinds(self._machine, placed.place, placed.settings_map)
+        for part in self.parts(placed.at_place):
+            yield (part, ANY)
+            yield from ((part, driver_of(kind)) for kind in kinds)
 
 
 @dataclass(frozen=True)

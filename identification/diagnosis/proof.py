@@ -183,7 +183,7 @@ def injected_recovered(after: Estimate, found: Found, main: int) -> bool:
     amplitude = found.linearisation.turn(main).T @ size
     noises = own.unknowns.scales(found.mode.point).tolist()
     design = _simulated(own.design, found.linearisation.columns[main], amplitude, noises)
-    point = found.mode.point._replace(widening=0, remainder=0)
+    point = found.mode.point.widened(0)
     log_odds = SpikeSlab(design, own.unknowns, own.terms, own.sizes).log_odds(point, ())
     odds, causes = np.logaddexp.reduce(log_odds, axis=0), range(len(problem.causes))
     by_cause = np.array([np.logaddexp.reduce(odds[own.terms.cause == k]) for k in causes])

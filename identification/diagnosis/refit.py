@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from itertools import accumulate
 
 import numpy as np
 
@@ -35,13 +34,10 @@ from truepose.identification.fit.problem import Prior, prior_of
 from truepose.identification.fit.summary import summarise, worst_allowed
 from truepose.identification.fit.tolerance_classes import WEIGHED, part_classes
 from truepose.identification.posterior.spike_slab import LONG_SET
-from truepose.identification.posterior.state import moments
 from truepose.identification.prior import STATED
 from truepose.models.effects.base import PlacedEffect
 
 Split = tuple[str, list[Block]]
-WORTH = 0.95
-"""Share of the remainder's signal that the forms which are carried hold; the others are left to the noise."""
 ORDINARY, DRAWING = "ordinary", "drawing"
 """The fit that tolerances hardly hold, and the one that is held to the drawing."""
 AS_GOOD = 1.01
@@ -49,65 +45,24 @@ AS_GOOD = 1.01
 DETERMINED = 0.5
 """Variance, in squared tolerances, below which readings tell more of a combination of constants than tolerances do."""
 FEW = 40
-"""Most forms of the remainder that are carried, and most candidates that a mean over sets has beside the likeliest one."""
+"""Most candidates that a mean over sets has beside the likeliest one."""
 
 
-@dataclass(frozen=True)
-class Shape:
-    """A form of the remainder: index of its candidate, prior 1-sigma of each coefficient in its scale, share of the signal."""
-
-    candidate: int
-    sigma: Array
-    share: float
-
-
-def remainder_shapes(found: Found) -> tuple[Shape, ...]:
-    """The forms that make most of the remainder of the mode, the largest first; none where it has none."""
-    problem, mode = found.problem, found.mode
-    tau = problem.spike_slab.unknowns.size.values[mode.point.remainder]
-    if tau == 0.0 or not problem.remainder.size:
-        return ()
-    known, always = moments(problem.spike_slab, mode), problem.spike_slab.design.always
-    coefficients = problem.remainder @ known.mean[: len(always.sigma)][always.remainder]
-    sigma = tau * np.sqrt(np.sum(problem.remainder**2, axis=1))
-    lin, cat, at, shapes = found.linearisation, found.catalogue, 0, list[Shape]()
-    for i in cat.smooth:
-        part = slice(at, at := at + len(cat.candidates[i].coefficients))
-        columns = lin.free + problem.nameless[part]
-        signal = float(coefficients[part] @ lin.among(columns) @ coefficients[part])
-        shapes.append(Shape(i, sigma[part], signal))
-    total = sum(s.share for s in shapes)
-    if total <= 0.0:
-        return ()
-    ranked = sorted((replace(s, share=s.share / total) for s in shapes), key=lambda s: -s.share)[:FEW]
-    before = accumulate((s.share for s in ranked), initial=0.0)
-    return tuple(shape for shape, carried in zip(ranked, before, strict=False) if carried <= WORTH)
+def fitted(found: Found, accepted: Mapping[int, float], exclude: Mask) -> Estimate | None:
+    """The nonlinear fit with candidates (index to spread), tolerances as wide as the mode's; None where it has no minimum."""
+    cat = found.catalogue
+    terms = [replace(cat.candidates[i], spread=spread) for i, spread in accepted.items()]
+    try:
+        return estimate(
+            found.signatures.machine, found.signatures.recording, terms, start=start_from(found.fit, terms),
+            exclude=exclude, prior=_prior(found, terms), noise=noise_at(found.problem, found.mode),
+        )  # fmt: skip
+    except ConvergenceError:
+        return None
 
 
-def fitted(
-    found: Found, accepted: Mapping[int, float], shapes: tuple[Shape, ...], exclude: Mask
-) -> Estimate | None:
-    """The nonlinear fit with candidates (index to spread) and forms of the remainder, tolerances as wide as the mode's.
-
-    Where no minimum is found with both, the candidates alone are tried; None where they have none either.
-    """
-    machine, cat, start = found.signatures.machine, found.catalogue, found.fit
-    held = [replace(cat.candidates[i], spread=spread) for i, spread in accepted.items()]
-    for forms in (shapes, ()) if shapes else ((),):
-        extra = [s for s in forms if s.candidate not in accepted]
-        terms = [*held, *(cat.candidates[s.candidate] for s in extra)]
-        try:
-            return estimate(
-                machine, found.signatures.recording, terms, start=start_from(start, terms), exclude=exclude,
-                prior=_prior(found, terms, len(accepted), extra), noise=noise_at(found.problem, found.mode),
-            )  # fmt: skip
-        except ConvergenceError:
-            continue
-    return None
-
-
-def _prior(found: Found, terms: list[PlacedEffect], first: int, extra: list[Shape]) -> Prior:
-    """Tolerances widened as the mode has them, and each coefficient of the remainder with its own 1-sigma."""
+def _prior(found: Found, terms: list[PlacedEffect]) -> Prior:
+    """Tolerances widened as the mode has them."""
     machine, problem = found.signatures.machine, found.problem
     prior = prior_of(machine, terms)
     sigma, count = prior.sigma.copy(), len(machine.parameters)
@@ -117,10 +72,6 @@ def _prior(found: Found, terms: list[PlacedEffect], first: int, extra: list[Shap
     classes = part_classes([prior.names[k] for k in free], [prior.parts[k] for k in free])
     for k, one in zip(free, classes, strict=True):
         sigma[k] *= 1.0 if one.kind in WEIGHED else factors.get(one, 1.0)
-    at = count + sum(len(t.coefficients) for t in terms[:first])
-    for shape in extra:
-        sigma[at : at + len(shape.sigma)] = shape.sigma * prior.scale[at : at + len(shape.sigma)]
-        at += len(shape.sigma)
     # steps of amplitudes in their own 1-sigma: sizes apart by orders of magnitude must not pass for rounding
     scale = np.where((np.arange(len(sigma)) >= count) & (sigma > 0.0), sigma, prior.scale)
     return replace(prior, sigma=sigma, scale=scale)
@@ -128,28 +79,24 @@ def _prior(found: Found, terms: list[PlacedEffect], first: int, extra: list[Shap
 
 @dataclass(frozen=True)
 class Model:
-    """Candidates with their spreads, forms of the remainder, and the fit with both."""
+    """Candidates with their spreads, and the fit with them."""
 
     accepted: Mapping[int, float]
-    shapes: tuple[Shape, ...]
     fit: Estimate
 
     def nameless(self, found: Found) -> tuple[int, ...]:
         """What has no name and is in the fit."""
         cat, held = found.catalogue, {e.label for e in self.fit.effects}
-        every = (*(i for i in self.accepted if not cat.named(i)), *(s.candidate for s in self.shapes))
-        return tuple(i for i in every if cat.candidates[i].label in held)
+        return tuple(i for i in self.accepted if not cat.named(i) and cat.candidates[i].label in held)
 
 
-def refit(
-    found: Found, accepted: Mapping[int, float], shapes: tuple[Shape, ...], exclude: Mask
-) -> Model | None:
-    """The model of these candidates and forms, with physical bounds kept; None where no minimum is found.
+def refit(found: Found, accepted: Mapping[int, float], exclude: Mask) -> Model | None:
+    """The model of these candidates, with physical bounds kept; None where no minimum is found.
 
     What bounds leave nothing of (a compliance that would be negative) is no part of it.
     """
     recording = found.signatures.recording
-    fit = fitted(found, accepted, shapes, exclude)
+    fit = fitted(found, accepted, exclude)
     try:
         fit = fit and within_bounds(fit, recording, exclude)
     except ConvergenceError:
@@ -159,17 +106,16 @@ def refit(
     nothing = {e.label for e in fit.fitted_effects() if not any(e.amplitudes)}
     left = {i: s for i, s in accepted.items() if found.catalogue.candidates[i].label not in nothing}
     if len(left) < len(accepted):
-        return refit(found, left, shapes, exclude)
-    return Model(accepted, shapes, fit)
+        return refit(found, left, exclude)
+    return Model(accepted, fit)
 
 
 def likeliest_model(fits: Fits, found: Found) -> Model:
     """Return the likeliest set's model; the fit of the last expansion point, and what it holds, where that has no minimum."""
     accepted = dict.fromkeys(found.catalogue.stated, STATED) | chosen(found.problem, found.mode)
-    shapes = remainder_shapes(found)
-    if not accepted and not shapes:
-        return Model(accepted, (), fits.before)
-    return refit(found, accepted, shapes, fits.outliers) or Model(dict(found.accepted), (), found.fit)
+    if not accepted:
+        return Model(accepted, fits.before)
+    return refit(found, accepted, fits.outliers) or Model(dict(found.accepted), found.fit)
 
 
 def model_of_names(fits: Fits, found: Found, model: Model) -> Model | None:
@@ -177,7 +123,7 @@ def model_of_names(fits: Fits, found: Found, model: Model) -> Model | None:
     own = {i: s for i, s in model.accepted.items() if found.catalogue.named(i)}
     if not own:
         return None
-    return refit(found, own, (), fits.outliers) if model.nameless(found) else model
+    return refit(found, own, fits.outliers) if model.nameless(found) else model
 
 
 @dataclass(frozen=True)
@@ -297,15 +243,15 @@ class Choice:
         cat = self.found.catalogue
         silent = self._silent(model.fit)
         robot = {i: s for i, s in model.accepted.items() if cat.candidates[i].label not in silent}
-        wanted = list[tuple[str, Mapping[int, float], tuple[Shape, ...]]]()
-        wanted += [("robot", robot, model.shapes)] if len(robot) < len(model.accepted) else []
+        wanted = list[tuple[str, Mapping[int, float]]]()
+        wanted += [("robot", robot)] if len(robot) < len(model.accepted) else []
         if names is not None and model.nameless(self.found):
             forms = {i: s for i, s in model.accepted.items() if not cat.named(i) or i in cat.stated}
-            wanted += [("names", names.accepted, ()), ("forms", forms, model.shapes)]
+            wanted += [("names", names.accepted), ("forms", forms)]
         known = {i: s for i, s in model.accepted.items() if i in sure or i in cat.stated}
-        wanted += [("sure-names", known, ())] if known and len(known) < len(model.accepted) else []
-        for label, accepted, shapes in wanted:
-            other = names if label == "names" else refit(self.found, accepted, shapes, self.outliers)
+        wanted += [("sure-names", known)] if known and len(known) < len(model.accepted) else []
+        for label, accepted in wanted:
+            other = names if label == "names" else refit(self.found, accepted, self.outliers)
             if other is not None:
                 yield label, other
 

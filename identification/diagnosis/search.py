@@ -36,6 +36,7 @@ from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Linearisation
 from truepose.identification.signatures.lines import proposed, refined
+from truepose.identification.signatures.products import proposed_products
 from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.machine.machine import Machine
@@ -86,7 +87,7 @@ def search(signatures: Signatures, cat: Catalogue, fits: Fits, stop: Callable[[]
 
 def prepared(signatures: Signatures, fit: Estimate, cat: Catalogue) -> tuple[Signatures, Catalogue]:
     """With the lines that a fit leaves among the candidates, and long series in the directions that its readings see."""
-    more = proposed(signatures, fit, cat)
+    more = proposed_products(signatures, fit, proposed(signatures, fit, cat))
     if more is not cat:
         signatures = signatures.of(more.candidates)
     return signatures.seen_from(fit), more
@@ -228,7 +229,7 @@ class Expansion:
         except ConvergenceError:
             return None
         count = start.refined + (finer is not cat)
-        finer = proposed(signatures, fit, finer)
+        finer = proposed_products(signatures, fit, proposed(signatures, fit, finer))
         if finer is not cat:
             signatures = signatures.of(finer.candidates).seen_from(fit)
         own = start.exclude, start.rms, count, self.alone, self.bare, best, start.halved, start.stop

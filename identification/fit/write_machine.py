@@ -96,6 +96,8 @@ def calibrated_document(
         _write_direction(document, direction, values)
     for key in ("effects", "covariance", "nominal", "sessions", "pose_error", "judgement"):
         document.pop(key, None)
+    if _assumes_gravity(estimate) and machine.gravity is not None:
+        document["gravity"] = [float(value) for value in machine.gravity]
     if estimate.effects:
         document["effects"] = _effect_entries(estimate, kept)
         _declare_drivers(document, estimate)
@@ -108,6 +110,13 @@ def calibrated_document(
         said = {"than": pose.than, "before": pose.before, "after": pose.after}
         document["pose_error"] = {**said, "unit": "mm", "rows": pose.rows}
     return document
+
+
+def _assumes_gravity(estimate: Estimate) -> bool:
+    """Whether effects of weight were fitted although neither the file nor its description says which way gravity pulls."""
+    machine = estimate.nominal
+    stated = machine.file is not None and machine.file.gravity is not None
+    return not stated and machine.mechanism.gravity is None and any(e.needs_load for e in estimate.effects)
 
 
 def known_of(estimate: Estimate, recording: Recording, kept: Covariance | None = None) -> Covariance:

@@ -2,8 +2,8 @@
 
     e = A a + G c + noise,   noise ~ N(0, k^2) for each kind of channel,   a ~ N(0, (l s)^2),   c ~ N(0, q^2)
 
-e: whitened residual at the drawing. A: what every model has: geometry under its tolerances, and the remainder, smooth
-functions whose size tau nobody knows. G: columns of the terms. Only Gram matrices of [A G e] are needed.
+e: whitened residual at the drawing. A: what every model has, geometry under its tolerances. G: columns of the terms. Only
+Gram matrices of [A G e] are needed.
 
 What may be part of a linear model, as columns with prior odds: all that the posterior knows of physics.
 
@@ -38,14 +38,10 @@ UNSEEN = 1e-9
 
 @dataclass(frozen=True)
 class Always:
-    """The columns A (n,) of every model: 1-sigma of each (inf: no prior), and its class of parts, -1 for none.
-
-    ``remainder`` (n,) marks those whose 1-sigma is to be multiplied by tau.
-    """
+    """The columns A (n,) of every model: 1-sigma of each (inf: no prior), and its class of parts, -1 for none."""
 
     sigma: Array
     part: Index
-    remainder: Mask
 
 
 @dataclass(frozen=True)
@@ -113,19 +109,18 @@ class Axis:
 
 
 class GridPoint(NamedTuple):
-    """Indices on the axes of a grid: the noise of each kind of channel, the widening of tolerances, the remainder's size."""
+    """Indices on the axes of a grid: the noise of each kind of channel, and the widening of tolerances."""
 
     noise: tuple[int, ...]
     widening: int
-    remainder: int
 
     def louder(self, steps: int) -> GridPoint:
         """The noise of all kinds moved by so many steps."""
         return self._replace(noise=tuple(k + steps for k in self.noise))
 
-    def at(self, axis: str, value: int) -> GridPoint:
-        """Another ``widening`` or ``remainder``."""
-        return self._replace(widening=value) if axis == "widening" else self._replace(remainder=value)
+    def widened(self, widening: int) -> GridPoint:
+        """Another widening of tolerances."""
+        return self._replace(widening=widening)
 
     def with_noise(self, kind: int, at: int) -> GridPoint:
         """Another noise of one kind."""
@@ -134,55 +129,38 @@ class GridPoint(NamedTuple):
 
 @dataclass(frozen=True)
 class Unknowns:
-    """The grid: noise (values of k) for each kind, rows of ``widening`` (one factor a class of parts), ``size`` of the
-    remainder."""
+    """The grid: noise (values of k) for each kind, and rows of ``widening`` (one factor a class of parts)."""
 
     noise: tuple[Axis, ...]
     widening: tuple[tuple[float, ...], ...]
     log_widening: tuple[float, ...]
-    size: Axis
 
     @classmethod
     def over(
-        cls,
-        kinds: int,
-        rms: float,
-        widenings: tuple[tuple[tuple[float, ...], ...], tuple[float, ...]],
-        remainder_rms: float,
+        cls, kinds: int, rms: float, widenings: tuple[tuple[tuple[float, ...], ...], tuple[float, ...]]
     ) -> Unknowns:
-        """Noise of so many kinds up to ``rms``, what geometry alone leaves; a remainder up to ``remainder_rms``, 0 for none."""
+        """Noise of so many kinds up to ``rms``, what geometry alone leaves."""
         top = np.log(max(2.0, 1.3 * rms)) + prior.NOISE_STEP
         noise = np.exp(np.arange(np.log(prior.NOISE_FROM), top, prior.NOISE_STEP)).tolist()
-        axis, first, step = (
-            Axis(tuple(noise), prior.noise_log_prior(noise)),
-            prior.REMAINDER_FROM,
-            prior.REMAINDER_STEP,
-        )
-        count = int(np.ceil(np.log(2.0 * remainder_rms / first + 2.0) / np.log(step)))
-        sizes = [first * step**k for k in range(count)] if remainder_rms else []
-        share = np.log(prior.REMAINDER / max(len(sizes), 1))
-        none = np.log(1.0 - prior.REMAINDER) if sizes else 0.0
-        return cls((axis,) * kinds, *widenings, Axis((0.0, *sizes), (none, *[share] * len(sizes))))
+        return cls((Axis(tuple(noise), prior.noise_log_prior(noise)),) * kinds, *widenings)
 
     def holds(self, point: GridPoint) -> bool:
         """Whether a point is on the grid."""
-        sizes = (*(len(a.values) for a in self.noise), len(self.widening), len(self.size.values))
-        return all(0 <= k < n for k, n in zip((*point.noise, *point[1:]), sizes, strict=True))
+        sizes = (*(len(a.values) for a in self.noise), len(self.widening))
+        return all(0 <= k < n for k, n in zip((*point.noise, point.widening), sizes, strict=True))
 
-    def along(self, point: GridPoint, axis: str) -> list[GridPoint]:
-        """All points that differ in ``widening`` or ``remainder`` alone."""
-        count = len(self.widening if axis == "widening" else self.size.values)
-        return [point.at(axis, k) for k in range(count)]
+    def all_widenings(self, point: GridPoint) -> list[GridPoint]:
+        """All points that differ in their widening alone."""
+        return [point.widened(k) for k in range(len(self.widening))]
 
     def nearest(self, point: GridPoint) -> GridPoint:
         """A point of another grid with like axes, moved onto this one."""
         noise = tuple(min(k, len(a.values) - 1) for k, a in zip(point.noise, self.noise, strict=True))
-        widening, remainder = min(point.widening, len(self.widening) - 1), len(self.size.values) - 1
-        return GridPoint(noise, widening, min(point.remainder, remainder))
+        return GridPoint(noise, min(point.widening, len(self.widening) - 1))
 
-    def all_at(self, noise: int, widening: int = 0, remainder: int = 0) -> GridPoint:
+    def all_at(self, noise: int, widening: int = 0) -> GridPoint:
         """The point with one index of noise for every kind (the largest there is, where an axis is shorter)."""
-        return GridPoint(tuple(min(noise, len(a.values) - 1) for a in self.noise), widening, remainder)
+        return GridPoint(tuple(min(noise, len(a.values) - 1) for a in self.noise), widening)
 
     def scales(self, point: GridPoint) -> Array:
         """(k,) noise of each kind of channel in stated sigmas."""
@@ -193,7 +171,7 @@ class Unknowns:
         steps = np.log(self.scales(point))
         apart = float(np.sum(prior.RATIO_DOUBT.log_prior(steps[1:] - steps[0])))
         own = self.noise[0].log_prior[point.noise[0]] + apart
-        return own + self.log_widening[point.widening] + self.size.log_prior[point.remainder]
+        return own + self.log_widening[point.widening]
 
 
 class Counts(NamedTuple):

@@ -266,15 +266,14 @@ def marginal(design: Design, unknowns: Unknowns, terms: Terms, point: GridPoint)
     """Everything that all models have marginalised at a point; its log evidence holds the point's log prior."""
     scales = unknowns.scales(point)
     weights = scales**-2.0
-    sigma, keep = prior_sigma(design, unknowns, point)
-    inside, sigma = np.flatnonzero(keep), sigma[keep]
-    rows = sum(gram[inside] * weight for gram, weight in zip(design.grams, weights, strict=True))
-    scale = 1.0 / np.sqrt(np.maximum(rows[np.arange(len(inside)), inside] + sigma**-2.0, 1e-300))
-    a = rows[:, inside] * scale[:, None] * scale
+    sigma, n = prior_sigma(design, unknowns, point), design.n
+    rows = sum(gram[:n] * weight for gram, weight in zip(design.grams, weights, strict=True))
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(rows) + sigma**-2.0, 1e-300))
+    a = rows[:, :n] * scale[:, None] * scale
     a[np.diag_indices(len(a))] += (scale / sigma) ** 2 + ROUNDING
     factor = cholesky(a)
     turned = solved(factor, rows[:, -1] * scale)
-    beside = rows[:, design.n : -1] * scale[:, None] * design.seen
+    beside = rows[:, n:-1] * scale[:, None] * design.seen
     square = sum(gram[-1, -1] * weight for gram, weight in zip(design.grams, weights, strict=True))
     known = np.isfinite(sigma)
     log_det = half_log_det(factor) + float(np.sum(np.log(sigma[known])) - np.sum(np.log(scale)))
@@ -284,12 +283,10 @@ def marginal(design: Design, unknowns: Unknowns, terms: Terms, point: GridPoint)
     return Marginal(terms, own, Halves(factor, beside, turned), log_evidence + unknowns.log_prior(point))
 
 
-def prior_sigma(design: Design, unknowns: Unknowns, point: GridPoint) -> tuple[Array, Mask]:
-    """(n,) 1-sigmas of A at a point, and which columns are there at all: without a size the remainder is not."""
-    always, tau = design.always, unknowns.size.values[point.remainder]
+def prior_sigma(design: Design, unknowns: Unknowns, point: GridPoint) -> Array:
+    """(n,) 1-sigmas of A at a point."""
     factors = np.array([*unknowns.widening[point.widening], 1.0])  # part -1: none
-    sigma = always.sigma * np.where(always.remainder, tau, factors[always.part])
-    return sigma, ~always.remainder | (tau > 0.0)
+    return np.asarray(design.always.sigma * factors[design.always.part])
 
 
 LARGEST_COST = 50.0

@@ -208,7 +208,7 @@ class Sampling:
 
         starts = ((top.point, free(top)), (other.point, free(other) if other is not top else free(top)[::2]))
         chains = [
-            Chain(self._part, richness, around.reach, point, members, seed + k)
+            Chain(self._part, richness, around.widenings, point, members, seed + k)
             for k, (point, members) in enumerate(starts)
         ]
         self._budget = BUDGET / (SHORTER if spike_slab.is_long(top.members) else 1)

@@ -1,11 +1,11 @@
 """Collapsed Gibbs sampling of a spike-and-slab posterior over sets of terms (George and McCulloch 1993, JASA 88:881).
 
 Coefficients are integrated out, so a state is a set of terms with their sizes (the width of the slab) at a point of the
-grid of nuisance parameters: noise, widening of tolerances, remainder. A machine has a number of slots, each empty (the
+grid of nuisance parameters: noise and widening of tolerances. A machine has a number of slots, each empty (the
 spike) or holding one term; how likely a slot is filled is integrated out, too. One sweep
 
 * draws every slot anew from its full conditional over all terms at all sizes, or none of them; some together with a
-  coordinate of the grid: what a term explains and what noise, tolerances or the remainder explain are rivals, and change
+  coordinate of the grid: what a term explains and what noise or tolerances explain are rivals, and change
   places in one step;
 * exchanges two full slots at once (Metropolis and Hastings), so that a pair may become another pair.
 
@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from scipy.special import gammaln, softmax
@@ -52,21 +51,14 @@ class Sweep:
     visits: tuple[Visit, ...]
 
 
-class Reach(NamedTuple):
-    """Values of a grid's axes that are not hopeless: of the widening of tolerances, and of the remainder's size."""
-
-    widening: tuple[int, ...]
-    remainder: tuple[int, ...]
-
-
 class Chain:
     """One chain from a start."""
 
     def __init__(
-        self, spike_slab: SpikeSlab, richness: Richness, reach: Reach, point: GridPoint, members: Sequence[Member],
+        self, spike_slab: SpikeSlab, richness: Richness, widenings: Sequence[int], point: GridPoint, members: Sequence[Member],
         seed: int,
     ) -> None:  # fmt: skip
-        self._weighing, self._richness, self._reach = spike_slab, richness, reach
+        self._weighing, self._richness, self._widenings = spike_slab, richness, widenings
         self.point, self.members = point, list(members)
         self._rng = np.random.default_rng(seed)
         self._slots = richness.slots - len(spike_slab.given)
@@ -174,11 +166,9 @@ class Chain:
 
     def _near(self) -> list[GridPoint]:
         """A few points that differ in one coordinate, the present one among them: as likely chosen from each of them."""
-        axis = int(self._rng.integers(1 + len(self._reach)))
-        if axis == 0:
+        if self._rng.integers(2) == 0:
             return self.noises()
-        name, values = self._reach._fields[axis - 1], self._reach[axis - 1]
-        return [self.point.at(name, k) for k in self.some_of(values, getattr(self.point, name))]
+        return [self.point.widened(k) for k in self.some_of(self._widenings, self.point.widening)]
 
     def some_of(self, values: Sequence[int], present: int) -> list[int]:
         """A few values of an axis, the present one among them: as likely chosen from each of them."""
@@ -211,11 +201,11 @@ HOPELESS, CERTAIN = 6.0, 20.0
 
 @dataclass(frozen=True)
 class Plausible:
-    """What chains draw from: ``terms`` (c,) that are not hopeless in some slot, and such values of the grid; ``certain``:
-    members that nothing can replace."""
+    """What chains draw from: ``terms`` (c,) that are not hopeless in some slot, and such widenings of tolerances;
+    ``certain``: members that nothing can replace."""
 
     terms: Mask
-    reach: Reach
+    widenings: tuple[int, ...]
     certain: Members
 
 
@@ -226,7 +216,7 @@ def plausible(spike_slab: SpikeSlab, richness: Richness, states: Sequence[State]
     """
     long = spike_slab.is_long(states[0].members)
     interest = np.full(len(spike_slab.terms), -np.inf)
-    reach: dict[str, set[int]] = {axis: set() for axis in Reach._fields}
+    widenings = set[int]()
     certain = set.intersection(*(set(state.members) for state in states))
     for state in states:
         table = _without_each(spike_slab, richness, state)
@@ -237,7 +227,7 @@ def plausible(spike_slab: SpikeSlab, richness: Richness, states: Sequence[State]
             if not leaving:
                 points = _stated(state.point, row)
             elif not long:  # of a long set, which takes long, only where it is
-                points |= {state.point.at("remainder", 0), max(row, key=lambda p: row[p])}
+                points.add(max(row, key=lambda p: row[p]))
             for point in points:
                 odds = np.logaddexp.reduce(spike_slab.log_odds(point, rest, leaving), axis=0)
                 odds += row[point] + slot_odds(richness, len(rest))
@@ -246,17 +236,15 @@ def plausible(spike_slab: SpikeSlab, richness: Richness, states: Sequence[State]
                 others = np.logaddexp.reduce(np.delete(odds, [m[0] for m in leaving]), initial=row[point])
                 certain -= set(leaving) if others > -CERTAIN else set()
         interest[[term for term, _ in state.members]] = np.inf
-        for axis, values in reach.items():
-            values |= {getattr(p, axis) for p in alive}
-    axes = Reach(*(tuple(sorted(values)) for values in reach.values()))
-    return Plausible(interest > -HOPELESS, axes, tuple(sorted(certain)))
+        widenings |= {p.widening for p in alive}
+    return Plausible(interest > -HOPELESS, tuple(sorted(widenings)), tuple(sorted(certain)))
 
 
 def _stated(point: GridPoint, row: Mapping[GridPoint, float]) -> set[GridPoint]:
-    """A point, quieter ones, and stated tolerances without a remainder: where a term may stand that the grid stands in for."""
-    first, stated = point.noise[0], (point.at("widening", 0), point.at("remainder", 0))
+    """A point, quieter ones, and stated tolerances: where a term may stand that the grid stands in for."""
+    first = point.noise[0]
     quieter = {p for p in row if p.noise[0] < first and p == point.louder(p.noise[0] - first)}
-    return {point, *quieter} | {p for p in row if p in stated}
+    return {point, *quieter} | {p for p in row if p == point.widened(0)}
 
 
 def _without_each(
@@ -295,7 +283,6 @@ def _without_each(
 
 
 def _around(unknowns: Unknowns, point: GridPoint) -> list[GridPoint]:
-    """A point, and what differs from it in one coordinate: all widenings and remainders, a few noises."""
+    """A point, and what differs from it in one coordinate: all widenings, a few noises."""
     noises = [point.louder(k) for k in LOUDER]
-    others = [p for axis in Reach._fields for p in unknowns.along(point, axis)]
-    return [p for p in dict.fromkeys([point, *noises, *others]) if unknowns.holds(p)]
+    return [p for p in dict.fromkeys([point, *noises, *unknowns.all_widenings(point)]) if unknowns.holds(p)]

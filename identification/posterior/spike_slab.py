@@ -88,7 +88,7 @@ UNSEEN = 1e-3
 """Information about the largest usual size that is none."""
 FEWER = 0.9
 """Share of the columns that turned terms must not exceed, for a problem of these to be worth its memory."""
-HELD, LONGEST = 2, 3
+HELD = 2
 """Readings that each coefficient of a set needs at least, as far as they see it, and that each one of a long series needs: the
 readings of a row see one place of it."""
 LONG_SET = 150
@@ -208,7 +208,7 @@ class SpikeSlab:
     def _stated(self) -> GridPoint:
         """The noise as it is stated."""
         noise = tuple(int(np.argmin(np.abs(np.log(axis.values)))) for axis in self.unknowns.noise)
-        return GridPoint(noise, 0, 0)
+        return GridPoint(noise, 0)
 
     @cached_property
     def noticeable(self) -> Mask:
@@ -234,7 +234,7 @@ class SpikeSlab:
                 values = np.linalg.eigvalsh(root.among(self.terms.columns[k]))
                 out[k] = max(int(np.sum(values > UNSEEN)), 1)
         length = np.array([term.length for term in self.terms.all], dtype=np.intp)
-        return np.where(LONGEST * length > sum(self.design.counts), self.capacity + 1, out)
+        return np.where(HELD * length > sum(self.design.counts), self.capacity + 1, out)
 
     def holds(self, members: Sequence[Member]) -> bool:
         """Return True if the readings hold the coefficients of all members together."""

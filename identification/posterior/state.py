@@ -69,7 +69,7 @@ def log_posterior(spike_slab: SpikeSlab, richness: Richness, members: Members, p
 
 
 def best_point(spike_slab: SpikeSlab) -> GridPoint:
-    """The likeliest noise without any term, at stated tolerances and without a remainder."""
+    """The likeliest noise without any term, at stated tolerances."""
     count = max(len(axis.values) for axis in spike_slab.unknowns.noise)
     points = (spike_slab.unknowns.all_at(k) for k in range(count))
     return max(points, key=lambda p: spike_slab.root(p).log_evidence)
@@ -85,13 +85,12 @@ class Moments:
 
 
 def moments(spike_slab: SpikeSlab, state: State) -> Moments:
-    """Given the state's members, their sizes, and its noise, tolerances and remainder."""
+    """Given the state's members, their sizes, and its noise and tolerances."""
     design, unknowns = spike_slab.design, spike_slab.unknowns
     columns, sizes = spike_slab.columns(state.members)
-    sigma, there = prior_sigma(design, unknowns, state.point)
-    own = np.flatnonzero(there)
-    at = np.concatenate([own, design.n + columns]).astype(np.intp)
-    gram, right = np.diag(np.concatenate([sigma[own], sizes]) ** -2.0), np.zeros(len(at))
+    sigma = prior_sigma(design, unknowns, state.point)
+    at = np.concatenate([np.arange(design.n), design.n + columns]).astype(np.intp)
+    gram, right = np.diag(np.concatenate([sigma, sizes]) ** -2.0), np.zeros(len(at))
     for part, scale in zip(design.grams, unknowns.scales(state.point), strict=True):
         gram += part[np.ix_(at, at)] / scale**2
         right += part[at, -1] / scale**2
@@ -252,17 +251,17 @@ def nearest_top(
 ) -> GridPoint:
     """The likeliest point of the grid near one, coordinate by coordinate until none gains.
 
-    Not ``thorough``: one noise of all kinds and the remainder, once.
+    Not ``thorough``: one noise of all kinds, once.
     """
     unknowns, best, value = spike_slab.unknowns, point, spike_slab.log_evidence(point, members)
     kinds = len(point.noise) if thorough and len(point.noise) > 1 else 0  # the noise of each by itself, too
-    lines: list[Line] = [*_LINES, *(partial(_along_kind, kind) for kind in range(kinds))]
+    lines: list[Line] = [GridPoint.louder, *(partial(_along_kind, kind) for kind in range(kinds))]
     while True:
         before = best
         for line in lines:
             best, value = _along(spike_slab, members, line, best, value)
         if thorough:
-            best, value, _ = _better(spike_slab, members, unknowns.along(best, "widening"), best, value)
+            best, value, _ = _better(spike_slab, members, unknowns.all_widenings(best), best, value)
         if best == before or not thorough:
             return best
 
@@ -282,20 +281,13 @@ def _along(
         near = [p for p in (line(best, -step), line(best, step)) if spike_slab.unknowns.holds(p)]
         return _better(spike_slab, members, near, best, value)
 
-    if line is not _along_remainder and not stepped(1)[2]:
+    if not stepped(1)[2]:
         return best, value
     for step in STEPS:
         moved = True
         while moved:
             best, value, moved = stepped(step)
     return best, value
-
-
-def _along_remainder(point: GridPoint, step: int) -> GridPoint:
-    return point._replace(remainder=point.remainder + step)
-
-
-_LINES: tuple[Line, ...] = (lambda point, step: point.louder(step), _along_remainder)
 
 
 def _along_kind(kind: int, point: GridPoint, step: int) -> GridPoint:

@@ -7,10 +7,8 @@ Forms without a name in the load that a joint or a mount carries, or in what a j
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -24,7 +22,7 @@ from truepose.identification.signatures import untestable
 from truepose.identification.signatures.untestable import Untestable, places_of, still_sources
 from truepose.models.effects import empirical as sources
 from truepose.models.effects.base import PlacedEffect, Settings
-from truepose.models.effects.common import sensor_names
+from truepose.models.effects.common import drives_joint, sensor_at, sensor_names
 from truepose.models.effects.empirical import (
     LOAD_CURVE,
     TURNS,
@@ -32,8 +30,8 @@ from truepose.models.effects.empirical import (
     Empirical,
     seen_over,
 )
-from truepose.models.effects.sights import XYZ, point_names
-from truepose.models.file.driver import MEASURED_LOADS, ROW, Driver
+from truepose.models.effects.sights import RANGE, XYZ, length_names, looks_from_afar, point_names
+from truepose.models.file.driver import APPROACH, MEASURED_LOADS, ROW, Driver
 from truepose.models.machine.machine import FRAMES, Machine
 from truepose.models.machine.placed import EffectAtPlace
 
@@ -56,7 +54,9 @@ def forms_of_load(machine: Machine, recording: Recording) -> dict[str, list[Sett
     for name, port in joints.items():
         own = _range(loads[port][rows])
         if own is not None:
-            out[name] = [seen_over({sources.LOAD: own}, LOAD_CURVE)]
+            out[name] = [
+                seen_over({sources.LOAD: own}, degree) for degree in (sources.LINE, sources.BOW, sources.FINE)
+            ]
     for mount, axes in moments.items():
         moment = np.array([loads[port][rows] for port in axes])
         each, size = _range(moment), _range(np.sqrt(np.sum(moment**2, axis=0)))
@@ -77,7 +77,8 @@ def forms_of_held_load(
         driver, own = Driver.of(name), _range(values[rows])
         held = driver.kind in MEASURED_LOADS and driver.place in machine.mechanism.readings
         if held and name not in seen and own is not None:
-            out.setdefault(driver.place, []).append(seen_over({name: own}, LOAD_CURVE))
+            every = (seen_over({name: own}, degree) for degree in (sources.LINE, sources.BOW, sources.FINE))
+            out.setdefault(driver.place, []).extend(every)
     return out
 
 
@@ -92,17 +93,16 @@ def _range(load: Array) -> tuple[float, float] | None:
 class Catalogue:
     """Candidates with the logarithm of their prior probability given that one effect is present.
 
-    ``stated`` are those that the machine file has already: part of every model, and no finding. ``apart``: forms that
-    are no part of a remainder, of columns that are tried and of what a joint's drive holds. ``learned``: what a fleet of
-    machines says otherwise of the prior.
+    ``stated`` are those that the machine file has already: part of every model, and no finding. ``learned``: what
+    a fleet of machines says otherwise of the prior. ``untested``: those that an assumption alone makes candidates.
     """
 
     candidates: tuple[PlacedEffect, ...]
     log_prior: tuple[float, ...]
     untestable: tuple[Untestable, ...]
     stated: tuple[int, ...] = ()
-    apart: frozenset[int] = frozenset()
     learned: FleetPrior | None = None
+    untested: frozenset[int] = frozenset()
 
     def with_more(self, added: Sequence[PlacedEffect], beside: Sequence[int]) -> Catalogue:
         """With further candidates at the end, which share the prior of those ``beside`` (their indices)."""
@@ -118,24 +118,30 @@ class Catalogue:
         """What a candidate blames, at whatever settings."""
         return self.candidates[index].at_place
 
-    @cached_property
-    def smooth(self) -> tuple[int, ...]:
-        """Forms without a name that may make up a smooth remainder: those of the robot, whose sensors are as good as stated.
-
-        What yields to load is one thing at one place, and no part of a remainder. The order of rows stands in for time where
-        nobody logged it: it may drive one thing, but a remainder in it would be a description of the rows.
-        """
-        forms = [i for i in range(len(self.candidates)) if i not in self.apart and not self.named(i)]
-        kinds = ((i, self.candidates[i]) for i in forms)
-        return tuple(i for i, e in kinds if e.kind != "sensor" and not e.needs_load and ROW not in e.drivers)
-
-    def named(self, index: int) -> bool:
+    def has_law(self, index: int) -> bool:
         """Whether a candidate is an effect of the catalogue."""
         return self.candidates[index].effect.slug != Empirical.slug
 
+    def named(self, index: int) -> bool:
+        """Whether a candidate may be said by its name: it has a law that the recording could test."""
+        return self.has_law(index) and index not in self.untested
 
-def catalogue(machine: Machine, recording: Recording) -> Catalogue:
-    """All testable candidates; every slug is equally likely, and its places share (parts alone before several at once)."""
+
+def catalogue(machine: Machine, recording: Recording, stated: Machine | None = None) -> Catalogue:
+    """All candidates; every slug is equally likely, and its places share (parts alone before several at once).
+
+    ``stated``: the machine without what ``machine`` assumes. What is a candidate by an assumption alone was not tested.
+    """
+    found = _catalogue(machine, recording)
+    if stated is None or stated is machine:
+        return found
+    known = _catalogue(stated, recording)
+    labels = {c.label for c in known.candidates}
+    untested = frozenset(k for k, c in enumerate(found.candidates) if c.label not in labels)
+    return replace(found, untestable=known.untestable, untested=untested)
+
+
+def _catalogue(machine: Machine, recording: Recording) -> Catalogue:
     found, missing, seen = list[PlacedEffect](), list[Untestable](), ranges(machine, recording)
     still = still_sources(machine, recording)
     rows, known = ~recording.validation, {*still, *recording.joints}
@@ -167,14 +173,7 @@ def catalogue(machine: Machine, recording: Recording) -> Catalogue:
     known, labels = {e.label for e in found}, {e.label for e in machine.effects}
     found += [placed for placed in machine.effects if placed.label not in known]
     stated = tuple(k for k, e in enumerate(found) if e.label in labels)
-    apart = frozenset(k for k, e in enumerate(found) if _apart(machine, e))
-    return Catalogue(tuple(found), _log_prior(machine, found), tuple(missing), stated, apart)
-
-
-def _apart(machine: Machine, placed: PlacedEffect) -> bool:
-    """Whether it reads a column that is tried, or what a joint's drive holds."""
-    held = any(Driver.of(name).kind in MEASURED_LOADS for name in placed.drivers)
-    return held or bool(set(tried(machine)).intersection(_columns(placed)))
+    return Catalogue(tuple(found), _log_prior(machine, found), tuple(missing), stated)
 
 
 def _columns(placed: PlacedEffect) -> list[str]:
@@ -248,34 +247,84 @@ def _place_shares(places: Collection[tuple[str, ...]]) -> dict[tuple[str, ...], 
 
 
 def empirical_forms(machine: Machine, recording: Recording) -> tuple[PlacedEffect, ...]:
-    """Every form over the ranges that the calibration rows saw, all coefficients 0.
+    """Every form of one source over the ranges that the calibration rows saw, all coefficients 0.
 
-    Each joint as a line and as a curve in each source (joints, payload, time, thermometers) and as a product of two
-    joints; each mount as a curve in each source that is no joint (in a joint, six motions would be a black box for anything);
-    each joint and mount as a curve in the load that it carries (lines of it have names), where the file states weights, each
-    joint in what its drive was measured to hold; each sensor of points with a volume that bends.
+    Each joint, each mount and each sensor of lengths as a curve in each source (joints, payload, time, thermometers), a
+    joint as a line, too, and by all six motions of what it drives; each joint in the side that it arrived from. Each joint
+    and mount as a curve in the load that it carries, where the file states weights, each joint in what its drive was measured
+    to hold. Forms of several sources: ``proposed_products``.
     """
-    seen = _varied(machine, recording)
-    joints = [name for name in seen if name in machine.mechanism.readings]
-    others = [name for name in seen if name not in joints]
-    curves: list[Settings] = [seen_over({name: seen[name]}, sources.CURVE) for name in seen]
-    curves += [seen_over({a: seen[a], b: seen[b]}) for a, b in itertools.combinations(joints, 2)]
-    lines: list[Settings] = [seen_over({name: seen[name]}, sources.LINE) for name in seen]
-    mounts: list[Settings] = [seen_over({name: seen[name]}, sources.MOUNT_CURVE) for name in others]
-    effect, out, loads = Empirical(), list[PlacedEffect](), forms_of_load(machine, recording)
+    seen, loads = varied(machine, recording), forms_of_load(machine, recording)
     held = forms_of_held_load(machine, recording, seen)
+    effect, out = Empirical(), list[PlacedEffect]()
     for (name,) in effect.places(machine):
+        forms = list[Settings]()
         if name in sensor_names(machine):
-            forms: list[Settings] = [{WIDTH: _reach(machine, recording)}]
+            forms += [{WIDTH: _reach(machine, recording)}] if point_names(sensor_at(machine, name)) else []
+            forms += [seen_over({source: seen[source]}, sources.SENSOR_CURVE) for source in seen]
+            forms += forms_of_sight(machine, recording, name)
+        elif name in FRAMES:
+            forms += [seen_over({source: seen[source]}, sources.MOUNT_CURVE) for source in seen]
         else:
-            own = [line for line in lines if f"{sources.FROM}{name}" not in line]
-            forms = [*mounts] if name in FRAMES else [*own, *curves]
-            forms += loads.get(name, []) + held.get(name, [])
+            own = seen | arrivals(recording, name)
+            for way in ways_of(machine, name):
+                forms += [
+                    seen_over({source: own[source]}, degree, spatial=way)
+                    for source in own
+                    for degree in degrees(name, source, spatial=way)
+                ]
+        forms += loads.get(name, []) + held.get(name, [])
         out += [PlacedEffect.at(effect, machine, (name,), settings) for settings in forms]
     return tuple(out)
 
 
-def _varied(machine: Machine, recording: Recording) -> dict[str, tuple[float, float]]:
+def forms_of_sight(machine: Machine, recording: Recording, name: str) -> list[Settings]:
+    """Curves of a sensor in what it reads itself: azimuth, elevation and range of points, or the length."""
+    sensor, rows, seen = sensor_at(machine, name), ~recording.validation, dict[str, list[Array]]()
+    read = {column: values[rows] for column, values in recording.observations.items()}
+    for point in point_names(sensor) if looks_from_afar(machine, sensor) else ():
+        x, y, z = (read[f"{point}{axis}"] for axis in XYZ)
+        aside = np.hypot(x, y)
+        values = (np.arctan2(y, x), np.arctan2(z, aside), np.hypot(aside, z))
+        for source, own in zip(sources.OF_SIGHT, values, strict=True):
+            seen.setdefault(source, []).append(own)
+    for column in length_names(sensor):
+        seen.setdefault(RANGE, []).append(read[column])
+    ends = {source: (float(np.nanmin(own)), float(np.nanmax(own))) for source, own in seen.items()}
+    reach = {WIDTH: _reach(machine, recording)} if point_names(sensor) else {}
+    return [
+        seen_over({source: own}, degree) | reach
+        for source, own in ends.items()
+        for degree in (sources.BOW, sources.CURVE)
+        if own[0] < own[1]
+    ]
+
+
+def ways_of(machine: Machine, joint: str) -> tuple[bool, ...]:
+    """Whether a joint's six motions may err: where it has them, beside its displacement alone."""
+    return (False, True) if drives_joint(machine, machine.mechanism.actuator(joint)) else (False,)
+
+
+def degrees(joint: str, source: str, *, spatial: bool) -> tuple[int, ...]:
+    """Degrees of the forms of one source: of two values only a line, of six motions only curves; with corners where laws have
+    them, in the joint's own reading."""
+    if Driver.of(source).kind == APPROACH:
+        return (sources.LINE,)
+    if spatial:
+        return (sources.BOW, sources.CURVE)
+    return (sources.LINE, sources.BOW, sources.FINE if source == joint else sources.CURVE)
+
+
+def arrivals(recording: Recording, joint: str) -> dict[str, tuple[float, float]]:
+    """The side that a joint arrived from as a source, where both were seen."""
+    name = f"{APPROACH}.{joint}"
+    values, rows = recording.driver(name), ~recording.validation
+    if values is None or not np.ptp(values[rows]):
+        return {}
+    return {name: (float(np.min(values[rows])), float(np.max(values[rows])))}
+
+
+def varied(machine: Machine, recording: Recording) -> dict[str, tuple[float, float]]:
     """Ranges of all that was varied: joints, payload, time, thermometers by name, however the file has its columns."""
     still = still_sources(machine, recording)
     every = ranges(machine, recording).items()

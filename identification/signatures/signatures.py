@@ -1,8 +1,6 @@
 """What every candidate would do to the readings, to first order, at the present estimate.
 
-All of it is kept as one Gram matrix of [J G F r]; F are the errors of form.
-
-Columns [J G F r] of the rows of a recording: geometry, every candidate, errors of form, residual.
+All of it is kept as one Gram matrix of [J G r]: geometry, every candidate, residual.
 
 An effect shifts ports; the machine's derivative by its ports is computed once for all candidates, so a signature costs one
 small product a row.
@@ -17,7 +15,7 @@ N(0, q^2) each, so those of orthonormal directions are, too: what V turns them t
 the same problem with fewer columns. Coefficients follow as V times those of the directions; along the others they stay at
 nothing, as their prior has them.
 
-Columns [J G F r] of some rows as the derivatives by few ports and numbers of the row: their Gram matrix costs far less so.
+Columns [J G r] of some rows as the derivatives by few ports and numbers of the row: their Gram matrix costs far less so.
 
 Most candidates move one port (all orders of a gear turn one joint): their columns are not written out, see
 ``truepose.identification.prediction.by_ports``. Where readings compare rows there is no such form.
@@ -34,7 +32,6 @@ What every candidate shifts, row by row, as one compiled function.
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
@@ -54,12 +51,11 @@ from truepose.identification.prediction.predictor import BLOCK, Predictor
 from truepose.identification.prediction.sensor_rows import Block
 from truepose.identification.prior import LONG
 from truepose.identification.recording.recording import Recording
-from truepose.identification.signatures.linearisation import Forms, Linearisation
+from truepose.identification.signatures.linearisation import Linearisation
 from truepose.models.effects.base import PlacedEffect, Site
 from truepose.models.effects.empirical import Empirical
 from truepose.models.machine.kinematics import driver_default
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.placed import EffectAtPlace
 from truepose.models.machine.states import state_names
 from truepose.threads import in_order
 
@@ -180,7 +176,7 @@ def local_shifts(shifts: Array, own: slice, names: Sequence[str], where: slice) 
 
 @dataclass(frozen=True)
 class Columns:
-    """Where columns stand: ``free`` of geometry, then those of candidates, then errors of form, then the residual.
+    """Where columns stand: ``free`` of geometry, then those of candidates, then the residual.
 
     place: number of each port among the derivatives; columns and layout: of the candidates.
     """
@@ -190,14 +186,8 @@ class Columns:
     layout: Layout
     place: Mapping[str, int]
 
-    def part(
-        self, geometry: Array, ports: Array, shifts: Array, bent: Sequence[tuple[Index, Array]], modulations: Array,
-        residual: Array,
-    ) -> Part:  # fmt: skip
-        """geometry (n, m, free), ports (n, m, p) derivatives, shifts (n, s), residual (n, m): weighed alike.
-
-        bent: signals (columns of G, coefficients) that ``modulations`` (n, u) bend.
-        """
+    def part(self, geometry: Array, ports: Array, shifts: Array, residual: Array) -> Part:
+        """geometry (n, m, free), ports (n, m, p) derivatives, shifts (n, s), residual (n, m): weighed alike."""
         dense, at = [geometry], [np.arange(self.free)]
         port, column, values = list[Index](), list[Index](), list[Array]()
         for own, (names, where) in zip(self.columns, self.layout, strict=True):
@@ -210,29 +200,12 @@ class Columns:
                 local = local_shifts(shifts, own, names, where)
                 dense.append(ports[:, :, [self.place[n] for n in names]] @ local.transpose(0, 2, 1))
                 at.append(places)
-        first = self.free + (self.columns[-1].stop if self.columns else 0)
-        width = modulations.shape[1]
-        for k, (chosen, amplitudes) in enumerate(bent):
-            signal = self._signal(ports, shifts, dict(zip(chosen.tolist(), amplitudes, strict=True)))
-            dense.append(signal[:, :, None] * modulations[:, None, :])
-            at.append(np.arange(first + k * width, first + (k + 1) * width))
         dense.append(residual[..., None])
-        at.append(np.array([first + len(bent) * width]))
+        at.append(np.array([self.free + (self.columns[-1].stop if self.columns else 0)]))
         by = None
         if port:
             by = ByPorts(ports, np.concatenate(port), np.concatenate(column), np.concatenate(values, axis=1))
         return Part(np.concatenate(dense, axis=2), np.concatenate(at), by)
-
-    def _signal(self, ports: Array, shifts: Array, amplitudes: Mapping[int, float]) -> Array:
-        """(n, m) what columns of G with these coefficients do together."""
-        out = np.zeros(ports.shape[:2])
-        for own, (names, where) in zip(self.columns, self.layout, strict=True):
-            if own.start in amplitudes:
-                size = np.array([amplitudes[c] for c in range(own.start, own.stop)])
-                local = local_shifts(shifts, own, names, where)
-                moved = np.einsum("ncp,c->np", local, size)
-                out += np.einsum("nmp,np->nm", ports[:, :, [self.place[n] for n in names]], moved)
-        return out
 
 
 def blocks_of_every_set(predictor: Predictor, here: Point) -> Iterator[Block]:
@@ -304,22 +277,22 @@ class Signatures:
             self._predictors[key] = Predictor(self.machine, self.recording, effects, ports=True)
         return self._predictors[key]
 
-    def sums(self, at: Point, forms: Forms, rows: Index, order: Index | None = None) -> Sums:
+    def sums(self, at: Point, rows: Index, order: Index | None = None) -> Sums:
         """Over some of the fitted rows (k,); ``order`` (n,) gives effects the drivers of other rows."""
         kinds = [channel.kind for channel in self.machine.channels]
         which = [[k for k, kind in enumerate(kinds) if kind == name] for name in dict.fromkeys(kinds)]
-        width = len(at.free) + self.width + forms.width + 1
+        width = len(at.free) + self.width + 1
         sums, counts = [GramSum(width, own) for own in which], [0] * len(which)
-        for part in self._parts(at, forms, rows, order):
+        for part in self._parts(at, rows, order):
             for k, own in enumerate(which):
                 sums[k].add(part)
                 counts[k] += part.readings(own)
         return tuple(one.matrix() for one in sums), counts
 
-    def _parts(self, at: Point, forms: Forms, rows: Index, order: Index | None) -> Iterator[Part]:
+    def _parts(self, at: Point, rows: Index, order: Index | None) -> Iterator[Part]:
         """Columns of fitted rows (k,), some at a time; of all of them where readings compare rows."""
         if any(sensor.compares for sensor in self.machine.sensors):
-            for stacked in self.stacked(at, forms, order):
+            for stacked in self.stacked(at, order):
                 yield Part(stacked, np.arange(stacked.shape[2]), None)
             return
         predictor = self.predictor(at.effects)
@@ -337,19 +310,18 @@ class Signatures:
             derivative = block.columns([*at.free.tolist(), *which]) * root
             return where.part(
                 derivative[:, :, : len(at.free)] * at.scale, derivative[:, :, len(at.free) :],
-                shifts, forms.signals, forms.of_rows(own), block.residual * root[:, :, 0],
+                shifts, block.residual * root[:, :, 0],
             )  # fmt: skip
 
         yield from in_order(part, parted(len(rows)))
 
-    def stacked(self, at: Point, forms: Forms, order: Index | None) -> Iterator[Array]:
-        """Blocks (rows, channels, free + width + forms + 1) of the fitted readings."""
+    def stacked(self, at: Point, order: Index | None) -> Iterator[Array]:
+        """Blocks (rows, channels, free + width + 1) of the fitted readings."""
         for rows, block, signature in self.blocks_of(at, order):
             keep = np.flatnonzero(at.used[rows])
             root = np.sqrt(at.weights[rows])[keep, None, None]
             jacobian, own = block.jacobian[keep][:, :, at.free] * at.scale, signature[keep]
-            bent = forms.columns(own, np.arange(len(at.used))[rows][keep])
-            yield np.concatenate([jacobian, own, bent, block.residual[keep][..., None]], axis=2) * root
+            yield np.concatenate([jacobian, own, block.residual[keep][..., None]], axis=2) * root
 
     def blocks_of(self, at: Point, order: Index | None) -> Iterator[tuple[slice, Block, Array]]:
         """Row ranges with their block and signatures (n, m, width)."""
@@ -399,12 +371,12 @@ class Signatures:
         other.turn({**self.by_label, **directions})
         return other
 
-    def _summed(self, fit: Estimate, forms: Forms, rows: Index, order: Index | None = None) -> Sums:
+    def _summed(self, fit: Estimate, rows: Index, order: Index | None = None) -> Sums:
         """Return ``sums`` of fitted rows (k,), a chunk after the other: memory stays flat."""
         step = CHUNK if self.by_row else max(len(rows), 1)
         grams: tuple[Array, ...] = ()
         for start in range(0, max(len(rows), 1), step):
-            more, further = self.sums(self._point(fit), forms, rows[start : start + step], order)
+            more, further = self.sums(self._point(fit), rows[start : start + step], order)
             if not grams:
                 grams, counts = more, further
                 continue
@@ -418,42 +390,28 @@ class Signatures:
 
         ``order`` (n,) gives effects the drivers of other rows (a placebo).
         """
-        forms = self._forms(fit)
-        return self._linearised(fit, forms, *self._summed(fit, forms, np.flatnonzero(fit.used), order))
+        return self._linearised(fit, *self._summed(fit, np.flatnonzero(fit.used), order))
 
     def halved(self, fit: Estimate) -> tuple[Linearisation, tuple[Linearisation, Linearisation]]:
-        """Of all fitted rows, and of each half of them in the order of acquisition, in one pass; errors of form are those of
-        all."""
-        forms = self._forms(fit)
+        """Of all fitted rows, and of each half of them in the order of acquisition, in one pass."""
         split = np.array_split(self.recording.in_time(fit.used), 2)
-        parts = [self._summed(fit, forms, np.sort(rows)) for rows in split]
+        parts = [self._summed(fit, np.sort(rows)) for rows in split]
         (first, second), counts = (p[0] for p in parts), [p[1] for p in parts]
         whole = tuple(a + b for a, b in zip(first, second, strict=True))
         every = [(whole, [a + b for a, b in zip(*counts, strict=True)]), *parts]
-        found, *halves = (self._linearised(fit, forms, *each) for each in every)
+        found, *halves = (self._linearised(fit, *each) for each in every)
         return found, (halves[0], halves[1])
 
-    def _forms(self, fit: Estimate) -> Forms:
-        """Errors of form of what a fit holds, over its rows."""
-        signals = [
-            (np.array(self.indices(list(own)), dtype=np.intp), np.concatenate(list(own.values())))
-            for own in self._causes(fit)
-        ]
-        return Forms.of(self.recording, fit.used, signals)
-
-    def _linearised(
-        self, fit: Estimate, forms: Forms, grams: tuple[Array, ...], counts: list[int]
-    ) -> Linearisation:
+    def _linearised(self, fit: Estimate, grams: tuple[Array, ...], counts: list[int]) -> Linearisation:
         geometry, prior = self._point(fit).free, fit.prior
         n, read = len(geometry), (counts[0] - fit.levels, *counts[1:])
         departure = np.zeros(len(grams[0]) - 1)
         departure[:n] = (fit.p - prior.mean)[geometry] / prior.scale[geometry]
-        for at, amplitudes in forms.signals:
-            departure[n + at] = amplitudes
+        for candidate, amplitudes in self._fitted(fit):
+            departure[n:][self.columns[candidate]] = amplitudes
         parts = part_classes([prior.names[k] for k in geometry], [prior.parts[k] for k in geometry])
         return Linearisation(
-            grams, read, n, self.columns, forms.width, departure, fit.prior_weight[:n] / fit.noise, parts,
-            self.candidates, tuple(tuple(own) for own in self._causes(fit)), forms.sources, self.turns,
+            grams, read, n, self.columns, departure, fit.prior_weight[:n] / fit.noise, parts, self.candidates, self.turns,
         )  # fmt: skip
 
     def scores(
@@ -474,15 +432,13 @@ class Signatures:
             weight.append(np.sum(slopes**2, axis=1))
         return np.concatenate(score), np.concatenate(weight), np.flatnonzero(fit.used)
 
-    def _causes(self, fit: Estimate) -> list[dict[int, Array]]:
-        """What the fit's effects blame: of each, its candidates with their coefficients in units of scale."""
+    def _fitted(self, fit: Estimate) -> Iterator[tuple[int, Array]]:
+        """Candidates that the fit holds, with what stands in their columns."""
         labels = {c.label: k for k, c in enumerate(self.candidates)}
-        out = defaultdict[EffectAtPlace, dict[int, Array]](dict)
         for effect in fit.fitted_effects():
             amplitudes = np.array(effect.amplitudes) / [c.scale for c in effect.coefficients]
             turn = self.turns[labels[effect.label]]
-            out[effect.at_place][labels[effect.label]] = amplitudes if turn is None else turn.T @ amplitudes
-        return list(out.values())
+            yield labels[effect.label], amplitudes if turn is None else turn.T @ amplitudes
 
     def indices(self, chosen: Sequence[int]) -> list[int]:
         """Columns of G of the chosen candidates."""

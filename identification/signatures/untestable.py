@@ -58,6 +58,11 @@ def missing_inputs(machine: Machine, recording: Recording) -> tuple[Missing, ...
     return (*missing_length(machine), *_of_weight(machine), *_of_columns(machine, recording))
 
 
+def with_assumed_gravity(machine: Machine) -> Machine:
+    """The machine standing upright, where nobody said which way gravity pulls."""
+    return machine if machine.gravity is not None else replace(machine, gravity=GRAVITY)
+
+
 def missing_length(machine: Machine) -> list[Missing]:
     """Return the common scale of all lengths, where nothing measures a length."""
     slides = [a.reading for a in machine.mechanism.actuators if a.unit == "mm"]
@@ -163,8 +168,8 @@ def why_untestable(
 
 def _unknown(driver: Driver, recording: Recording) -> str:
     """Why a recording has no values of a driver."""
-    remembered = (*drivers.OF_THE_ORDER, *drivers.OF_THE_WAY, "creep")
-    untimed = driver.kind == "creep" and recording.time is None
+    remembered = (*drivers.OF_THE_ORDER, *drivers.OF_THE_WAY, *drivers.OF_THE_CLOCK)
+    untimed = driver.kind in drivers.OF_THE_CLOCK and recording.time is None
     if driver.place not in recording.joints or driver.kind not in remembered or untimed:
         return f"no {driver.column} column"
     told = f"no {driver.column} column, and " if driver.kind == drivers.APPROACH else ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -24,10 +25,20 @@ from truepose.models.effects.base import (
     effects,
 )
 from truepose.models.effects.common import SECONDS_PER_HOUR, sensor_at, sensor_names, sensors_where, singly
-from truepose.models.effects.sights import XYZ, moved_point, point_names, seen_point
+from truepose.models.effects.sights import (
+    AZIMUTH,
+    ELEVATION,
+    RANGE,
+    XYZ,
+    length_names,
+    moved_point,
+    point_names,
+    polar,
+    seen_point,
+)
 from truepose.models.file.driver import TIME, Driver
 from truepose.models.machine.machine import FRAMES, Machine
-from truepose.models.machine.mechanism import AXES, AXIS_UNITS
+from truepose.models.machine.mechanism import AXES
 from truepose.models.machine.placed import COLUMN, COUNT, POSITIVE, ranges
 from truepose.wording import joined
 
@@ -62,8 +73,6 @@ def orthonormal(functions: Sequence[Array]) -> Array:
     return np.asarray(basis[:, 1:])
 
 
-LINE_END = 2.0
-"""Where a line ends, in halves of the range seen: most that is linear goes on, but not for ever."""
 NOTHING = 1e-9
 """Of the largest moment: what is added to its size, whose derivative at zero does not exist."""
 
@@ -76,11 +85,10 @@ class Source:
     low: float
     high: float
 
-    def within(self, value: ca.SX, end: float = 1.0) -> ca.SX:
-        """The value scaled to -1 ... 1 over the range (an operation less than ``scaled``, for the controller), and held at
-        -``end`` and ``end`` outside of it.
-        """
-        return ca.fmax(-end, ca.fmin(end, (2 * value - (self.low + self.high)) / (self.high - self.low)))
+    def within(self, value: ca.SX) -> ca.SX:
+        """The value scaled to -1 ... 1 over the range (an operation less than ``scaled``, for the controller), and held at its
+        ends outside of it."""
+        return ca.fmax(-1.0, ca.fmin(1.0, (2 * value - (self.low + self.high)) / (self.high - self.low)))
 
     def overshoot(self, values: Array) -> Array:
         """(n,) how far values lie outside of the range, in halves of it."""
@@ -94,14 +102,14 @@ def series(coefficients: Mapping[int, ca.SX], t: ca.SX) -> ca.SX:
 
 
 def yielding(
-    source: Source, moment: Mapping[str, ca.SX], coefficients: Mapping[str, Mapping[int, ca.SX]], end: float
+    source: Source, moment: Mapping[str, ca.SX], coefficients: Mapping[str, Mapping[int, ca.SX]]
 ) -> dict[str, ca.SX]:
     """What turns about axes with a moment M (N m) by a characteristic of its size: M_a / M_max (c1 + c2 T1(m) + c3 T2(m)).
 
-    ``source``: the sizes that were seen, up to M_max; m runs from -1 to 1 over them. Past ``end`` M_max it turns no further.
+    ``source``: the sizes that were seen, up to M_max; m runs from -1 to 1 over them. Past M_max it turns no further.
     """
     size = ca.sqrt(sum((m**2 for m in moment.values()), ca.SX((NOTHING * source.high) ** 2)))
-    held = ca.fmin(1.0, end * source.high / size) / source.high
+    held = ca.fmin(1.0, source.high / size) / source.high
     t = source.within(size)
     return {
         axis: held * m * series({k - 1: c for k, c in coefficients[axis].items()}, t)
@@ -118,20 +126,29 @@ def outside(scaled: Array) -> Array:
     return np.maximum(np.abs(scaled) - 1.0, 0.0)
 
 
-CURVE, LINE = 4, 1
-MOUNT_CURVE, LOAD_CURVE = 2, 3
-"""Degrees of a mount's six motions, and of what yields to a load: its slope, and how that bends to either side."""
+FINE, CURVE, BOW, LINE = 12, 4, 2, 1
+"""Degrees of a curve with corners, of a smooth one, of one that bends one way only, and of a line: a law of few constants has
+its like among them, and so has a series."""
+DECAY = 2.0
+"""Coefficients of a curve fall as the degree to this power."""
+MOUNT_CURVE, SENSOR_CURVE, LOAD_CURVE = 3, 3, 3
+"""Degrees of a mount's six motions, of what a sensor reads, and of what yields to a load: its slope, and how that bends to
+either side."""
 TRAVEL = {"mm": 100.0, "rad": float(np.pi), "turn": 1.0}
 """Half of a joint's travel where its file states no range."""
-FROM, TO, DEGREE = "from.", "to.", "degree"
+FROM, TO, DEGREE, SPATIAL, WIDTH = "from.", "to.", "degree", "spatial", "reach"
+OF_SIGHT = (AZIMUTH, ELEVATION, RANGE)
 OF_WEIGHT = LOAD, MOMENT = "load", "moment"
 """Sources that no column holds: gravity's load at the place itself, N along a length, N m about an angle (at a mount, about
 each axis its own), and the size of the moment on a mount."""
 
 
-def seen_over(ranges: Mapping[str, tuple[float, float]], degree: int | None = None) -> dict[str, float]:
+def seen_over(
+    ranges: Mapping[str, tuple[float, float]], degree: int | None = None, *, spatial: bool = False
+) -> dict[str, float]:
     """Settings of a form in the sources of ``ranges``, lowest and highest value seen (mm, rad, or the driver's unit)."""
     own = {} if degree is None else {DEGREE: float(degree)}
+    own |= {SPATIAL: 1.0} if spatial else {}
     lows = {f"{FROM}{name}": float(low) for name, (low, _) in ranges.items()}
     return own | lows | {f"{TO}{name}": float(high) for name, (_, high) in ranges.items()}
 
@@ -163,11 +180,12 @@ def sources_of(machine: Machine, place: Place, settings: Settings) -> tuple[Sour
         settings = {**_usual(machine, place), **settings}
     for key, value in settings.items():
         number = isinstance(value, (int, float)) and not isinstance(value, bool) and np.isfinite(value)
-        if not number or not (key == DEGREE or key.startswith((FROM, TO))):
+        if not number or not (key in (DEGREE, SPATIAL, WIDTH) or key.startswith((FROM, TO))):
             raise InputError(
-                f"{where}: found {key}: {value!r}, expected numbers {FROM}NAME and {TO}NAME for each source, and {DEGREE}"
+                f"{where}: found {key}: {value!r}, expected numbers {FROM}NAME and {TO}NAME for each source, {DEGREE}, "
+                f"and {SPATIAL}"
             )
-    names = dict.fromkeys(key.partition(".")[2] for key in settings if key != DEGREE)
+    names = dict.fromkeys(key.partition(".")[2] for key in settings if key not in (DEGREE, SPATIAL, WIDTH))
     out = []
     for name in names:
         low, high = (settings.get(f"{end}{name}") for end in (FROM, TO))
@@ -178,11 +196,8 @@ def sources_of(machine: Machine, place: Place, settings: Settings) -> tuple[Sour
         out.append(Source(name, low, high))
     if MOMENT in names and place[0] not in FRAMES:
         raise InputError(f"{where}: found source {MOMENT}, expected {LOAD}: only a mount has a moment")
-    most = 1 if place[0] in FRAMES else 2
-    if len(out) > most:
-        raise InputError(
-            f"{where}: found sources {joined(list(names))}, expected {'one' if most == 1 else 'one or two'}"
-        )
+    if len(out) > 1 and place[0] in FRAMES and {*OF_WEIGHT} & {*names}:
+        raise InputError(f"{where}: found sources {joined(list(names))}, expected the load of a mount alone")
     return tuple(out)
 
 
@@ -194,11 +209,30 @@ def degree_of(settings: Settings, usual: int) -> int:
     return round(degree)
 
 
-LARGEST = {"mm": 1.0, "rad": 0.01}
+Exponents = tuple[int, ...]
+"""Degree of each source's polynomial in a product of them."""
+
+
+def exponents(count: int, degree: int) -> list[Exponents]:
+    """Return the products of polynomials of ``count`` sources up to a total ``degree``; those of fewer sources first."""
+    every = itertools.product(range(degree + 1), repeat=count)
+    kept = [e for e in every if 0 < sum(e) <= degree]
+    return sorted(kept, key=lambda e: (sum(k > 0 for k in e), sum(e), [-k for k in e]))
+
+
+def products(columns: Sequence[Any], wanted: Sequence[Exponents]) -> list[Any]:
+    """Return the product of Chebyshev polynomials of each exponents, of numbers (n,) or expressions in -1 ... 1."""
+    most = max((k for e in wanted for k in e), default=0)
+    polynomials = [chebyshev(t, most) for t in columns]
+    return [math.prod(p[k] for p, k in zip(polynomials, e, strict=True) if k) for e in wanted]
+
+
+LARGEST, ARM = 100.0, 100.0
+"""Largest size to expect of a length, in the finest sigma that the machine is read with, and how far from its axis it is, mm,
+where an angle makes it."""
 LINES = 0.5
 """How likely a line is beside a curve."""
 REACH = 1000.0
-WIDTH = "reach"
 WARP = ("xx", "yy", "zz", "xy", "yz", "zx")
 """Squares and products of a point's coordinates: how a measuring volume bends; its linear part is scale and frame."""
 TURNS = ("rx", "ry", "rz")
@@ -214,22 +248,27 @@ class Empirical(Effect):
     Settings ``from.NAME`` and ``to.NAME`` say what it is a function of, and over which range (mm, rad, turn, or the
     driver's own unit): a joint's reading, any driver, or ``load``, what gravity exerts at the place (N along a length, N m
     about an angle, at a mount about each axis). ``moment``: a mount turns with its moment, by a curve of how large that is.
-    With one source it is a curve, Chebyshev polynomials up to ``degree`` (4; 2 for the six motions of a mount), in the
-    joint's own reading from the square on. With two it is their product. A sensor's volume bends by squares and products of
-    a point's coordinates, in units of ``reach`` (mm), and by no more than its maker's sigma is expected: what is larger, the
-    robot does. Outside of what was seen nothing is known: the form stays at its end's value, a line goes on for half the
-    range seen, and predictions say how little that means (``truepose.identification.prediction.predict``). No diagnosis
-    takes it for a name.
+    It is a polynomial of its sources, in products of Chebyshev polynomials of a total degree up to ``degree`` (4; 3 for a
+    mount or a sensor); of two sources without a ``degree``, the product of both alone. A joint errs in its own
+    displacement, or with ``spatial`` in all six motions of what it drives; a mount errs in six motions, a sensor in each of
+    its lengths, or in what an instrument reads of a point (``azimuth``, ``elevation``, ``range``, with the largest in
+    ``reach``, mm) by a curve in that alone. A sensor of points without sources bends its volume by squares and products of a
+    point's coordinates, in units of ``reach``. A sensor errs by no more than its maker's sigma is expected: what is larger,
+    the robot does.
+    Outside of what was seen nothing is known: the form stays at its end's value, and predictions say how little that means
+    (``truepose.identification.prediction.predict``). No diagnosis takes it for a name.
     """
 
     slug = "empirical"
-    setting_ranges = ranges({"degree": COUNT, "reach": POSITIVE, "from.": COLUMN, "to.": COLUMN})
+    setting_ranges = ranges(
+        {"degree": COUNT, "spatial": COUNT, "reach": POSITIVE, "from.": COLUMN, "to.": COLUMN}
+    )
     title = "A smooth error without a name"
     sentence = (
         "Something at {0} errs smoothly with what is recorded; no physics with a name was found for it."
     )
     formula = (
-        "c1 T1(t) + c2 T2(t) + ..., t the source from -1 to 1; c t u of two; points: x.xy x y / reach^2 ..."
+        "sum of c_jk T_j(t) T_k(u) ..., t and u the sources from -1 to 1; points: x.xy x y / reach^2 ..."
     )
     size = "whatever the data ask for; it has no physics that would limit it"
     look_alikes = ("transmission-error", "axis-straightness", "thermal-expansion", "mount-drift")
@@ -239,9 +278,9 @@ class Empirical(Effect):
     source = "Chebyshev series of a smooth error, as machine tools are compensated by tables"
 
     def places(self, machine: Machine) -> Sequence[Place]:
-        """Every joint, both mounts, sensors of points."""
-        warped = sensors_where(machine, lambda sensor: bool(point_names(sensor)))
-        return [*singly((*machine.mechanism.readings, *FRAMES)), *warped]
+        """Every joint, both mounts, sensors of lengths."""
+        lengths = sensors_where(machine, lambda sensor: bool(sensor.shiftable))
+        return [*singly((*machine.mechanism.readings, *FRAMES)), *lengths]
 
     def screened(self, machine: Machine, place: Place) -> bool:
         """Never by its name: which forms a recording supports is asked elsewhere."""
@@ -263,25 +302,33 @@ class Empirical(Effect):
         return [*curves, *(seen_over({a: travel[a], b: travel[b]}) for a, b in pairs)]
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
-        """One for a product; one a polynomial for a curve, from the square on in the joint's own reading."""
-        if place[0] in sensor_names(machine):
-            channels = sensor_at(machine, place[0]).channels
-            largest = max(c.sigma for c in channels if c.kind == "position")
+        """One for each motion and product of polynomials."""
+        if _warps(machine, place, settings):
+            largest = _largest(machine, place, "mm", settings)
             return tuple(Coefficient(f"{axis}.{pair}", "mm", largest) for axis in XYZ for pair in WARP)
-        sources = sources_of(machine, place, settings)
-        if place[0] in FRAMES:
-            return tuple(
-                Coefficient(f"{axis}{k}", unit, LARGEST[unit] / k)
-                for k in range(1, degree_of(settings, MOUNT_CURVE) + 1)
-                for axis, unit in AXIS_UNITS.items()
-                if axis in TURNS or not self.reads_load(settings)
-            )
-        unit = machine.mechanism.actuator(place[0]).unit
-        if len(sources) == 2:
-            return (Coefficient("c", unit, LARGEST[unit]),)
-        first = 2 if sources[0].name == place[0] else 1
-        degrees = range(first, max(degree_of(settings, CURVE), first) + 1)
-        return tuple(Coefficient(f"c{k}", unit, LARGEST[unit] / k) for k in degrees)
+        alone = DEGREE not in settings and len(sources_of(machine, place, settings)) > 1
+        out = list[Coefficient]()
+        for powers_of in _exponents(machine, place, settings):
+            for label, port in self.moved_ports(machine, place, settings).items():
+                unit = machine.ports[port].unit if port else _sight_unit(settings)
+                name = label if alone else _named(label, powers_of)
+                largest = _largest(machine, place, unit, settings)
+                out.append(Coefficient(name, unit, largest / sum(powers_of) ** DECAY))
+        return tuple(out)
+
+    def moved_ports(self, machine: Machine, place: Place, settings: Settings) -> dict[str, str]:
+        """What errs at a place, by what its coefficients are called: a displacement, six motions, or lengths that are read."""
+        name = place[0]
+        if name in sensor_names(machine) and _of_sight(settings):
+            return {"c": ""}
+        if name in sensor_names(machine):
+            return {column: f"{column}.reading" for column in sensor_at(machine, name).shiftable}
+        if name in FRAMES:
+            axes = TURNS if self.reads_load(settings) else AXES
+            return {axis: f"{name}.motion.{axis}" for axis in axes}
+        if settings.get(SPATIAL):
+            return {axis: machine.motion(name, axis) for axis in AXES}
+        return {"c": machine.mechanism.actuator(name).displacement}
 
     def weight(self, settings: Settings) -> float:
         """Lines are what effects with a name are, too."""
@@ -289,49 +336,54 @@ class Empirical(Effect):
 
     def drivers(self, machine: Machine, place: Place, settings: Settings) -> tuple[str, ...]:
         """The sources that are columns and no joints."""
-        if place[0] in sensor_names(machine):
+        if _warps(machine, place, settings):
             return ()
         names = [source.name for source in sources_of(machine, place, settings)]
-        return tuple(name for name in names if name not in (*machine.mechanism.readings, *OF_WEIGHT))
+        known = (*machine.mechanism.readings, *OF_WEIGHT, *OF_SIGHT)
+        return tuple(name for name in names if name not in known)
 
     def reads_load(self, settings: Settings) -> bool:
         """Where the place's own load is a source."""
         return any(f"{FROM}{name}" in settings for name in OF_WEIGHT)
 
     def driver_kind(self, machine: Machine, place: Place, settings: Settings) -> DriverKind:
-        """The joint's own position, another joint, or what kind of driver its source is."""
-        if place[0] in sensor_names(machine):
-            return "sensor"
+        """Kind of driver of its first source that is no joint, else the joint's own position, else another joint."""
+        return self.driver_kinds(machine, place, settings)[0]
+
+    def driver_kinds(self, machine: Machine, place: Place, settings: Settings) -> tuple[DriverKind, ...]:
+        """Kinds of all its sources, each once; the joint's own position goes without saying beside others."""
+        if _warps(machine, place, settings):
+            return ("sensor",)
         names = [source.name for source in sources_of(machine, place, settings)]
-        if self.reads_load(settings):
-            return "load"
-        kinds = (machine.drives(name) for name in names if name not in machine.mechanism.readings)
-        own: DriverKind = "position" if names == [place[0]] else "coupling"
-        return next((kind for kind in kinds if kind is not None), own)
+        out: list[DriverKind] = ["load"] if self.reads_load(settings) else []
+        others = self.drivers(machine, place, settings)
+        out += [kind for kind in map(machine.drives, others) if kind is not None]
+        other: DriverKind = "sensor" if place[0] in sensor_names(machine) else "coupling"
+        out += [other] if {*names} & {*machine.mechanism.readings, *OF_SIGHT} - {place[0]} else []
+        return tuple(dict.fromkeys(out)) or ("position",)
 
     def shifts(self, site: Site) -> Shifts:
-        """Chebyshev polynomials of one source, or a product of two; squares and products of coordinates."""
-        place = site.place[0]
-        if place in sensor_names(site.machine):
+        """Products of Chebyshev polynomials of the sources; squares and products of coordinates."""
+        machine, place, settings = site.machine, site.place, site.settings
+        if _warps(machine, place, settings):
             return _warp(site)
-        sources = sources_of(site.machine, site.place, site.settings)
-        end = LINE_END if len(sources) == 1 and site.settings.get(DEGREE) == LINE else 1.0
-        if len(sources) == 2:
-            t, u = (source.within(_value(site, source.name)) for source in sources)
-            return {site.port(place): site.c["c"] * t * u}
-        (source,) = sources
-        if place not in FRAMES:
-            return {site.port(place): series(_of("c", site), source.within(_value(site, source.name), end))}
-        ports = {axis: f"{place}.motion.{axis}" for axis in AXES}
-        if source.name == LOAD:
-            own = {axis: source.within(site.load(ports[axis]), end) for axis in TURNS}
-            return {ports[axis]: series(_of(axis, site), t) for axis, t in own.items()}
-        if source.name == MOMENT:
-            moment = {axis: site.load(ports[axis]) for axis in TURNS}
-            turned = yielding(source, moment, {axis: _of(axis, site) for axis in TURNS}, end)
+        sources = sources_of(machine, place, settings)
+        if _of_sight(settings):
+            return _sighted(site, sources[0])
+        ports = self.moved_ports(machine, place, settings)
+        (first, *_), wanted = sources, _exponents(machine, place, settings)
+        amplitudes = dict(zip(((e, label) for e in wanted for label in ports), site.c.values(), strict=True))
+        if first.name == MOMENT:
+            moment = {axis: site.load(port) for axis, port in ports.items()}
+            curves = {axis: {sum(e): amplitudes[e, axis] for e in wanted} for axis in ports}
+            turned = yielding(first, moment, curves)
             return {ports[axis]: turn for axis, turn in turned.items()}
-        t = source.within(_value(site, source.name), end)
-        return {port: series(_of(axis, site), t) for axis, port in ports.items()}
+        shifts: dict[str, ca.SX] = {}
+        for label, port in ports.items():
+            at = [source.within(_value(site, source.name, port)) for source in sources]
+            functions = products(at, wanted)
+            shifts[port] = total(amplitudes[e, label] * f for e, f in zip(wanted, functions, strict=True))
+        return shifts
 
     def overshoot(
         self, machine: Machine, place: Place, settings: Settings, at: Mapping[str, Array]
@@ -341,32 +393,95 @@ class Empirical(Effect):
         A polynomial of degree k leaves its range k^2 times as steeply as a line. None for curves of a load, which no column
         holds: how far poses and payload lie outside tells it.
         """
-        if self.reads_load(settings):
+        if self.reads_load(settings) or _of_sight(settings):
             return None
-        if place[0] not in sensor_names(machine):
+        if not _warps(machine, place, settings):
+            steep = max(max(e) for e in _exponents(machine, place, settings)) ** 2
             sources = sources_of(machine, place, settings)
-            usual = MOUNT_CURVE if place[0] in FRAMES else CURVE
-            steep = degree_of(settings, usual) ** 2 if len(sources) == 1 else 1
             return np.asarray(steep * np.sum([s.overshoot(at[s.name]) for s in sources], axis=0))
         names = [f"{p}{a}" for p in point_names(sensor_at(machine, place[0])) for a in XYZ]
         reach = settings.get(WIDTH, REACH)
         return np.asarray(np.max([outside(at[name] / reach) for name in names], axis=0))
 
     def told(self, settings: Settings) -> str:
-        """The sources, and whether it is a line in them: ranges are long, and terms of one place and source are one term."""
+        """The sources, and how far it goes: ranges are long, and terms of one place and sources are one term."""
+        names = "".join(f",{key.removeprefix(FROM)}" for key in sorted(settings) if key.startswith(FROM))
         line = ",line" if settings.get(DEGREE) == LINE else ""
-        return (
-            "".join(f",{key.removeprefix(FROM)}" for key in sorted(settings) if key.startswith(FROM)) + line
-        )
+        told = names.count(",") > 1 or settings.get(DEGREE) in (BOW, FINE)
+        degree = f",{settings[DEGREE]:g}" if told and DEGREE in settings and not line else ""
+        return names + line + degree + (",spatial" if settings.get(SPATIAL) else "")
 
     def describe(self, settings: Settings) -> tuple[str, str]:
         """Driver (``q1 and q2`` for two) and kind of form: curve, product or warp."""
         names = [key.removeprefix(FROM) for key in settings if key.startswith(FROM)]
         if not names:
             return "position", "warp"
-        if len(names) == 2:
+        if len(names) > 1:
             return joined(names), "product"
         return joined(names), "line" if settings.get(DEGREE) == LINE else "curve"
+
+
+def _of_sight(settings: Settings) -> bool:
+    """Whether a source is what an instrument reads of a point."""
+    return any(f"{FROM}{name}" in settings for name in OF_SIGHT)
+
+
+def _sight_unit(settings: Settings) -> str:
+    return "mm" if f"{FROM}{RANGE}" in settings else "rad"
+
+
+def _sighted(site: Site, source: Source) -> Shifts:
+    """Points and lengths that are off along what the instrument reads of them, by a curve in that."""
+    sensor, curve, shifts = sensor_at(site.machine, site.place[0]), _of("c", site), dict[str, ca.SX]()
+    for name in point_names(sensor):
+        value, moved = polar(seen_point(site, name))[source.name]
+        shifts |= moved_point(name, series(curve, source.within(value)) * moved)
+    for column in length_names(sensor) if source.name == RANGE else ():
+        shifts[f"{column}.reading"] = series(curve, source.within(site.seen(column)))
+    return shifts
+
+
+def _of(stem: str, site: Site) -> dict[int, ca.SX]:
+    """Coefficients ``stem1``, ``stem2`` ... by their number."""
+    return {int(name.removeprefix(stem)): c for name, c in site.c.items()}
+
+
+def _named(label: str, powers_of: Exponents) -> str:
+    """``c2`` of one source, ``c1.1`` of two; ``P1.x.2`` where the label is a column."""
+    told = ".".join(map(str, powers_of))
+    return f"{label}.{told}" if "." in label else f"{label}{told}"
+
+
+def _warps(machine: Machine, place: Place, settings: Settings) -> bool:
+    """Whether it is a sensor's volume that bends: one without sources."""
+    return place[0] in sensor_names(machine) and not any(key.startswith(FROM) for key in settings)
+
+
+def _exponents(machine: Machine, place: Place, settings: Settings) -> list[Exponents]:
+    """Products of polynomials that the settings mean."""
+    count = len(sources_of(machine, place, settings))
+    if count > 1 and DEGREE not in settings:
+        return [(1,) * count]
+    usual = {**dict.fromkeys(FRAMES, MOUNT_CURVE), **dict.fromkeys(sensor_names(machine), SENSOR_CURVE)}
+    return exponents(count, degree_of(settings, usual.get(place[0], CURVE)))
+
+
+def largest_sizes(machine: Machine) -> dict[str, float]:
+    """Largest size to expect of what has no name, mm and rad: it is known by what the sensors see of it."""
+    channels = [c for sensor in machine.sensors for c in sensor.channels]
+    lengths = [c.sigma for c in channels if c.unit == "mm"] or [ARM * c.sigma for c in channels] or [0.01]
+    return {"mm": LARGEST * min(lengths), "rad": LARGEST * min(lengths) / ARM}
+
+
+def _largest(machine: Machine, place: Place, unit: str, settings: Settings) -> float:
+    """Largest size to expect, mm or rad: of a sensor its sigma, unless it errs in what it reads itself."""
+    if place[0] not in sensor_names(machine):
+        return largest_sizes(machine)[unit]
+    channels = sensor_at(machine, place[0]).channels
+    sigma = max([c.sigma for c in channels if c.unit == unit] or [c.sigma for c in channels])
+    if not _of_sight(settings):
+        return sigma
+    return LARGEST * sigma / (settings.get(WIDTH, REACH) if unit == "rad" else 1.0)
 
 
 def _warp(site: Site) -> Shifts:
@@ -381,13 +496,9 @@ def _warp(site: Site) -> Shifts:
     return shifts
 
 
-def _value(site: Site, source: str) -> ca.SX:
-    """A source at a joint: a reading, the load at it, or a driver."""
+def _value(site: Site, source: str, port: str) -> ca.SX:
+    """A source: a reading, the load at a mount's port or at a joint's own, or a driver."""
     if source == LOAD:
-        return site.load(site.port(site.place[0]))
+        own = site.place[0] in FRAMES
+        return site.load(port if own else site.port(site.place[0]))
     return site.q[source] if source in site.q else site.driver(source)
-
-
-def _of(stem: str, site: Site) -> dict[int, ca.SX]:
-    """Coefficients ``stem1``, ``stem2`` ... by their number."""
-    return {int(n.removeprefix(stem)): c for n, c in site.c.items() if n.rstrip("0123456789") == stem}

@@ -20,17 +20,22 @@ from truepose.models.effects.base import (
 )
 from truepose.models.effects.common import sensor_at, sensors_where, sine_coefficients, sine_pair, singly
 from truepose.models.effects.sights import (
+    AZIMUTH,
+    ELEVATION,
+    NOWHERE,
     XYZ,
     from_home,
     length_names,
+    looks_from_afar,
     measures_lengths,
     moved_point,
     optical,
     point_names,
+    polar,
     seen_point,
     stretched,
 )
-from truepose.models.machine.machine import FRAMES, Machine
+from truepose.models.machine.machine import Machine
 from truepose.models.machine.placed import COUNT, NOT_NEGATIVE, ORDER, SWITCH, ranges
 from truepose.models.machine.sensor import Sensor
 from truepose.models.sensors.distance import Distance
@@ -76,8 +81,7 @@ class SensorScale(Effect):
 
 
 FRINGE, ENCODER = 2.5e-5, 2e-5
-NOWHERE = 1e-12
-AZIMUTH, ELEVATION = 1.0, 2.0
+ENCODERS = {1.0: AZIMUTH, 2.0: ELEVATION}
 
 
 @effects.add("sensor-periodic")
@@ -115,8 +119,7 @@ class SensorPeriodic(Effect):
     def screened(self, machine: Machine, place: Place) -> bool:
         """Interferometers; trackers where the machine does not stand in the sensor's origin."""
         sensor = sensor_at(machine, place[0])
-        origin = [machine.geometry[f"{FRAMES[0]}.{axis}"].nominal for axis in "xyz"]
-        return not _is_tracker(sensor) or any(origin)
+        return not _is_tracker(sensor) or looks_from_afar(machine, sensor)
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
         wavelength = _wavelength(sensor_at(machine, place[0]))
@@ -144,7 +147,7 @@ class SensorPeriodic(Effect):
         orders = (1.0, 2.0)
         if _wavelength(sensor_at(machine, place[0])) is not None:
             return [{"order": order} for order in orders]
-        return [{"axis": axis, "order": order} for axis in (AZIMUTH, ELEVATION) for order in orders]
+        return [{"axis": axis, "order": order} for axis in ENCODERS for order in orders]
 
     def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         if _wavelength(sensor_at(machine, place[0])) is not None:
@@ -163,13 +166,8 @@ def _is_tracker(sensor: Sensor) -> bool:
 
 def _turned(site: Site, point: ca.SX, order: float) -> ca.SX:
     """(3,) how a point moves when one encoder reads a + b of its angle too much; smooth on the axis, too."""
-    x, y, z = ca.vertsplit(point)
-    aside = ca.sqrt(x**2 + y**2 + NOWHERE)
-    if site.settings.get("axis", AZIMUTH) == AZIMUTH:
-        angle = sine_pair(site, order * ca.atan2(y, x + NOWHERE))
-        return angle * ca.vertcat(-y, x, 0.0)
-    angle = sine_pair(site, order * ca.atan2(z, aside))
-    return angle * ca.vertcat(-x * z / aside, -y * z / aside, aside)
+    angle, across = polar(point)[ENCODERS.get(site.settings.get("axis", 1.0), ELEVATION)]
+    return sine_pair(site, order * angle) * across
 
 
 @effects.add("lens-distortion")

@@ -13,7 +13,7 @@ from truepose.models.effects.base import Settings, Site
 from truepose.models.file.driver import AIR, TEMPERATURE, TIME
 from truepose.models.machine.assembly import assemble, frame_of
 from truepose.models.machine.closure import home_readings
-from truepose.models.machine.machine import Machine
+from truepose.models.machine.machine import FRAMES, Machine
 from truepose.models.machine.mechanism import AXES
 from truepose.models.machine.sensor import Sensor
 from truepose.models.sensors.direction import ORIGIN, Direction
@@ -118,6 +118,29 @@ def measures_lengths(sensor: Sensor) -> bool:
 def seen_point(site: Site, name: str) -> ca.SX:
     """(3,) a point as it should be read, mm in the sensor's frame."""
     return ca.vertcat(*(site.seen(f"{name}{axis}") for axis in XYZ))
+
+
+AZIMUTH, ELEVATION, RANGE = "azimuth", "elevation", "range"
+"""What an instrument that looks at points reads of each: about its z axis, above its xy plane, and how far away."""
+NOWHERE = 1e-12
+
+
+def polar(point: ca.SX) -> dict[str, tuple[ca.SX, ca.SX]]:
+    """Azimuth and elevation (rad) and range (mm) of a point (3,), each with how the point moves (3,) where one more is read;
+    smooth on the axis, too."""
+    x, y, z = ca.vertsplit(point)
+    aside, far = ca.sqrt(x**2 + y**2 + NOWHERE), ca.sqrt(ca.sumsqr(point) + NOWHERE)
+    return {
+        AZIMUTH: (ca.atan2(y, x + NOWHERE), ca.vertcat(-y, x, 0.0)),
+        ELEVATION: (ca.atan2(z, aside), ca.vertcat(-x * z / aside, -y * z / aside, aside)),
+        RANGE: (far, point / far),
+    }
+
+
+def looks_from_afar(machine: Machine, sensor: Sensor) -> bool:
+    """Whether a sensor looks at points from its origin, where the machine does not stand."""
+    origin = [machine.geometry[f"{FRAMES[0]}.{axis}"].nominal for axis in XYZ]
+    return optical(sensor) and bool(point_names(sensor)) and any(origin)
 
 
 def from_home(site: Site, sensor: Sensor, column: str) -> ca.SX:

@@ -178,6 +178,10 @@ class Effect(ABC):
         read = [machine.drives(name) for name in self.drivers(machine, place, settings)]
         return next((kind for kind in read if kind is not None), "position")
 
+    def driver_kinds(self, machine: Any, place: Place, settings: Settings) -> tuple[DriverKind, ...]:
+        """All that makes it vary, where that is more than one thing."""
+        return (self.driver_kind(machine, place, settings),)
+
     def explain(self, machine: Any, place: Place, settings: Settings) -> str:
         """One sentence in plain words for the finding, of terms with these settings."""
         names = ", ".join(place)

@@ -121,11 +121,9 @@ def movement_problem(stack: Stack, kinds: Kinds) -> SpikeSlab:
     classes = tuple(dict.fromkeys(stack.classes))
     part = np.array([classes.index(c) for c in stack.classes], dtype=np.intp)
     own = np.concatenate([np.arange(n), np.repeat(stack.anew, sessions - 1)]).astype(np.intp)
-    always = Always(stack.sigma[own], part[own], np.zeros(len(own), dtype=bool))
+    always = Always(stack.sigma[own], part[own])
     design = Design((whole.T @ whole,), (stack.n_observations,), always)
-    unknowns = Unknowns.over(
-        1, _still_rms(whole, always.sigma, stack.n_observations), widenings(classes), remainder_rms=0.0
-    )
+    unknowns = Unknowns.over(1, _still_rms(whole, always.sigma, stack.n_observations), widenings(classes))
     return SpikeSlab(design, unknowns, _terms(stack, kinds), prior.MOVEMENT_SIZES)
 
 
