@@ -17,7 +17,6 @@ from truepose.identification.fit.estimate import estimate
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import catalogue
-from truepose.identification.signatures.linearisation import Forms
 from truepose.identification.signatures.signatures import Point, Signatures
 from truepose.models.machine.machine import Machine
 
@@ -59,7 +58,7 @@ class Imitations:
         drawn = Signatures(self._machine, self._recording, self.catalogue.candidates)
         free = self.fit.prior.free
         at_fit = Point.of(self.fit, free[free < len(self._machine.parameters)])
-        blocks = drawn.stacked(at_fit, Forms.none(), None)
+        blocks = drawn.stacked(at_fit, None)
         rows = np.concatenate([block.reshape(-1, block.shape[2]) for block in blocks])
         out, at = [], len(self.fit.prior_weight)
         for index, placed in enumerate(self.catalogue.candidates):

@@ -33,7 +33,7 @@ JOBS = 2
 @dataclass(frozen=True)
 class Expected:
     """Of one case: the levels of richness (3,), numbers of causes and of nameless ones, members by size (s,), noise in stated
-    sigmas (log), tolerances as stated, a remainder at all."""
+    sigmas (log), and tolerances as stated."""
 
     richness: Array
     causes: float
@@ -41,7 +41,6 @@ class Expected:
     sizes: Array
     log_noise: float
     stated: float
-    remainder: float
 
 
 def expected(case: Path) -> Expected:
@@ -57,8 +56,8 @@ def _of(found: Found) -> Expected:
     rows = [_counts(found, state) for state, _ in states]
     mean = np.average(np.array(rows), axis=0, weights=[share for _, share in states])
     levels = len(prior.RICHNESS.filled)
-    richness, (causes, nameless, noise, stated, remainder), sizes = np.split(mean, [levels, levels + 5])
-    return Expected(richness, causes, nameless, sizes, noise, stated, remainder)
+    richness, (causes, nameless, noise, stated), sizes = np.split(mean, [levels, levels + 4])
+    return Expected(richness, causes, nameless, sizes, noise, stated)
 
 
 def _counts(found: Found, state: State) -> Array:
@@ -67,13 +66,12 @@ def _counts(found: Found, state: State) -> Array:
     numbers = [int(problem.spike_slab.terms.cause[term]) for term, _ in state.members]
     causes = [problem.causes[k] for k in dict.fromkeys(numbers)]
     sizes = np.bincount([size for _, size in state.members], minlength=len(prior.SIZES.values))
-    noise, widening, remainder = state.point
+    noise, widening = state.point
     counts = [
         len(causes),
         sum(c.effect == Empirical.slug for c in causes),
         np.log(problem.spike_slab.unknowns.noise[0].values[noise[0]]),
         widening == 0,
-        remainder > 0,
     ]
     levels = softmax(prior.RICHNESS.log_weights(len(state.members)))
     return np.concatenate([levels, np.array(counts, dtype=np.float64), sizes])
@@ -95,7 +93,6 @@ def table(cases: Sequence[Expected]) -> Iterator[str]:
     off = np.abs([c.log_noise for c in cases])
     yield f"| noise within 20 % of sigma | {_within(0.2):.2f} | {np.mean(off < np.log(1.2)):.2f} |"
     yield f"| tolerances as stated | | {np.mean([c.stated for c in cases]):.2f} |"
-    yield f"| a smooth remainder | {prior.REMAINDER:.2f} | {np.mean([c.remainder for c in cases]):.2f} |"
 
 
 def _within(share: float) -> float:
