@@ -37,9 +37,7 @@ def linear(
     # the residual of a reading is its prediction less itself
     rows = np.column_stack([j, g, np.column_stack([j, g]) @ away - e])
     columns = tuple(slice(k, k + 1) for k in range(w))
-    lin = Linearisation(
-        (rows.T @ rows,), (READINGS,), 3, columns, 0, away, own, (LENGTH, LENGTH, ANGLE), placed
-    )
+    lin = Linearisation((rows.T @ rows,), (READINGS,), 3, columns, away, own, (LENGTH, LENGTH, ANGLE), placed)
     return lin, j, g, e
 
 
@@ -54,6 +52,6 @@ def catalogue_of(placed: tuple[PlacedEffect, ...]) -> Catalogue:
 
 
 def unit(problem: SelectionProblem) -> GridPoint:
-    """The point nearest to stated noise and tolerances, without a remainder."""
+    """The point nearest to stated noise and tolerances."""
     values = np.array(problem.spike_slab.unknowns.noise[0].values)
-    return GridPoint((int(np.argmin(np.abs(np.log(values)))),), 0, 0)
+    return GridPoint((int(np.argmin(np.abs(np.log(values)))),), 0)

@@ -51,8 +51,7 @@ class Dense:
     def sigma(self, point: GridPoint) -> Array:
         """(n,) 1-sigma of the columns of A at a point."""
         factors = np.array([*self.unknowns.widening[point.widening], 1.0])[self.always.part]
-        tau = self.unknowns.size.values[point.remainder]
-        return np.asarray(self.always.sigma * np.where(self.always.remainder, tau, factors))
+        return np.asarray(self.always.sigma * factors)
 
     def covariance(self, point: GridPoint, columns: Sequence[int] = (), sizes: Sequence[float] = ()) -> Array:
         """(r, r) of e, without what has no prior."""
@@ -86,8 +85,8 @@ class Dense:
 def points(unknowns: Unknowns) -> list[GridPoint]:
     """The whole grid."""
     noises = product(*(range(len(a.values)) for a in unknowns.noise))
-    others = range(len(unknowns.widening)), range(len(unknowns.size.values))
-    return [GridPoint(noise, widening, size) for noise, widening, size in product(noises, *others)]
+    widenings = range(len(unknowns.widening))
+    return [GridPoint(noise, widening) for noise, widening in product(noises, widenings)]
 
 
 def axis(*values: float) -> Axis:
@@ -99,16 +98,15 @@ UNKNOWNS = Unknowns(
     noise=(axis(0.8, 1.0, 1.4), axis(0.9, 1.2)),
     widening=((1.0, 1.0), (3.0, 1.0), (2.0, 5.0)),
     log_widening=(-0.5, -1.5, -2.0),
-    size=Axis((0.0, 0.5, 2.0), (-0.7, -1.4, -1.4)),
 )
 
 
 def random_problem(seed: int, *, readings: int = 30, width: int = 7, flat: int = 1) -> Dense:
-    """Two kinds of channels; geometry of two classes, columns without a prior, two of a remainder; G of width columns."""
+    """Two kinds of channels; geometry of two classes, columns without a prior, two of no class; G of width columns."""
     rng = np.random.default_rng(seed)
     sigma = np.array([*rng.uniform(0.3, 3.0, 4), *[np.inf] * flat, 1.0, 1.0])
     n = len(sigma)
-    always = Always(sigma, np.array([0, 0, 1, 1, *[-1] * (flat + 2)], dtype=np.intp), np.arange(n) >= n - 2)
+    always = Always(sigma, np.array([0, 0, 1, 1, *[-1] * (flat + 2)], dtype=np.intp))
     a, g = rng.standard_normal((readings, n)), rng.standard_normal((readings, width))
     e = rng.standard_normal(readings) + a @ rng.standard_normal(n) + 1.5 * g[:, 0]
     return Dense(e, np.arange(readings) % 3 // 2, a, g, always, UNKNOWNS)
@@ -166,7 +164,6 @@ FEW = Unknowns(
     noise=(Axis((0.8, 1.0, 1.3), (-1.5, -0.5, -1.5)),),
     widening=((1.0,), (4.0,)),
     log_widening=(-0.3, -1.4),
-    size=Axis((0.0, 1.0), (-0.7, -0.7)),
 )
 
 
@@ -177,9 +174,7 @@ def catalogue_problem(seed: int, *, strength: float = 0.8, alike: float = 0.85, 
     for k in range(1, terms, 2):
         g[:, k] = alike * g[:, k - 1] + np.sqrt(1.0 - alike**2) * g[:, k]
     a = rng.standard_normal((readings, 4))
-    always = Always(
-        np.array([1.0, 0.5, np.inf, 1.0]), np.array([0, 0, -1, -1], dtype=np.intp), np.arange(4) == 3
-    )
+    always = Always(np.array([1.0, 0.5, np.inf, 1.0]), np.array([0, 0, -1, -1], dtype=np.intp))
     there = strength * rng.standard_normal(terms) * (rng.random(terms) < 0.5)
     e = rng.standard_normal(readings) + a[:, :2] @ rng.standard_normal(2) + g @ there
     return Dense(e, np.zeros(readings, dtype=np.intp), a, g, always, FEW)
@@ -258,7 +253,7 @@ def enumerated(spike_slab: SpikeSlab, richness: Richness, dense: Dense) -> Enume
 def _noticed(spike_slab: SpikeSlab, dense: Dense) -> NDArray[np.bool_]:
     """(s, c) which terms make a signal of more than two sigma at which size, at the noise nearest to that stated."""
     stated = [int(np.argmin([abs(np.log(v)) for v in axis.values])) for axis in spike_slab.unknowns.noise]
-    seen = dense.g.T @ dense.precision(GridPoint(tuple(stated), 0, 0)) @ dense.g
+    seen = dense.g.T @ dense.precision(GridPoint(tuple(stated), 0)) @ dense.g
     signal = [sum(seen[c, c] for c in columns) for columns in spike_slab.terms.columns]
     return np.asarray(np.outer(spike_slab.sizes.values**2, signal) > NOTICED)
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from support.simulated import machine_from, readings_of
 from truepose.identification.diagnosis.null_fits import Fits
+from truepose.identification.diagnosis.posterior_summary import Sums
 from truepose.identification.diagnosis.search import Found, search
 from truepose.identification.diagnosis.selection_problem import selection_problem
 from truepose.identification.fit.estimate import estimate
@@ -98,6 +99,11 @@ class Case:
         alone, bare = np.zeros(len(self.cat.candidates)), self.signatures.linearise(self.null).bare()
         own = dict.fromkeys(held, 1.0), fit, lin, self.signatures, self.cat
         return Found(problem, posterior, mode, *own, alone, bare)
+
+
+def sums_of(found: Found) -> Sums:
+    """What its posterior says."""
+    return Sums(found.signatures.machine, found.catalogue, found.problem, found.posterior)
 
 
 @cache

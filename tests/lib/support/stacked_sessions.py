@@ -54,7 +54,7 @@ def plain(jacobian: Array, offset: Array, sigma: float = 1.0) -> Stack:
 def at(problem: SpikeSlab, noise: float = 1.0, widening: int = 0) -> GridPoint:
     """The point of the grid nearest to a noise."""
     values = np.array(problem.unknowns.noise[0].values)
-    return GridPoint((int(np.argmin(np.abs(np.log(values / noise)))),), widening, 0)
+    return GridPoint((int(np.argmin(np.abs(np.log(values / noise)))),), widening)
 
 
 def likeliest_of(

@@ -253,7 +253,6 @@ def linear(rng: np.random.Generator, *, noise: float = 1.0, departure: float = 1
         counts=(READINGS,),
         free=FREE,
         columns=(),
-        forms=0,
         departure=np.zeros(FREE),
         weight=np.ones(FREE),
         parts=(PartClass("length"),) * FREE,
@@ -296,7 +295,7 @@ def test_far_beyond_what_is_drawn_p_is_twice_the_smaller_one_of_two_chi2(
     rows = np.column_stack([sensitivity, effects, e + sensitivity @ away[:FREE]])
     weight = np.where(np.arange(FREE) == open_, 0.0, 1.0 / tolerance)
     parts, columns = (PartClass("length"),) * FREE, (slice(0, 1), slice(1, 2))
-    lin = Linearisation((rows.T @ rows,), (READINGS,), FREE, columns, 0, away, weight, parts, ())
+    lin = Linearisation((rows.T @ rows,), (READINGS,), FREE, columns, away, weight, parts, ())
     # readings freed of the open parameter; geometry in tolerances
     keep = null_space(sensitivity[:, [open_]].T)
     j, seen = keep.T @ np.delete(sensitivity * tolerance, open_, axis=1), keep.T @ e
@@ -331,7 +330,7 @@ def test_parameters_without_tolerance_are_projected_out() -> None:
     far[FREE, FREE] = lin.gram[FREE, FREE] + 2e3 * lin.gram[0, FREE] + 1e6 * lin.gram[0, 0]
     found = [
         conflict_with_tolerances(
-            Linearisation((gram,), (READINGS,), FREE, (), 0, np.zeros(FREE), weight, lin.parts, ()), 1.0
+            Linearisation((gram,), (READINGS,), FREE, (), np.zeros(FREE), weight, lin.parts, ()), 1.0
         )
         for gram in (lin.gram, far)
     ]

@@ -16,8 +16,7 @@ from truepose.identification.diagnosis.findings import (
     ranked_alternatives,
     remainder_of_residuals,
 )
-from truepose.identification.diagnosis.naming import as_named, told_once
-from truepose.identification.diagnosis.posterior_summary import Inclusion, Named, Rival
+from truepose.identification.diagnosis.posterior_summary import Named, Rival
 from truepose.identification.diagnosis.result import UNNAMED, Alarm, Form, Replication
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.recording.recording import Recording
@@ -87,28 +86,6 @@ def test_rivals_stand_beside_a_finding_with_their_shares_and_what_has_no_name_as
     # what is the same function shares the probability of the name: nothing is added or lost
     total = found.probability + sum(o.probability for o in found.equivalents)
     assert total == pytest.approx(0.6 + sum(m.probability for m in RIVALS))
-
-
-def test_a_cause_has_one_probability_wherever_it_is_told() -> None:
-    """A rival that is likelier beside a name than in its stead is told as likely as it is; a name is nobody's rival."""
-    shift, other = EffectAtPlace("zero-shift", ("q2",)), EffectAtPlace("zero-shift", ("q3",))
-    soft, nameless = EffectAtPlace("joint-compliance", ("q2",)), EffectAtPlace("empirical", ("q2",))
-    places = {shift: 0.7, other: 0.6, soft: 0.4, nameless: 0.9}
-    said = Inclusion(places, (), 0.9)
-    one = Named(shift, (0,), 0.6, 0.95, RIVALS, 30.0)
-    told = told_once(one, said, set())
-    assert [(m.cause.effect, m.cause.place, m.probability) for m in told.equivalents] == [
-        ("zero-shift", ("q3",), 0.6),
-        ("joint-compliance", ("q2",), 0.4),
-        ("empirical", ("q2",), 0.05),  # only like the name: not all that has no name
-    ]
-    assert told.certainty == 0.95 and told.probability == 0.6
-    alone = told_once(one, said, {shift, other})
-    assert [m.cause.effect for m in alone.equivalents] == ["joint-compliance", "empirical"]
-    assert alone.certainty == pytest.approx(0.75)  # of 0.95 the other name had 0.2
-    listed = as_named(said, [one]).places
-    assert listed == places | {shift: 0.6}
-    assert list(listed.values()) == sorted(listed.values(), reverse=True)
 
 
 def test_twins_share_a_name_by_how_likely_they_are(arm: Machine) -> None:

@@ -20,7 +20,7 @@ from truepose.identification.prediction.predict import predicted, predictor_for,
 from truepose.identification.prior import FORM_ERROR
 from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
-from truepose.identification.signatures.candidates import catalogue, empirical_forms
+from truepose.identification.signatures.candidates import empirical_forms
 from truepose.models.effect_text import parse_effect
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
@@ -107,18 +107,6 @@ def test_beyond_its_range_a_curve_of_the_load_stays_where_it_ended(tmp_path: Pat
         sides.append(simulate(machine, replace(poses, q=moved), [], seed=None))
     either = np.minimum(*(np.abs(found - side).max(axis=1) for side in sides))
     assert float(either.max()) < 1e-9
-
-
-def test_what_yields_to_load_is_no_part_of_a_remainder(tmp_path: Path) -> None:
-    """Else nobody could say what drives a mount that drifts; nor are forms in the order of rows, which stands in for a clock
-    here. All other forms of the robot may be part of it."""
-    machine = machine_of(tmp_path, LOADED)
-    cat = catalogue(machine, poses_of(machine, tmp_path))
-    nameless = [i for i in range(len(cat.candidates)) if not cat.named(i)]
-    left_out = [cat.candidates[i] for i in nameless if i not in cat.smooth]
-    assert all(form.needs_load or form.kind == "sensor" or form.drivers == ("row",) for form in left_out)
-    assert not any(cat.candidates[i].needs_load for i in cat.smooth)
-    assert {cat.candidates[i].place for i in cat.smooth} >= {(name,) for name in JOINTS}
 
 
 def test_beyond_what_was_seen_it_may_be_all_wrong(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 
 from support.effect_machines import read_machines
-from support.searched_arm import PLAY, SCALE, Case, searched
+from support.searched_arm import PLAY, SCALE, Case, searched, sums_of
 from support.simulated import machine_from, recorded
 from truepose.identification.diagnosis.alarms import misfits
 from truepose.identification.diagnosis.diagnose import verdict
@@ -27,7 +27,7 @@ from truepose.identification.diagnosis.naming import (
     named,
     summarised,
 )
-from truepose.identification.diagnosis.posterior_summary import Presence, driver_of, inclusion, parts_of
+from truepose.identification.diagnosis.posterior_summary import Sums, driver_of, parts_of
 from truepose.identification.diagnosis.proof import replications
 from truepose.identification.diagnosis.result import Alarm, Replication
 from truepose.identification.diagnosis.search import Found
@@ -110,7 +110,7 @@ def found_in(folder: Path, truth: Mapping[EffectAtPlace, str]) -> Found:
 
 def said(found: Found) -> dict[EffectAtPlace, str]:
     """What is said, and the family of each."""
-    return {n.cause: n.family for n in named(found, inclusion(found.problem, found.posterior)) if n.said}
+    return {n.cause: n.family for n in named(found, sums_of(found)) if n.said}
 
 
 def doubted(found: Found, cause: EffectAtPlace) -> Found:
@@ -142,7 +142,7 @@ def test_a_place_that_is_not_said_makes_no_family(three: Found, doubt: EffectAtP
     rest = [cause for cause in (*WAVES, *COUPLED) if cause != doubt]
     found = doubted(three, doubt)
     assert said(found) == dict.fromkeys(rest, "")
-    (other,) = [n for n in named(found, inclusion(found.problem, found.posterior)) if n.cause == doubt]
+    (other,) = [n for n in named(found, sums_of(found)) if n.cause == doubt]
     assert not other.said and other.family == ""
 
 
@@ -226,9 +226,8 @@ def test_what_no_reading_sees_could_not_be_tested(found: Found, summary: Summary
     )
     assert [one.effect for one in kept.unseen] == ["backlash"] and "q2" in kept.unseen[0].why
     assert all(n.cause.effect != "backlash" for n in (*kept.summary.names, *kept.summary.leading))
-    assert (
-        kept.summary.inclusion.of(next(n.cause for n in summary.names if n.cause.effect == "backlash")) == 0.0
-    )
+    play = next(n.cause for n in summary.names if n.cause.effect == "backlash")
+    assert kept.summary.inclusion.places[play] == 0.0
 
 
 @pytest.mark.parametrize(
@@ -254,8 +253,8 @@ def test_a_law_that_a_half_does_not_show_is_open(
 
 
 @pytest.fixture(scope="module")
-def presence(found: Found) -> Presence:
-    return Presence(found.signatures.machine, found.catalogue, found.problem, found.posterior)
+def sums(found: Found) -> Sums:
+    return sums_of(found)
 
 
 def test_no_level_is_less_probable_than_a_deeper_one(summary: Summary) -> None:
@@ -266,12 +265,12 @@ def test_no_level_is_less_probable_than_a_deeper_one(summary: Summary) -> None:
     for name in summary.names:
         assert name.probability <= name.levels.driver <= name.levels.place <= 1.0
         assert name.levels.driver > 0.9
-        assert summary.inclusion.of(name.cause) == name.probability  # told with one value
+        assert summary.inclusion.places[name.cause] == name.probability  # told with one value
 
 
-def test_a_wave_and_a_curve_of_the_own_position_are_one_driver(presence: Presence) -> None:
+def test_a_wave_and_a_curve_of_the_own_position_are_one_driver(sums: Sums) -> None:
     assert driver_of("position-periodic") == driver_of("position") != driver_of("load")
-    assert presence.at(["q1"], "position-periodic") == presence.at(["q1"], "position")
+    assert sums.at(["q1"], "position-periodic") == sums.at(["q1"], "position")
 
 
 def test_parts_have_one_name_each(tmp_path: Path) -> None:

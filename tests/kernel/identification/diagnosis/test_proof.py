@@ -115,7 +115,7 @@ def injected(
     slices = tuple(slice(k, k + 1) for k in range(len(placed)))
     parts, departure = (PartClass("length"),), np.zeros(len(placed) + 1)
     lin = Linearisation(
-        (stacked.T @ stacked,), (ROWS,), 1, slices, 0, departure, np.ones(1), parts, tuple(placed)
+        (stacked.T @ stacked,), (ROWS,), 1, slices, departure, np.ones(1), parts, tuple(placed)
     )
     (coefficient,) = placed[0].coefficients
     fitted = placed[0].with_values([size * coefficient.scale])
@@ -124,7 +124,7 @@ def injected(
     problem = selection_problem(lin, cat, max(noise, 1.0))
     at = int(np.argmin(np.abs(np.log(np.array(problem.spike_slab.unknowns.noise[0].values) / noise))))
     found = SimpleNamespace(
-        problem=problem, catalogue=cat, linearisation=lin, mode=State((), GridPoint((at,), 0, 0), 0.0)
+        problem=problem, catalogue=cat, linearisation=lin, mode=State((), GridPoint((at,), 0), 0.0)
     )
     return injected_recovered(cast(Estimate, after), cast(Found, found), 0)
 

@@ -87,7 +87,7 @@ def test_the_bounded_minimum_is_the_best_within_bounds(
 def test_what_bounds_leave_nothing_of_is_no_part_of_the_model() -> None:
     case, found = searched(WRONG_SIGN, SCALE)
     wanted = [i for i, c in enumerate(case.cat.candidates) if c.label in ("backlash@q2", "actuator-scale@q1")]
-    model = refit(found, dict.fromkeys(wanted, 1.0), (), case.exclude)
+    model = refit(found, dict.fromkeys(wanted, 1.0), case.exclude)
     assert model is not None
     assert [e.label for e in model.fit.effects] == ["actuator-scale@q1"]
 
@@ -206,9 +206,7 @@ def models() -> tuple[dict[str, int], Model, Model]:
         "line": next(i for i, c in forms if c.place == ("q1",)),
         "warp": next(i for i, c in forms if c.kind == "sensor"),
     }
-    everything, names = (
-        refit(found, dict.fromkeys(p.values(), 1.0), (), case.exclude) for p in (whole, parts)
-    )
+    everything, names = (refit(found, dict.fromkeys(p.values(), 1.0), case.exclude) for p in (whole, parts))
     assert everything is not None and names is not None and names.nameless(found) == ()
     return whole, everything, names
 
@@ -267,7 +265,7 @@ def test_gains_are_told_against_the_better_plain_calibration_and_the_one_held_to
     """The ordinary fit may lead on rows held out, and leave the drawing by hundreds of tolerances where readings say little."""
     case, found = searched(PLAY)
     play = next(i for i, c in enumerate(case.cat.candidates) if c.label == "backlash@q2")
-    better = refit(found, {play: 1.0}, (), case.exclude)
+    better = refit(found, {play: 1.0}, case.exclude)
     assert better is not None
     choice = Choice.of(found, Fits(better.fit, case.null, case.exclude))
     assert choice.drawing is case.null
@@ -282,10 +280,10 @@ def test_geometry_strays_that_forms_move_as_far_as_a_true_model_never_leaves_it(
 ) -> None:
     """Beyond where plain calibration has it; not where names alone move it as far."""
     moved = shifted(choice.drawing, determined_directions(choice.drawing)[0], share)
-    model = Model({}, (), moved)
+    model = Model({}, moved)
     assert choice.strays(model, None) is strays
-    assert not choice.strays(model, Model({}, (), moved))
-    assert not choice.strays(Model({}, (), choice.drawing), None)
+    assert not choice.strays(model, Model({}, moved))
+    assert not choice.strays(Model({}, choice.drawing), None)
 
 
 def test_constants_that_share_what_no_reading_tells_apart_do_not_stray(choice: Choice) -> None:
@@ -296,7 +294,7 @@ def test_constants_that_share_what_no_reading_tells_apart_do_not_stray(choice: C
     direction = next(v for v in unseen[len(seen) :] if np.sum(v[free] ** 2) > 0.999)
     far = shifted(choice.drawing, direction, 1e4)
     assert far.worst_parameter_sigma > worst_allowed(far)
-    assert not choice.strays(Model({}, (), far), None)
+    assert not choice.strays(Model({}, far), None)
 
 
 def shifted(fit: Estimate, direction: Array, share: float) -> Estimate:
@@ -313,8 +311,8 @@ def test_forms_must_make_nothing_worse_at_the_ends_and_names_may(choice: Choice)
     """A model without forms is judged where it counts alone."""
     case, found = held(PLAY, SCALE)
     line = next(i for i, c in enumerate(case.cat.candidates) if c.place == ("q1",) and not case.cat.named(i))
-    names = Model(dict(found.accepted), (), found.fit)
-    with_form = refit(found, {line: 1.0}, (), case.exclude)
+    names = Model(dict(found.accepted), found.fit)
+    with_form = refit(found, {line: 1.0}, case.exclude)
     assert with_form is not None and with_form.nameless(found) == (line,)
     end = BlockProof("outermost poses", 10, 2.0, 2.0, extrapolates=True)
     harmful, harmless = replace(comparison(0.5, 0.5), blocks=(end,)), comparison(0.5, 0.5)
@@ -337,7 +335,7 @@ def test_sure_names_are_applied_where_others_may_not(choice: Choice, monkeypatch
     case, found = held(PLAY, SCALE)
     number = {c.label: i for i, c in enumerate(case.cat.candidates)}
     play, scale = number["backlash@q2"], number["actuator-scale@q1"]
-    names = refit(found, {play: 1.0, scale: 1.0}, (), case.exclude)
+    names = refit(found, {play: 1.0, scale: 1.0}, case.exclude)
     assert names is not None and names.nameless(found) == ()
     good, bad = comparison(0.5, 0.5), comparison(2.0, 2.0)
 

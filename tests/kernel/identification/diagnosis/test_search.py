@@ -10,12 +10,12 @@ from typing import cast
 import numpy as np
 import pytest
 
-from support.searched_arm import PLAY, ROWS, SCALE, WRONG_SIGN, Case, held, searched
+from support.searched_arm import PLAY, ROWS, SCALE, WRONG_SIGN, Case, held, searched, sums_of
 from truepose.errors import ConvergenceError
 from truepose.identification import prior
 from truepose.identification.diagnosis import search as searching
 from truepose.identification.diagnosis.naming import named
-from truepose.identification.diagnosis.posterior_summary import Named, inclusion
+from truepose.identification.diagnosis.posterior_summary import Named
 from truepose.identification.diagnosis.proof import flip_inflation, replications
 from truepose.identification.diagnosis.refit import fitted
 from truepose.identification.diagnosis.search import Found, noise_at, start_from
@@ -50,7 +50,7 @@ def test_what_is_there_is_found_and_nothing_else(both: tuple[Case, Found]) -> No
     """Each member of the mode is likelier than an empty slot, and none that is not there is."""
     _, found = both
     assert names(found) == TRUE
-    said = inclusion(found.problem, found.posterior)
+    said = sums_of(found).inclusion()
     spike_slab, members = found.problem.spike_slab, found.mode.members
     for member in members:
         rest = [m for m in members if m != member]
@@ -77,8 +77,8 @@ def test_a_few_rows_less_end_at_the_same_set(both: tuple[Case, Found]) -> None:
 def test_what_is_not_there_is_not_found() -> None:
     _, found = searched()
     assert not found.accepted and not found.mode.members
-    said = inclusion(found.problem, found.posterior)
-    assert named(found, said) == ()
+    said = sums_of(found).inclusion()
+    assert named(found, sums_of(found)) == ()
     assert all(p < 0.5 for p in said.places.values())
 
 
@@ -135,7 +135,7 @@ def test_an_effect_in_one_half_only_is_not_in_the_other(tmp_path: Path, first_ro
     at = next(i for i in range(len(case.cat.candidates)) if case.cat.cause(i) == ("actuator-scale", ("q1",)))
     term = problem.candidates.index(at)
     noise = int(np.argmin(np.abs(np.log(problem.spike_slab.unknowns.noise[0].values))))
-    state = State(((term, 4),), GridPoint((noise,), 0, 0), 0.0)
+    state = State(((term, 4),), GridPoint((noise,), 0), 0.0)
     nothing = cast(Posterior, None)
     found = Found(problem, nothing, state, {}, case.null, lin, case.signatures, case.cat, np.zeros(0), lin)
     name = Named(problem.causes[int(problem.spike_slab.terms.cause[term])], (at,), 1.0, 1.0, (), 9.0)
@@ -147,7 +147,7 @@ def test_an_effect_in_one_half_only_is_not_in_the_other(tmp_path: Path, first_ro
 def test_play_is_no_matter_of_tolerances() -> None:
     """Play is no geometry: no widening makes it go."""
     _, found = searched(PLAY)
-    (play,) = named(found, inclusion(found.problem, found.posterior))
+    (play,) = named(found, sums_of(found))
     assert flip_inflation(found, play) is None
 
 
@@ -155,7 +155,7 @@ def test_amplitudes_of_any_size_are_stepped_in_their_own_spread(both: tuple[Case
     """Seven orders of magnitude between two priors are no rounding: nothing of the fit passes for unknown."""
     case, found = both
     first, *rest = found.accepted
-    fit = fitted(found, {first: 1.0, **dict.fromkeys(rest, 1e-7)}, (), case.exclude)
+    fit = fitted(found, {first: 1.0, **dict.fromkeys(rest, 1e-7)}, case.exclude)
     assert fit is not None and rest
     amplitudes = fit.prior.free >= len(fit.nominal.parameters)
     np.testing.assert_allclose(fit.prior_weight[amplitudes], fit.noise, rtol=1e-12)
@@ -186,7 +186,7 @@ def test_the_noise_of_several_kinds_is_their_mean_by_readings() -> None:
             unknowns=SimpleNamespace(scales=lambda _: np.array(scales)), design=SimpleNamespace(counts=counts)
         )
         problem = cast(SelectionProblem, SimpleNamespace(spike_slab=slab))
-        return noise_at(problem, State((), GridPoint((0,), 0, 0), 0.0))
+        return noise_at(problem, State((), GridPoint((0,), 0), 0.0))
 
     assert at([1.7], (30,)) == pytest.approx(1.7)
     assert at([2.0, 0.5], (30, 30)) == pytest.approx(1.0)
@@ -207,7 +207,7 @@ def test_halves_of_too_few_readings_say_nothing_of_names() -> None:
 
 def test_an_effect_that_is_there_throughout_is_in_both_halves(both: tuple[Case, Found]) -> None:
     case, found = both
-    told = named(found, inclusion(found.problem, found.posterior))
+    told = named(found, sums_of(found))
     for half in replications(found, told, case.rms):
         assert half is not None and half.agree
         assert min(half.halves) > 0.5

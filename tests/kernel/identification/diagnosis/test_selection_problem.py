@@ -1,4 +1,4 @@
-"""Laws of how a linearisation becomes a posterior's problem: evidence, the remainder, units."""
+"""Laws of how a linearisation becomes a posterior's problem: evidence, units, terms and their shares."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from truepose.arrays import Array
 from truepose.identification import prior
 from truepose.identification.diagnosis.posterior_summary import Named
 from truepose.identification.diagnosis.proof import WIDENINGS, flip_inflation
-from truepose.identification.diagnosis.refit import FEW, WORTH, remainder_shapes
 from truepose.identification.diagnosis.search import Found
 from truepose.identification.diagnosis.selection_problem import (
     SelectionProblem,
@@ -28,7 +27,7 @@ from truepose.identification.posterior.design import GridPoint
 from truepose.identification.posterior.spike_slab import Member
 from truepose.identification.posterior.state import State, slot_odds
 from truepose.identification.recording.recording import Recording
-from truepose.identification.signatures.candidates import Catalogue, catalogue, empirical_forms
+from truepose.identification.signatures.candidates import Catalogue, catalogue
 from truepose.identification.signatures.linearisation import Linearisation
 from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effects.base import PlacedEffect
@@ -58,7 +57,7 @@ def test_evidence_is_that_of_readings_at_the_drawing_wherever_the_fit_stands(
         return float(multivariate_normal.logpdf(e, cov=v))
 
     at = unit(problem)
-    other = at.louder(3).at("widening", 1)
+    other = at.louder(3).widened(1)
     for point in (at, other):
         term = problem.candidates.index(0)
         odds = spike_slab.log_odds(point, ())[:, term] - spike_slab.terms.log_first[term]
@@ -100,7 +99,7 @@ def test_a_wrong_constant_where_nothing_is_known_is_never_likely(arm: Machine, a
     e = rng.standard_normal(READINGS) + away * j[:, 2]
     rows = np.column_stack([j, g, -e])
     lin = Linearisation(
-        (rows.T @ rows,), (READINGS,), 3, (slice(0, 1), slice(1, 2)), 0, np.zeros(5), np.array([1.0, 1.0, 0.0]),
+        (rows.T @ rows,), (READINGS,), 3, (slice(0, 1), slice(1, 2)), np.zeros(5), np.array([1.0, 1.0, 0.0]),
         (LENGTH, LENGTH, ANGLE), (wrong, shift),
     )  # fmt: skip
     alone = weighed_alone(selection_problem(lin, catalogue_of((wrong, shift)), 1.5), 2)
@@ -111,60 +110,7 @@ def test_a_wrong_constant_where_nothing_is_known_is_never_likely(arm: Machine, a
     )
 
 
-# -- the remainder ------------------------------------------------------------------------------------------------
-
-
-def test_the_remainder_is_worth_one_sigma_of_all_readings_at_size_one(
-    recorded: tuple[Machine, Recording],
-) -> None:
-    """All forms together, as a Gaussian in columns; directions that add next to nothing are left out."""
-    machine, recording = recorded
-    forms = empirical_forms(machine, recording)
-    lin = Signatures(machine, recording, forms).linearise(estimate(machine, recording))
-    problem = selection_problem(lin, Catalogue(forms, (-1.0,) * len(forms), ()), 3.0)
-    at = lin.free + problem.nameless
-    gram = lin.gram[np.ix_(at, at)]
-    variance = np.trace(problem.remainder.T @ gram @ problem.remainder) / lin.n_observations
-    assert 0.9 < variance <= 1.0 + 1e-9
-    assert problem.remainder.shape[1] < len(at)
-    sizes = problem.spike_slab.unknowns.size
-    assert sizes.values[0] == 0.0 and sizes.values[-1] >= 3.0
-    assert np.sum(np.exp(sizes.log_prior)) == pytest.approx(1.0)
-    assert np.exp(sizes.log_prior[0]) == pytest.approx(1.0 - prior.REMAINDER)
-
-
-def test_forms_that_make_the_remainder_are_carried_the_largest_first(
-    recorded: tuple[Machine, Recording],
-) -> None:
-    """A curve of a joint that errs is the first of them; without a remainder there are none."""
-    machine, recording = recorded
-    forms = empirical_forms(machine, recording)
-    signatures = Signatures(machine, recording, forms)
-    fit = estimate(machine, recording)
-    lin = signatures.linearise(fit)
-    true = next(k for k, f in enumerate(forms) if f.place == ("q3",) and len(f.coefficients) == 4)
-    own = lin.free + np.arange(lin.columns[true].start, lin.columns[true].stop)
-    unit_size = 1.0 / np.sqrt(np.diag(lin.gram)[own] / lin.n_observations)
-    step = np.zeros(len(lin.gram))
-    step[own] = 8.0 * unit_size * [0.6, -1.0, 0.8, 0.5]
-    change = np.eye(len(lin.gram))
-    change[:, -1] -= step  # a reading larger than its prediction is a smaller residual
-    bent = replace(lin, grams=tuple(change.T @ gram @ change for gram in lin.grams))
-    problem = selection_problem(bent, Catalogue(forms, (-1.0,) * len(forms), ()), 12.0)
-
-    def found(size: int) -> Found:
-        mode = State((), unit(problem).at("remainder", size), 0.0)
-        cat = Catalogue(forms, (-1.0,) * len(forms), ())
-        return cast(Found, SimpleNamespace(problem=problem, mode=mode, linearisation=bent, catalogue=cat))
-
-    assert remainder_shapes(found(0)) == ()
-    shapes = remainder_shapes(found(len(problem.spike_slab.unknowns.size.values) - 1))
-    assert shapes[0].candidate == true
-    assert [s.share for s in shapes] == sorted((s.share for s in shapes), reverse=True)
-    assert len(shapes) <= FEW and len({s.candidate for s in shapes}) == len(shapes)
-    assert sum(s.share for s in shapes[:-1]) <= WORTH
-    for shape in shapes:
-        assert len(shape.sigma) == len(forms[shape.candidate].coefficients) and np.all(shape.sigma >= 0.0)
+# -- terms, their urns and their shares ----------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -182,9 +128,9 @@ def logs(problem: SelectionProblem, *present: Member) -> Array:
 
 
 def kind_of(cat: Catalogue, index: int) -> tuple[str, ...]:
-    """Names go by their effect and how many parts are in it together; what has none by its place."""
+    """Names go by their effect and how many parts are in it together; all that has none is alike."""
     slug, place = cat.cause(index)
-    return (slug, str(len(place))) if cat.named(index) else ("", *place)
+    return (slug, str(len(place))) if cat.has_law(index) else ()
 
 
 def test_every_candidate_that_is_not_stated_is_a_term_of_its_own(shifts: Shifts, listed: Listed) -> None:
@@ -235,9 +181,7 @@ def test_names_and_what_has_none_share_as_the_prior_says(listed: Listed) -> None
         np.testing.assert_allclose((first - own)[part], (first - own)[part][0], atol=1e-9)
 
 
-def test_one_kind_is_one_effect_at_all_its_places_and_a_nameless_place_by_itself(
-    listed: Listed,
-) -> None:
+def test_one_kind_is_one_effect_at_all_its_places_and_another_all_that_has_no_name(listed: Listed) -> None:
     cat, problem = listed
     terms = problem.spike_slab.terms
     kinds = [kind_of(cat, i) for i in problem.candidates]
@@ -245,19 +189,27 @@ def test_one_kind_is_one_effect_at_all_its_places_and_a_nameless_place_by_itself
     for kind in set(kinds):
         k = int(terms.kind[kinds.index(kind)])
         places = {cat.cause(i) for i in problem.candidates if kind_of(cat, i) == kind}
-        assert terms.urn.number[k] == len(places) and (len(places) == 1 or kind[0])
+        assert terms.urn.number[k] == len(places)
 
 
-def test_what_has_no_name_makes_no_other_place_likelier(listed: Listed) -> None:
-    """Nor one likelier than another: what else there is keeps its proportions, whatever its size."""
+def test_what_has_no_name_brings_its_like_at_other_places_and_no_names(listed: Listed) -> None:
+    """Nor one name rather than another: effects of several places keep their proportions, whatever their size; what is the
+    only one of its kind is as likely as ever."""
     cat, problem = listed
-    cause, before = problem.spike_slab.terms.cause, logs(problem)
-    nameless = [k for k, i in enumerate(problem.candidates) if not cat.named(i)]
-    assert len({int(cause[k]) for k in nameless}) > 3
-    for k in nameless:
-        change = (logs(problem, (k, 4)) - before)[:, cause != cause[k]]
-        assert change.max() <= 1e-12
-        np.testing.assert_allclose(change, change[0, 0], atol=1e-9)
+    terms, before = problem.spike_slab.terms, logs(problem)
+    grows, cause, alike = terms.urn.number[terms.kind] > 1, terms.cause, 0
+    nameless = np.array([not cat.has_law(i) for i in problem.candidates])
+    assert len(set(cause[nameless].tolist())) > 3
+    for k in np.flatnonzero(nameless):
+        after = logs(problem, (int(k), 4))
+        for some in (~nameless & grows, ~nameless & ~grows):
+            change = (after - before)[:, some]
+            assert change.max() <= 1e-12
+            np.testing.assert_allclose(change, change[0, 0], atol=1e-9)
+        like = (terms.feature == terms.feature[k]) & (cause != cause[k])
+        alike += bool(like.any())
+        assert not like.any() or np.exp(after[:, like]).sum() > np.exp(before[:, like]).sum()
+    assert alike > 10
 
 
 def test_a_name_falls_where_tolerances_are_wide_enough_to_stand_in_for_it(
@@ -274,7 +226,6 @@ def test_a_name_falls_where_tolerances_are_wide_enough_to_stand_in_for_it(
             (READINGS,),
             1,
             (slice(0, 1),),
-            0,
             np.zeros(2),
             np.ones(1),
             (LENGTH,),

@@ -29,13 +29,14 @@ from truepose.identification.posterior import sampler as finding
 from truepose.identification.posterior import sampler as sampling
 from truepose.identification.posterior.design import GridPoint, Term, Terms
 from truepose.identification.posterior.posterior import Chains, Posterior, class_probability, mode, sample
-from truepose.identification.posterior.sampler import Chain, Reach, plausible
+from truepose.identification.posterior.sampler import Chain, plausible
 from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.posterior.state import State, best_point, log_posterior, tops
 from truepose.identification.prior import Richness
 
 TERMS = 6
-ALL = Reach((0, 1), (0, 1))
+ALL = (0, 1)
+"""Every widening of the grid."""
 LONG = 100
 """Rounds of two chains that are compared with exact probabilities."""
 
@@ -73,7 +74,7 @@ def _run(problem: int, seed: int) -> Posterior:
 
 @pytest.mark.parametrize(("problem", "seed"), by_day([(0, 1), (1, 2), (2, 3)], (1, 2)))
 def test_probabilities_are_those_of_all_sets_counted(long: None, problem: int, seed: int) -> None:
-    """Sets, sizes, noise, tolerances and remainder; what slots were drawn from, and what they held."""
+    """Sets, sizes, noise and tolerances; what slots were drawn from, and what they held."""
     dense = catalogue_problem(problem)
     exact = enumerated(spike_slab(dense), RICHNESS, dense)
     assert np.any((exact.terms > 0.1) & (exact.terms < 0.9))  # nothing is learnt from what is certain
@@ -114,9 +115,9 @@ def test_one_term_is_as_probable_as_its_odds_in_however_many_slots(long: None, s
     """
     dense = replace(
         catalogue_problem(0, terms=1, strength=0.0),
-        unknowns=replace(FEW, noise=(axis(1.0),), widening=((1.0,),), log_widening=(0.0,), size=axis(0.0)),
+        unknowns=replace(FEW, noise=(axis(1.0),), widening=((1.0,),), log_widening=(0.0,)),
     )
-    gain = SpikeSlab(dense.design, dense.unknowns, single(1), SIZES).log_odds(GridPoint((0,), 0, 0), ())
+    gain = SpikeSlab(dense.design, dense.unknowns, single(1), SIZES).log_odds(GridPoint((0,), 0), ())
     level = 1.0 / (1.0 + slots * float(np.exp(np.logaddexp.reduce(gain[:, 0]))))
     richness = Richness((level,), (0.0,), slots)  # about as likely as not
     problem = SpikeSlab(dense.design, dense.unknowns, single(1), SIZES)
@@ -174,7 +175,7 @@ def test_regions_that_no_chain_crosses_between_are_weighed_by_their_evidence(rat
     logs, exactly = [], []
     for k in (0, 1):
         part = problem.conditioned([(k, 1)])
-        counted = Chains(part, RICHNESS, [Chain(part, RICHNESS, ALL, GridPoint((1,), 0, 0), (), 3)])
+        counted = Chains(part, RICHNESS, [Chain(part, RICHNESS, ALL, GridPoint((1,), 0), (), 3)])
         for _ in range(2000):
             counted.run()
         logs.append(float(counted.log_evidences.mean()))
@@ -197,7 +198,7 @@ def test_terms_that_exclude_each_other_never_stand_together() -> None:
         single(*[1] * 6, causes=[0, 0, 1, 2, 3, 4]).urn,
     )
     problem = spike_slab(dense, terms)
-    chain = Chain(problem, Richness((0.5,), (0.0,), 8), Reach((0, 1), (0, 1)), GridPoint((1,), 0, 0), (), 1)
+    chain = Chain(problem, Richness((0.5,), (0.0,), 8), ALL, GridPoint((1,), 0), (), 1)
     counts = set()
     for sweep in chain.sweeps(300):
         own = [term for term, _ in sweep.members]
@@ -274,7 +275,7 @@ def test_the_answer_is_that_of_two_chains_by_themselves() -> None:
     assert around.terms.all() and not around.certain and len(top.members) > 1
     causes = []
     for k, start in enumerate((top.members, top.members[::2])):
-        chain = Chain(problem, RICHNESS, around.reach, top.point, start, 5 + k)
+        chain = Chain(problem, RICHNESS, around.widenings, top.point, start, 5 + k)
         sweeps = list(chain.sweeps(chains.BURN + chains.ROUND))[chains.BURN :]
         terms = np.mean([np.sum([v.terms for v in sweep.visits], axis=0) for sweep in sweeps], axis=0)
         causes.append(np.minimum(terms, 1.0))  # sums over slots are a mean of 1 at most, but for chance

@@ -1,4 +1,4 @@
-"""Laws of terms and the grid together: where noise, tolerances or the remainder stand in for a term, and what is plausible."""
+"""Laws of terms and the grid together: where noise or tolerances stand in for a term, and what is plausible."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from support.linear_problems import (
 from truepose.identification.posterior import posterior as chains
 from truepose.identification.posterior.design import Always, Axis, GridPoint, Term, Terms, Unknowns
 from truepose.identification.posterior.posterior import sample
-from truepose.identification.posterior.sampler import CERTAIN, HOPELESS, Chain, Plausible, Reach, plausible
+from truepose.identification.posterior.sampler import CERTAIN, HOPELESS, Chain, Plausible, plausible
 from truepose.identification.posterior.spike_slab import Members, SpikeSlab
 from truepose.identification.posterior.state import State, log_posterior, nearest_top, tops
 from truepose.identification.prior import Richness, Sizes
@@ -32,7 +32,7 @@ from truepose.identification.prior import Richness, Sizes
 FOUR = Richness((0.25,), (0.0,), 4)
 ONE = Sizes(np.array([1.0]), np.array([0.0]))
 READINGS, WIDE = 40, 5
-RIVALS = ("noise", "widening", "remainder")
+RIVALS = ("noise", "widening")
 HERE, THERE = (((0, 0),), 0), ((), 1)
 """Members, and the index on the rival's axis, of the two states that explain the readings."""
 
@@ -40,9 +40,9 @@ HERE, THERE = (((0, 0),), 0), ((), 1)
 # -- rivals -----------------------------------------------------------------------------------------------------
 
 
-def all_of(unknowns: Unknowns) -> Reach:
-    """Every value of a grid."""
-    return Reach(tuple(range(len(unknowns.widening))), tuple(range(len(unknowns.size.values))))
+def all_of(unknowns: Unknowns) -> range:
+    """Every widening of a grid."""
+    return range(len(unknowns.widening))
 
 
 def rivals(name: str) -> tuple[SpikeSlab, Dense]:
@@ -54,21 +54,17 @@ def rivals(name: str) -> tuple[SpikeSlab, Dense]:
     signal, *rest = np.linalg.qr(rng.standard_normal((READINGS, 2 * WIDE - 1)))[0].T
     own = np.column_stack([20.0 * signal, *(99.0 * x for x in rest[: WIDE - 1])])
     other = np.column_stack([20.0 * signal, *(99.0 * x for x in rest[WIDE - 1 :])])
-    base = Unknowns((axis(1.0),), ((1.0,),), (0.0,), axis(0.0))
-    part, marked, sigma = np.zeros(WIDE, dtype=np.intp), np.zeros(WIDE, dtype=np.bool_), np.full(WIDE, 1e-3)
+    base = Unknowns((axis(1.0),), ((1.0,),), (0.0,))
+    always = Always(np.full(WIDE, 1e-3), np.zeros(WIDE, dtype=np.intp))
     noise = rng.standard_normal(READINGS)
     e = noise / np.std(noise) + 13.0 * signal
     if name == "noise":
         unknowns = replace(base, noise=(axis(1.0, 3.0),))
-    elif name == "widening":
-        unknowns = replace(base, widening=((1.0,), (1e3,)), log_widening=(-float(np.log(2.0)),) * 2)
     else:
-        unknowns, marked, sigma = replace(base, size=axis(0.0, 1.0)), ~marked, np.ones(WIDE)
+        unknowns = replace(base, widening=((1.0,), (1e3,)), log_widening=(-float(np.log(2.0)),) * 2)
     g = np.column_stack([own, rng.standard_normal(READINGS)])
-    dense = Dense(e, np.zeros(READINGS, dtype=np.intp), other, g, Always(sigma, part, marked), unknowns)
-    here, there = (
-        GridPoint((k,), 0, 0) if name == "noise" else GridPoint((0,), 0, 0).at(name, k) for k in (0, 1)
-    )
+    dense = Dense(e, np.zeros(READINGS, dtype=np.intp), other, g, always, unknowns)
+    here, there = (GridPoint((k,), 0) if name == "noise" else GridPoint((0,), k) for k in (0, 1))
     even = log_posterior(_problem(dense, 0.0), FOUR, (), there)
     even -= log_posterior(_problem(dense, 0.0), FOUR, ((0, 0),), here)
     return _problem(dense, even + 0.5), dense
@@ -83,7 +79,7 @@ def _problem(dense: Dense, log_prior: float) -> SpikeSlab:
 
 
 def on_axis(name: str, point: GridPoint) -> int:
-    return point.noise[0] if name == "noise" else int(getattr(point, name))
+    return point.noise[0] if name == "noise" else point.widening
 
 
 def between(exact: Enumerated, name: str) -> float:
@@ -131,8 +127,8 @@ def test_values_are_as_likely_chosen_from_each_of_them(draw: str) -> None:
     noise = tuple(Axis(tuple(1.2**k for k in range(n)), (0.0,) * n) for n in (5, 3))
     unknowns = replace(UNKNOWNS, noise=noise, widening=eight, log_widening=(0.0,) * 8)
     dense = replace(random_problem(0), unknowns=unknowns)
-    chain = Chain(spike_slab(dense), RICHNESS, all_of(unknowns), GridPoint((0, 0), 0, 0), (), 1)
-    ways = [p for p in points(unknowns) if p.remainder == 0 and (p.widening == 0 or draw == "widening")]
+    chain = Chain(spike_slab(dense), RICHNESS, all_of(unknowns), GridPoint((0, 0), 0), (), 1)
+    ways = [p for p in points(unknowns) if p.widening == 0 or draw == "widening"]
     ways = [p for p in ways if p.noise == (0, 0) or draw == "noise"]
     counts = {p if draw == "noise" else p.widening: chosen(chain, p, draw) for p in ways}
     several = {few for found in counts.values() for few in found if len(few) > 1}
@@ -148,13 +144,12 @@ def test_values_are_as_likely_chosen_from_each_of_them(draw: str) -> None:
 
 
 def neighbours(unknowns: Unknowns, point: GridPoint) -> list[GridPoint]:
-    """A step of all noises or of one, of the remainder, and any widening."""
+    """A step of all noises or of one, and any widening."""
     steps = [point.louder(k) for k in (-1, 1)]
     steps += [
         point.with_noise(kind, point.noise[kind] + k) for kind in range(len(point.noise)) for k in (-1, 1)
     ]
-    steps += [point.at("remainder", point.remainder + k) for k in (-1, 1)]
-    steps += [point.at("widening", k) for k in range(len(unknowns.widening))]
+    steps += unknowns.all_widenings(point)
     return [p for p in steps if unknowns.holds(p)]
 
 
@@ -164,7 +159,7 @@ def test_an_ascent_ends_where_no_coordinate_gains(seed: int) -> None:
     dense = replace(random_problem(seed), unknowns=replace(UNKNOWNS, noise=noise))
     problem, ends = spike_slab(dense), set[GridPoint]()
     for members in ((), ((0, 1),), ((0, 0), (3, 1))):
-        for start in (GridPoint((0, 0), 0, 0), GridPoint((13, 11), 2, 2), GridPoint((2, 9), 1, 1)):
+        for start in (GridPoint((0, 0), 0), GridPoint((13, 11), 2), GridPoint((2, 9), 1)):
             end = nearest_top(problem, start, members)
             here = problem.log_evidence(end, members)
             near = [problem.log_evidence(p, members) for p in neighbours(dense.unknowns, end)]
@@ -182,11 +177,8 @@ def test_an_ascent_ends_where_no_coordinate_gains(seed: int) -> None:
 def missed(around: Plausible, exact: Enumerated, unknowns: Unknowns) -> dict[tuple[str, int], float]:
     """Terms and values of the grid that are left out, with their probability where it is above that of hopeless ones."""
     out = {("term", k): float(p) for k, p in enumerate(exact.terms) if not around.terms[k]}
-    for name in ("widening", "remainder"):
-        kept = getattr(around.reach, name)
-        count = len(unknowns.widening if name == "widening" else unknowns.size.values)
-        for k in set(range(count)) - set(kept):
-            out[name, k] = sum(p for point, p in exact.points.items() if getattr(point, name) == k)
+    for k in set(all_of(unknowns)) - set(around.widenings):
+        out["widening", k] = sum(p for point, p in exact.points.items() if point.widening == k)
     return out
 
 
@@ -196,11 +188,13 @@ def log_odds_of(term: int, exact: Enumerated) -> float:
 
 
 def far(seed: int) -> tuple[SpikeSlab, Dense]:
-    """Geometry far outside its tolerances, or a large remainder, so that some values of the grid are out of the question; and
-    terms of which each alone is hopeless where the readings do not ask for it."""
+    """Geometry far outside its tolerances, or well inside of the widest ones, so that some values of the grid are out of the
+    question; and terms of which each alone is hopeless where the readings do not ask for it."""
     dense = catalogue_problem(seed, strength=2.0, terms=5)
-    e = dense.e + (60.0 * dense.a[:, 0] if seed % 2 else 25.0 * dense.a[:, 3])
-    dense = replace(dense, e=e, unknowns=replace(dense.unknowns, size=axis(0.0, 1.0, 30.0)))
+    if seed % 2:
+        dense = replace(dense, e=dense.e + 60.0 * dense.a[:, 0])
+    wide = replace(dense.unknowns, widening=((1.0,), (4.0,), (4000.0,)), log_widening=(-0.7, -1.4, -1.4))
+    dense = replace(dense, unknowns=wide)
     terms = single(*[1] * 5)
     rare = [replace(t, log_share=float(np.log(5.0)) - 5.0) for t in terms.all]
     return spike_slab(dense, Terms(rare, terms.urn)), dense
@@ -218,13 +212,13 @@ def test_nothing_plausible_is_left_out() -> None:
         assert max(out.values(), default=0.0) < np.exp(1.0 - HOPELESS)
         assert max((p for (kind, _), p in out.items() if kind != "term"), default=0.0) < np.exp(-CERTAIN / 2)
         kinds |= {kind for kind, _ in out}
-    assert kinds == {"term", "widening", "remainder"}  # something is left out
+    assert kinds == {"term", "widening"}  # something is left out
 
 
 @pytest.mark.parametrize(("strength", "one_point"), [(4.0, True), (2.0, False)])
 def test_what_is_certain_has_no_rival(strength: float, one_point: bool) -> None:
-    """All sets with and without it counted, at its point or at every noise, in any tolerances, with any remainder."""
-    one = Unknowns((axis(1.0),), ((1.0,),), (0.0,), axis(0.0))
+    """All sets with and without it counted, at its point or at every noise, in any tolerances."""
+    one = Unknowns((axis(1.0),), ((1.0,),), (0.0,))
     seen = 0
     for seed in range(14):
         dense = catalogue_problem(seed, strength=strength, terms=4)

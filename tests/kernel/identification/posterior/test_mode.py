@@ -58,7 +58,7 @@ def test_what_is_clearly_there_is_climbed_to_from_anywhere() -> None:
     problem = spike_slab(dense)
     exact = enumerated(problem, RICHNESS, dense)
     likeliest = max(exact.sets, key=lambda key: exact.sets[key])
-    for known in ((), (State(((0, 0), (2, 0)), GridPoint((2,), 1, 1), 0.0),)):
+    for known in ((), (State(((0, 0), (2, 0)), GridPoint((2,), 1), 0.0),)):
         assert tuple(t for t, _ in tops(problem, RICHNESS, known)[0].members) == likeliest == (1, 4)
 
 
@@ -86,7 +86,7 @@ def test_kinds_are_exchanged_whole() -> None:
     g[:, [2, 3]] = g[:, [0, 1]] + 0.02 * rng.standard_normal((len(g), 2))
     e = rng.standard_normal(len(dense.e)) + 3.0 * g[:, 0] - 3.0 * g[:, 1]
     problem = spike_slab(replace(dense, g=g, e=e), single(*[1] * 6, kinds=KINDS))
-    point, members = GridPoint((1,), 0, 0), ((0, 1), (1, 1))
+    point, members = GridPoint((1,), 0), ((0, 1), (1, 1))
     first = State(members, point, log_posterior(problem, RICHNESS, members, point))
     others = alternatives(problem, RICHNESS, first)
     assert 1 in {KINDS[t] for state in others for t, _ in state.members}

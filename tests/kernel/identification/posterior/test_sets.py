@@ -25,11 +25,11 @@ from support.linear_problems import (
     spike_slab,
 )
 from truepose.identification.posterior.design import GridPoint, Terms
-from truepose.identification.posterior.sampler import Chain, Reach
+from truepose.identification.posterior.sampler import Chain
 from truepose.identification.posterior.spike_slab import Conditional, Members, SpikeSlab
 from truepose.identification.posterior.state import log_posterior, slot_odds
 
-POINTS: Sequence[GridPoint] = (GridPoint((1, 0), 0, 0), GridPoint((0, 1), 1, 2), GridPoint((2, 1), 2, 1))
+POINTS: Sequence[GridPoint] = (GridPoint((1, 0), 0), GridPoint((0, 1), 1), GridPoint((2, 1), 2))
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -41,7 +41,7 @@ def test_a_part_of_the_terms_has_the_same_odds(seed: int) -> None:
     part, index = whole.restricted(wanted)
     place = {int(term): k for k, term in enumerate(index)}
     assert index.tolist() == [0, 1, 3, 5]
-    for point in (GridPoint((0,), 0, 0), GridPoint((2,), 1, 1)):
+    for point in (GridPoint((0,), 0), GridPoint((2,), 1)):
         for members in ((), ((3, 1),), ((0, 0), (5, 1))):
             own = tuple((place[term], size) for term, size in members)
             np.testing.assert_allclose(
@@ -60,7 +60,7 @@ def test_odds_of_one_more_are_the_ratio_of_two_posteriors(seed: int) -> None:
     problem = SpikeSlab(
         dense.design, dense.unknowns, single(*[1] * 6, causes=[0, 0, 1, 2, 3, 3], alone=False), SIZES
     )
-    point, members = GridPoint((1,), 0, 1), ((0, 1), (3, 1))
+    point, members = GridPoint((1,), 0), ((0, 1), (3, 1))
     here = log_posterior(problem, RICHNESS, members, point)
     assert np.isfinite(here) and not problem.noticeable.all()
     slot = slot_odds(RICHNESS, 2)
@@ -151,8 +151,8 @@ def test_what_is_given_is_what_the_states_that_hold_it_say(given: Members) -> No
     dense = catalogue_problem(1, strength=1.5)
     whole = spike_slab(dense, single(*[1] * TERMS, causes=[0, 0, 1, 1, 2, 3], alone=False))
     exact = enumerated(whole, RICHNESS, dense).given(given)
-    start = GridPoint((0,), 1, 1)
-    chain = Chain(whole.conditioned(given), RICHNESS, Reach((0, 1), (0, 1)), start, (), 3)
+    start = GridPoint((0,), 1)
+    chain = Chain(whole.conditioned(given), RICHNESS, (0, 1), start, (), 3)
     sweeps = list(chain.sweeps(4000))
     held = [term for term, _ in given]
     expected = exact.terms.copy()
@@ -169,7 +169,7 @@ def test_evidence_and_prior_of_what_is_given_are_those_of_the_whole() -> None:
     whole = spike_slab(catalogue_problem(1), single(*[1] * TERMS, causes=[0, 0, 1, 1, 2, 3], alone=False))
     given = ((0, 1), (4, 1))
     part = whole.conditioned(given)
-    for point in (GridPoint((0,), 0, 0), GridPoint((2,), 1, 1)):
+    for point in (GridPoint((0,), 0), GridPoint((2,), 1)):
         for members in ((), ((1, 1),), ((2, 1), (5, 1))):
             both = (*given, *members)
             assert part.log_evidence(point, members) == pytest.approx(
@@ -183,7 +183,7 @@ def test_evidence_and_prior_of_what_is_given_are_those_of_the_whole() -> None:
 def test_beside_what_is_given_many_terms_are_weighed_as_few_are(width: int) -> None:
     """Whether products are written out (few columns are left) or follow from halves (many are)."""
     whole = SpikeSlab(random_problem(3, width=width).design, UNKNOWNS, single(*[2] * (width // 2)), SIZES)
-    given, point = ((0, 1), (2, 0)), GridPoint((1, 0), 1, 2)
+    given, point = ((0, 1), (2, 0)), GridPoint((1, 0), 1)
     part, left = whole.conditioned(given), np.array([2, 3, *range(6, width)])
     own, expected = part.base(point), whole.beside(point, given)
     assert own.log_evidence == pytest.approx(expected.log_evidence, abs=1e-8)
@@ -202,7 +202,7 @@ def test_signs_count_for_a_whole_state() -> None:
     """One that holds a coefficient of the wrong sign is as much less probable as its slot would have it."""
     dense, free = catalogue_problem(1), spike_slab(catalogue_problem(1))
     size = int(np.flatnonzero(free.noticeable[:, 0])[0])
-    members, point = ((0, size),), GridPoint((0,), 0, 0)
+    members, point = ((0, size),), GridPoint((0,), 0)
     mean, _ = free.root(point).posterior(*free.columns(members))
     one, *others = single(*[1] * 6).all
 
@@ -219,7 +219,7 @@ def test_signs_count_for_a_whole_state() -> None:
 def test_a_conditional_is_its_odds_and_nothing() -> None:
     dense = catalogue_problem(0)
     problem = SpikeSlab(dense.design, dense.unknowns, single(*[1] * 6), SIZES)
-    point = GridPoint((1,), 0, 0)
+    point = GridPoint((1,), 0)
     conditional = problem.conditional(point, ((2, 1),))
     slot = -1.3
     odds = np.exp(problem.log_odds(point, ((2, 1),)) + slot)

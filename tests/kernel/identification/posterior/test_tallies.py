@@ -16,7 +16,7 @@ from truepose.identification.posterior.sampler import Sweep, Visit
 from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.posterior.state import State, typical
 
-POINT = GridPoint((1,), 0, 0)
+POINT = GridPoint((1,), 0)
 
 
 def visit(*terms: float, filled: bool = True) -> Visit:
@@ -90,7 +90,7 @@ def test_the_mode_is_the_state_of_what_is_there_more_often_than_not() -> None:
     causes = [0.9, 0.7, 0.3, 0.1]
     states = [(state(0, 2), 0.5), (state(0, 1), 0.2), (state(0, 1, 2), 0.2), (state(1), 0.1)]
     assert mode(posterior(causes, alone, *states), SLAB) == state(0, 1)
-    other = State(((0, 0), (1, 0)), GridPoint((1,), 0, 1), 2.0)
+    other = State(((0, 0), (1, 0)), GridPoint((1,), 1), 2.0)
     assert mode(posterior(causes, alone, *states, (other, 0.05)), SLAB) == other
 
 

@@ -28,30 +28,36 @@ from truepose.identification.prior import RATIO_DOUBT
 
 def test_a_grid_holds_its_points_and_no_others() -> None:
     every = points(UNKNOWNS)
-    assert len(every) == len(set(every)) == 3 * 2 * 3 * 3
+    assert len(every) == len(set(every)) == 3 * 2 * 3
     for noise in range(-1, 4):
-        for other in range(-1, 4):
-            for at in (-1, 0, 2, 3):
-                for point in (GridPoint((noise, 1), at, other), GridPoint((1, noise), other, at)):
-                    assert UNKNOWNS.holds(point) == (point in every)
+        for at in range(-1, 4):
+            for point in (GridPoint((noise, 1), at), GridPoint((1, noise), at)):
+                assert UNKNOWNS.holds(point) == (point in every)
 
 
 def test_a_point_of_another_grid_is_moved_onto_this_one() -> None:
     """No farther than it must be: what is on the grid stays."""
     for point in points(UNKNOWNS):
         assert UNKNOWNS.nearest(point) == point
-    assert UNKNOWNS.nearest(GridPoint((7, 7), 9, 9)) == GridPoint((2, 1), 2, 2)
-    assert UNKNOWNS.nearest(GridPoint((7, 0), 1, 9)) == GridPoint((2, 0), 1, 2)
-    assert UNKNOWNS.nearest(GridPoint((0, 5), 9, 1)) == GridPoint((0, 1), 2, 1)
-    assert UNKNOWNS.all_at(2) == GridPoint((2, 1), 0, 0)  # an axis that is shorter ends earlier
-    assert UNKNOWNS.all_at(0, 1, 2) == GridPoint((0, 0), 1, 2)
+    assert UNKNOWNS.nearest(GridPoint((7, 7), 9)) == GridPoint((2, 1), 2)
+    assert UNKNOWNS.nearest(GridPoint((7, 0), 1)) == GridPoint((2, 0), 1)
+    assert UNKNOWNS.nearest(GridPoint((0, 5), 9)) == GridPoint((0, 1), 2)
+    assert UNKNOWNS.all_at(2) == GridPoint((2, 1), 0)  # an axis that is shorter ends earlier
+    assert UNKNOWNS.all_at(0, 1) == GridPoint((0, 0), 1)
+
+
+def test_all_widenings_of_a_point_are_those_that_differ_from_it_in_nothing_else() -> None:
+    for point in points(UNKNOWNS):
+        found = UNKNOWNS.all_widenings(point)
+        assert found == [p for p in points(UNKNOWNS) if p.noise == point.noise]
+        assert found[point.widening] == point == point.widened(point.widening)
 
 
 def test_the_first_noise_pays_for_itself_and_others_for_what_they_differ_by() -> None:
     for point in points(UNKNOWNS):
         first, second = np.log(UNKNOWNS.scales(point))
         own = UNKNOWNS.noise[0].log_prior[point.noise[0]] + float(RATIO_DOUBT.log_prior(second - first))
-        own += UNKNOWNS.log_widening[point.widening] + UNKNOWNS.size.log_prior[point.remainder]
+        own += UNKNOWNS.log_widening[point.widening]
         assert UNKNOWNS.log_prior(point) == pytest.approx(own)
 
 
@@ -116,8 +122,8 @@ def test_the_likeliest_noise_without_any_term_is_the_best_point() -> None:
     for seed in range(5):
         problem = spike_slab(catalogue_problem(seed))
         found = best_point(problem)
-        assert (found.widening, found.remainder) == (0, 0)
-        evidence = [problem.root(GridPoint((k,), 0, 0)).log_evidence for k in range(3)]
+        assert found.widening == 0
+        evidence = [problem.root(GridPoint((k,), 0)).log_evidence for k in range(3)]
         assert found.noise[0] == int(np.argmax(evidence))
 
 
@@ -126,12 +132,12 @@ def test_support_is_what_is_lost_without_columns_at_the_noise_that_suits_each() 
     dense = catalogue_problem(1, strength=2.0)
     problem = spike_slab(dense)
     members = ((0, 1), (3, 0), (4, 1))
-    state = State(members, GridPoint((1,), 0, 0), 0.0)
+    state = State(members, GridPoint((1,), 0), 0.0)
     sizes = [1.0, 0.3, 1.0]
 
     def best(kept: list[int]) -> float:
         return max(
-            dense.log_evidence(GridPoint((k,), 0, 0), [(0, 3, 4)[i] for i in kept], [sizes[i] for i in kept])
+            dense.log_evidence(GridPoint((k,), 0), [(0, 3, 4)[i] for i in kept], [sizes[i] for i in kept])
             for k in range(3)
         )
 
@@ -144,7 +150,7 @@ def test_the_posterior_of_a_state_is_its_evidence_and_the_priors_of_its_members_
     dense = catalogue_problem(2)
     problem = spike_slab(dense, single(*[1] * 6))
     for members in ((), ((1, 1),), ((1, 1), (4, 0))):
-        point = GridPoint((1,), 0, 0)
+        point = GridPoint((1,), 0)
         own = dense.log_evidence(point, [t for t, _ in members], [(0.3, 1.0)[s] for _, s in members])
         number = sum(slot_odds(RICHNESS, k) for k in range(len(members)))
         found = log_posterior(problem, RICHNESS, members, point)

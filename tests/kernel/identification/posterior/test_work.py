@@ -21,7 +21,7 @@ from truepose.identification.prior import SIZES
 
 BUDGET = 3e7
 """A few sweeps of the problems here."""
-START = GridPoint((1, 0), 0, 0)
+START = GridPoint((1, 0), 0)
 
 
 def rounded(seed: int, terms: int, width: int, readings: int) -> SpikeSlab:

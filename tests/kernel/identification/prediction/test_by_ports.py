@@ -143,7 +143,7 @@ def test_columns_of_long_series_are_those_of_directions(
                                    turned / np.outer(length, length), atol=1e-8)  # fmt: skip
     gone = np.linalg.qr(few.turn(0), mode="complete")[0][:, few.turn(0).shape[1] :]
     at = wide.free + np.arange(plain.columns[0].start, plain.columns[0].stop)
-    assert np.max(np.linalg.eigvalsh(gone.T @ wide.among(at) @ gone), initial=0.0) < 2e-3
+    assert np.max(np.linalg.eigvalsh(gone.T @ wide.among(at, at) @ gone), initial=0.0) < 2e-3
     amplitudes = few.departure[few.free : few.free + slim.columns[0].stop]
     fitted = wide.departure[wide.free : wide.free + plain.columns[0].stop]
     assert few.turn(0) @ amplitudes == pytest.approx(few.turn(0) @ few.turn(0).T @ fitted, abs=1e-12)

@@ -34,7 +34,7 @@ def test_a_series_of_more_coefficients_than_a_dozen_is_long(arm: Machine, orders
 
 
 def test_forms_without_a_name_and_what_has_bounds_are_no_series(arm: Machine) -> None:
-    """A remainder is made of the coefficients of forms; bounds are of coefficients, too."""
+    """Coefficients of forms are kept one by one; bounds are of coefficients, too."""
     degree = {"from.q1": -1.0, "to.q1": 1.0, "degree": 20.0}
     form = PlacedEffect.at(Empirical(), arm, ("q1",), degree)
     assert len(form.coefficients) > LONG and ports_of(form, "q1.displacement") == {}
