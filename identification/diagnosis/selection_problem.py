@@ -141,7 +141,10 @@ def _log_shares(cat: Catalogue, free: Sequence[int]) -> tuple[Array, float]:
             out[part] = own[part] - logsumexp(own[part]) + np.log(whole)
     if cat.learned is None or not free:
         return out, 0.0
-    out += [cat.learned.log_odds(cat.cause(i)) for i in free]
+    odds = [cat.learned.log_odds(cat.cause(i)) for i in free]
+    if not any(odds):
+        return out, 0.0
+    out += odds
     more = float(logsumexp(out))
     return out - more, more
 

@@ -282,6 +282,8 @@ def forms_of_sight(machine: Machine, recording: Recording, name: str) -> list[Se
     """Curves of a sensor in what it reads itself: azimuth, elevation and range of points, or the length."""
     sensor, rows, seen = sensor_at(machine, name), ~recording.validation, dict[str, list[Array]]()
     read = {column: values[rows] for column, values in recording.observations.items()}
+    if not {*sensor.columns} <= {*read}:
+        return []
     for point in point_names(sensor) if looks_from_afar(machine, sensor) else ():
         x, y, z = (read[f"{point}{axis}"] for axis in XYZ)
         aside = np.hypot(x, y)
