@@ -289,7 +289,8 @@ class Empirical(Effect):
     def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
         """Over the joints' whole travel, and what drivers the file names; what recordings saw: ``empirical_forms``."""
         if place[0] in sensor_names(machine):
-            return ({WIDTH: REACH},)
+            points = point_names(sensor_at(machine, place[0]))
+            return ({WIDTH: REACH} if points else seen_over({TIME: usual_range(TIME)}, SENSOR_CURVE),)
         of_load = OF_WEIGHT if place[0] in FRAMES else (LOAD,)
         weighs = of_load if machine.loaded else ()
         drivers = {name: usual_range(name) for name in dict.fromkeys((TIME, *machine.drivers, *weighs))}

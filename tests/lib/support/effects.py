@@ -16,7 +16,15 @@ from truepose.models.machine.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine.machine import Machine
 
 DRIVERS = {"time": 5000.0, "payload": 4.0, "temperature": 27.0, "approach": -1.0, "session": 1.0}
-DRIVERS |= {"stop": 0.1, "loop": -0.1, "creep": 0.2, "velocity": 0.3, "pressure": 985.0, "step": 0.2}
+DRIVERS |= {
+    "stop": 0.1,
+    "loop": -0.1,
+    "creep": 0.2,
+    "velocity": 0.3,
+    "pressure": 985.0,
+    "step": 0.2,
+    "heat": 0.4,
+}
 
 
 @dataclass(frozen=True)

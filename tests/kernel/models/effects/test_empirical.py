@@ -83,11 +83,12 @@ def test_a_recording_supports_every_form_of_what_it_varied(arm: Machine) -> None
     sources = (*JOINTS, "payload", "temperature.air", "row")  # no clock was recorded
     curves = {(name, s, "curve") for name in (*JOINTS, "base", "tool", "sensor") for s in sources}
     lines = {(joint, source, "line") for joint in JOINTS for source in (*sources, f"approach.{joint}")}
-    assert told == lines | curves | {("sensor", "position", "warp")}
+    sights = {("sensor", own, "curve") for own in ("azimuth", "elevation", "range")}
+    assert told == lines | curves | sights | {("sensor", "position", "warp")}
     spatial = [form for form in forms if "spatial" in form.settings_map]
-    assert len(spatial) == len(JOINTS) * (len(sources) + 1)
-    assert len(forms) == len(told) + len(spatial) == len({form.label for form in forms})
-    assert {len(form.coefficients) for form in spatial} == {6, 24}
+    assert len(spatial) == len(JOINTS) * (2 * len(sources) + 1)
+    assert len(forms) == len({form.label for form in forms})
+    assert {len(form.coefficients) for form in spatial} == {6, 12, 24}
     low, high = (f(recording.q[~recording.validation, 2]) for f in (np.min, np.max))
     of_q3 = next(form.settings_map for form in forms if form.label == "empirical@q1,q3")
     assert (of_q3["from.q3"], of_q3["to.q3"]) == (low, high)
@@ -170,7 +171,7 @@ def test_a_form_of_two_sources_is_every_polynomial_of_them_up_to_its_degree(
     )
     pairs = [(j, k) for j in range(degree + 1) for k in range(degree + 1 - j) if j + k]
     assert {c.name for c in form.coefficients} == {f"c{j}.{k}" for j, k in pairs}
-    assert form.label == f"empirical@q2,q3,q5{',line' if degree == 1 else ''},{degree}"
+    assert form.label == f"empirical@q2,q3,q5{',line' if degree == 1 else f',{degree}'}"
     values = np.random.default_rng(degree).normal(0.0, 1e-3, len(pairs))
     placed = form.with_values(values.tolist())
     table = np.zeros((degree + 1, degree + 1))
