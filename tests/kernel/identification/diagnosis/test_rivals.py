@@ -20,7 +20,6 @@ from truepose.identification.posterior.state import State
 from truepose.identification.prediction.predict import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.models.effect_text import parse_effect
-from truepose.models.effects.empirical import Empirical
 from truepose.models.load import load_machine
 from truepose.models.machine.placed import EffectAtPlace
 
@@ -168,17 +167,3 @@ def test_a_form_can_be_all_that_a_law_of_its_driver_is_at_its_part(law: str, for
         return float(np.linalg.norm(rest) / np.linalg.norm(rows[:, own]))
 
     assert left(form) < 1e-6 and left(elsewhere) > 1e-2
-
-
-def test_something_without_a_name_at_its_part_leaves_a_law_to_doubt() -> None:
-    """At another part it does not."""
-    case, _ = held(PLAY, SCALE)
-    forms = {
-        place: next(
-            c.label for c in case.cat.candidates if c.at_place == EffectAtPlace(Empirical.slug, (place,))
-        )
-        for place in ("q1", "q2")
-    }
-    for place, law in (("q1", 1.0), ("q2", 0.0)):
-        found = case.holding("backlash@q2", forms[place])
-        assert itself(found, "backlash") == law

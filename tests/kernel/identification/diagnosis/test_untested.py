@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -40,7 +38,6 @@ mechanism:
 frames: {{tool: {{in: flange, xyz: [300, 0, 40], tolerance: {{xyz: 0.5, rpy: 0}}}}}}
 sensor: {{type: position, sigma: {{xyz: 0.01}}}}
 """
-Searched = Callable[[bool], tuple[Case, Found]]
 ROWS = 40
 DOWN = "gravity: [0, 0, -9.80665]\n"
 WAVE, SOFT = EffectAtPlace("encoder-eccentricity", ("q2",)), EffectAtPlace("joint-compliance", ("q2",))
@@ -65,14 +62,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[bool, Case]:
 
 
 @pytest.fixture(scope="module")
-def searched(made: dict[bool, Case]) -> Searched:
-    """The case with gravity stated or not, and what is found in it: each is searched once."""
-
-    @cache
-    def once(stated: bool) -> tuple[Case, Found]:
-        return made[stated], made[stated].found()
-
-    return once
+def searched(made: dict[bool, Case]) -> dict[bool, Found]:
+    """What is found in the case with gravity stated, and without."""
+    return {stated: one.found() for stated, one in made.items()}
 
 
 # -- candidates by an assumption ----------------------------------------------------------------------------------
@@ -119,16 +111,16 @@ def test_an_untested_deflection_is_weighed_as_a_tested_one(made: dict[bool, Case
 # -- what is said of it -------------------------------------------------------------------------------------------
 
 
-def test_where_gravity_is_stated_nothing_is_left_untested(searched: Searched) -> None:
-    _, found = searched(True)
+def test_where_gravity_is_stated_nothing_is_left_untested(searched: dict[bool, Found]) -> None:
+    found = searched[True]
     said = summarised(found, found.fit)
     assert SOFT in {n.cause for n in said.laws}
     assert all(m.tested for n in (*said.names, *said.leading) for m in n.equivalents)
 
 
-def test_nothing_false_is_sure_without_gravity(searched: Searched) -> None:
+def test_nothing_false_is_sure_without_gravity(searched: dict[bool, Found]) -> None:
     """What yields is said as a place under load, and not as a law."""
-    _, found = searched(False)
+    found = searched[False]
     said = summarised(found, found.fit)
     assert all(n.probability < 0.9 for n in said.laws)
     assert SOFT not in {n.cause for n in (*said.names, *said.leading)}
@@ -136,9 +128,9 @@ def test_nothing_false_is_sure_without_gravity(searched: Searched) -> None:
     assert one.nameless and one.cause.place == ("q2",) and one.levels.place > 0.95
 
 
-def test_a_wave_that_may_be_a_deflection_is_no_sure_wave(searched: Searched) -> None:
+def test_a_wave_that_may_be_a_deflection_is_no_sure_wave(searched: dict[bool, Found]) -> None:
     """The driver is as open as the law; the place, which both share, stays."""
-    _, found = searched(False)
+    found = searched[False]
     sums = sums_of(found)
     wave, soft = (found.problem.causes.index(cause) for cause in (WAVE, SOFT))
     assert sums.tested(wave) and not sums.tested(soft)
