@@ -188,8 +188,13 @@ def levels(found: Runs) -> Figure:
         ((found.first, PLAIN, "rows within 15 deg"), (found.second, FOUND, "and 20 within 60 deg"))
     ):
         (finding,) = result.findings
-        other = next(e.probability for e in finding.equivalents if e.effect == "encoder-eccentricity")
-        sure = [finding.levels.place, finding.levels.driver, finding.probability, other]
+        alike = {e.effect: e.probability for e in finding.equivalents}
+        sure = [
+            finding.levels.place,
+            finding.levels.driver,
+            finding.probability,
+            alike.get("encoder-eccentricity", 0.0),
+        ]
         left.barh(at + 0.2 - 0.4 * k, sure, 0.36, color=colour, label=name)
         assert result.applied and result.applied.pose
         errors = [1e3 * result.applied.pose.plain, 1e3 * result.applied.pose.model]

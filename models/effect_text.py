@@ -151,14 +151,21 @@ class _Anything:
 def _settings(
     effect: Effect, machine: Machine, place: tuple[str, ...], numbers: Mapping[str, tuple[float, str | None]]
 ) -> dict[str, float]:
-    """The settings named, the rest as in the effect's first form that knows all names (else its first).
+    """The settings named, the rest as in the effect's first form that knows all names (else its first); where none does, those
+    that are named alone.
 
     What drifts begins with the drifts of the machine, where it has some.
     """
     forms, began = [], driver_default(machine, TIME)
     columns = [name.partition(".")[2] for name in numbers if name.startswith("from.")]
     elsewhere = effect.elsewhere(machine, place, {name: np.array([0.0, 1e5]) for name in ("time", *columns)})
-    for known in [*effect.settings(machine, place, _Anything()), *elsewhere] or [{}]:
+    allowed = effect.setting_ranges or {}
+    alone = {
+        name: v
+        for name, (v, _) in numbers.items()
+        if name in allowed or f"{name.partition('.')[0]}." in allowed
+    }
+    for known in [*effect.settings(machine, place, _Anything()), *elsewhere, alone]:
         named = {name: value for name, (value, _) in numbers.items() if name in known}
         settings = {**known, **({"start": began} if began and "start" in known else {}), **named}
         names = {c.name for c in effect.coefficients(machine, place, settings)}

@@ -40,7 +40,7 @@ from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.sensor_rows import TOGETHER
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.linearisation import Linearisation
-from truepose.models.effects.empirical import orthonormal, powers, scaled, waves
+from truepose.models.effects.polynomials import orthonormal, powers, scaled, waves
 
 
 @dataclass(frozen=True)

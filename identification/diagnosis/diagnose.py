@@ -75,12 +75,15 @@ def diagnose(
     del near  # and what its chains remember
     stopped = stop()
     progress("naming and proving")
-    said = conclude(fits, found.pop(), examine)  # whose matrices are let go there
-    return replace(said, nominal=stated, missing=missing_inputs(stated, recording), stopped=stopped)
+    said = conclude(fits, found.pop(), stated, examine)  # whose matrices are let go there
+    return replace(said, stopped=stopped)
 
 
-def conclude(fits: Fits, found: Found, examine: Examine | None = None) -> Diagnosis:
-    """Turn a posterior into names, a verdict, the model to deploy, its proof, and findings."""
+def conclude(fits: Fits, found: Found, stated: Machine, examine: Examine | None = None) -> Diagnosis:
+    """Turn a posterior into names, a verdict, the model to deploy, its proof, and findings.
+
+    ``stated``: the machine without what is assumed of it.
+    """
     model = likeliest_model(fits, found)
     there = found  # linear at the likeliest model's own fit, so that the form of all that it holds is tested
     if {e.label for e in model.fit.effects} != {e.label for e in found.fit.effects}:
@@ -92,7 +95,7 @@ def conclude(fits: Fits, found: Found, examine: Examine | None = None) -> Diagno
     summary, recording = supported.summary, found.signatures.recording
     sure = {found.catalogue.candidates[i].label for i in summary.sure(NAMED)}
     choice = replace(choice, known=choice.known | sure)
-    quiet = conclude_nothing(fits, found, supported, choice, examine)
+    quiet = conclude_nothing(fits, found, supported, choice, stated, examine)
     if quiet.verdict == "adequate":
         return quiet
     whole, names = run_both(lambda: choice.compared(model.fit), lambda: model_of_names(fits, there, model))
@@ -122,7 +125,7 @@ def conclude(fits: Fits, found: Found, examine: Examine | None = None) -> Diagno
 
 
 def conclude_nothing(
-    fits: Fits, found: Found, supported: Supported, choice: Choice, examine: Examine | None
+    fits: Fits, found: Found, supported: Supported, choice: Choice, stated: Machine, examine: Examine | None
 ) -> Diagnosis:
     """Return what the posterior says, with plain calibration applied: where nothing is missing, this is all."""
     cat, machine, recording = found.catalogue, found.signatures.machine, found.signatures.recording
@@ -131,7 +134,7 @@ def conclude_nothing(
     wider = found.typical(lambda point: unknowns.widening[point.widening]).tolist()
     every = {"free": fits.free, "before": fits.before, "after": choice.drawing}
     return Diagnosis(
-        nominal=machine,
+        nominal=stated,
         recording=recording,
         verdict=verdict(summary, raised),
         alarms=raised,
@@ -139,7 +142,7 @@ def conclude_nothing(
         candidates=ranked_alternatives(cat, found.alone),
         evidence_map=evidence_map(cat, found.alone),
         untestable=(*cat.untestable, *supported.unseen),
-        missing=(),
+        missing=missing_inputs(stated, recording),
         free=fits.free,
         before=fits.before,
         after=choice.drawing,

@@ -25,7 +25,8 @@ from truepose.identification.fit.estimated import Estimate
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.models.effects.base import PlacedEffect, effects
-from truepose.models.effects.empirical import Empirical, orthonormal, powers, scaled, waves
+from truepose.models.effects.empirical import Empirical
+from truepose.models.effects.polynomials import orthonormal, powers, scaled, waves
 from truepose.models.effects.transmission_error import HIGHEST_ORDER
 from truepose.models.file.driver import APPROACH, OF_THE_ORDER, STEP, Driver
 from truepose.models.machine.machine import Machine

@@ -13,7 +13,7 @@ not replicated, and its probability is at most ``UNREPLICATED``.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -75,49 +75,68 @@ def _terms_of(found: Found, number: int) -> list[int]:
 
 
 def _law(found: Found, sums: Sums, number: int, named_ones: Collection[int]) -> Named:
-    """A cause of the mode with what else may be in its slot: other laws, or something without a name.
+    """Return a cause of the mode with what else may be in its slot.
 
-    Where that is the likelier, there is no law to say.
+    Where something that cannot be named is the likelier, there is no law to say, and its driver is the likeliest one there.
     """
-    problem, posterior, cat = found.problem, found.posterior, found.catalogue
-    row, candidates, probability = posterior.beside[number], _terms_of(found, number), sums.law(number)
-    rivals = [k for k in np.argsort(-row) if k not in named_ones and row[k] > SHOWN][:LISTED]
-    laws = [k for k in rivals if problem.causes[k].effect != Empirical.slug]
+    causes, candidates = found.problem.causes, _terms_of(found, number)
+    cause, probability, parts = causes[number], sums.law(number), {*sums.parts(causes[number])}
+    rivals = _rivals(found, sums, number, named_ones)
+    laws = [causes.index(m.cause) for m in rivals if m.cause.effect != Empirical.slug]
+    here = [k for k in laws if not parts.isdisjoint(sums.parts(causes[k]))]
     certainty = max(sums.any_law([number, *laws]), probability)
-    cause, here = problem.causes[number], max(row[number], 1e-9)
-    equivalents = [
-        Rival(problem.causes[k], sums.law(k), float(np.log(row[k] / here)), sums.tested(k)) for k in laws
-    ]
-    levels = sums.levels(cause, cat.candidates[candidates[0]].kind, probability)
-    other = levels.driver - certainty
-    unnamed = EffectAtPlace(Empirical.slug, cause.place)
-    if other > SHOWN:
-        equivalents.append(Rival(unnamed, other, 0.0))
-    if other > probability:
-        equivalents = [m for m in equivalents if m.cause != unnamed] + [Rival(cause, probability, 0.0)]
-        cause, probability = unnamed, 0.0
-    ranked = tuple(sorted(equivalents, key=lambda m: -m.probability))
-    return Named(cause, tuple(candidates), probability, certainty, ranked, levels=levels)
+    levels = sums.levels(cause, found.catalogue.candidates[candidates[0]].kind, probability)
+    nameless = Rival(
+        EffectAtPlace(Empirical.slug, cause.place), levels.driver - sums.any_law([number, *here]), 0.0
+    )
+    untested = max((m.probability for m in rivals if not m.tested), default=0.0)
+    if max(nameless.probability, untested) <= probability:
+        rivals += [nameless] if nameless.probability > SHOWN else []
+        return Named(cause, tuple(candidates), probability, certainty, _ranked(rivals), levels=levels)
+    levels = sums.levels(cause, sums.likeliest_driver(cause), 0.0)
+    said, tested = _ranked([*rivals, Rival(cause, probability, 0.0)]), untested <= nameless.probability
+    return Named(nameless.cause, tuple(candidates), 0.0, certainty, said, levels=levels, tested=tested)
+
+
+def _rivals(found: Found, sums: Sums, number: int, named_ones: Collection[int]) -> list[Rival]:
+    """Return other laws that may be in a cause's slot, and what has no name elsewhere; ``named_ones`` stand for themselves."""
+    causes, row, parts = (
+        found.problem.causes,
+        found.posterior.beside[number],
+        {*sums.parts(found.problem.causes[number])},
+    )
+    out = list[Rival]()
+    for k in [k for k in np.argsort(-row) if k not in named_ones and row[k] > SHOWN][:LISTED]:
+        if causes[k].effect != Empirical.slug or parts.isdisjoint(sums.parts(causes[k])):
+            gain = float(np.log(row[k] / max(row[number], 1e-9)))
+            out.append(Rival(causes[k], sums.law(k), gain, sums.tested(k)))
+    return out
+
+
+def _ranked(rivals: Iterable[Rival]) -> tuple[Rival, ...]:
+    return tuple(sorted(rivals, key=lambda m: -m.probability))
 
 
 def _nameless(found: Found, sums: Sums, names: Sequence[Named]) -> list[Named]:
-    """Forms of the mode whose place and driver are known and that no name speaks of, the largest first."""
-    cat, machine = found.catalogue, found.signatures.machine
+    """What the mode holds without a name, its place and driver known, where no name speaks of these; the largest first.
+
+    What could not be tested is told as the law that it would be.
+    """
+    cat, machine, out = found.catalogue, found.signatures.machine, list[Named]()
     spoken = {key for n in names if n.said for key in _speaks_of(machine, n)}
     groups: dict[tuple[EffectAtPlace, DriverKind], list[int]] = {}
     for i in chosen(found.problem, found.mode):
         placed = cat.candidates[i]
-        if cat.named(i):
-            continue
         for kind in placed.effect.driver_kinds(machine, placed.place, placed.settings_map):
-            if not {(part, driver_of(kind)) for part in sums.parts(placed.at_place)} <= spoken:
+            keys = {(part, driver_of(kind)) for part in sums.parts(placed.at_place)}
+            if not cat.named(i) and not keys <= spoken:
                 groups.setdefault((EffectAtPlace(Empirical.slug, placed.place), kind), []).append(i)
     gains = _gains(found, list(groups.values()))
-    every = ((*key, own, gain) for (key, own), gain in zip(groups.items(), gains, strict=True))
-    out = [
-        Named(cause, tuple(own), 0.0, 0.0, (), gain, levels=sums.levels(cause, kind, 0.0))
-        for cause, kind, own, gain in every
-    ]
+    for ((cause, kind), own), gain in zip(groups.items(), gains, strict=True):
+        untested = {cat.cause(i) for i in own if cat.has_law(i)}
+        laws = [Rival(one, sums.law(found.problem.causes.index(one)), gain, tested=False) for one in untested]
+        levels = sums.levels(cause, kind, 0.0)
+        out.append(Named(cause, tuple(own), 0.0, 0.0, _ranked(laws), gain, levels=levels, tested=not laws))
     return sorted((n for n in out if n.levels.driver >= NAMED), key=lambda n: -n.gain)
 
 

@@ -71,15 +71,19 @@ class Sums:
         self._causes = [frozenset(self._numbers(state)) for state, _ in posterior.states]
         self._shares = [share for _, share in posterior.states]
         cause = problem.spike_slab.terms.cause
-        self._untested = {int(cause[t]) for t, i in enumerate(problem.candidates) if i in cat.untested}
-        self._keys, self._alone = list[frozenset[Key]](), list[frozenset[int]]()
-        for (state, _), causes in zip(posterior.states, self._causes, strict=True):
-            candidates = [problem.candidates[term] for term, _ in state.members]
-            self._keys.append(frozenset(key for i in candidates for key in self._of(i)))
-            unnamed = {part for i in candidates if not cat.named(i) for part in self.parts(cat.cause(i))}
-            self._alone.append(
-                frozenset(k for k in causes if not unnamed & set(self.parts(problem.causes[k])))
-            )
+        self._unnamed = {int(cause[t]) for t, i in enumerate(problem.candidates) if not cat.named(i)}
+        self._keys = [
+            frozenset(key for t, _ in state.members for key in self._of(problem.candidates[t]))
+            for state, _ in posterior.states
+        ]
+        self._alone = [frozenset(k for k in causes if self._is_alone(k, causes)) for causes in self._causes]
+
+    def _is_alone(self, number: int, causes: frozenset[int]) -> bool:
+        """Whether nothing else without a name is at the parts of one of the causes."""
+        others = (self._problem.causes[k] for k in causes & self._unnamed if k != number)
+        return {*self.parts(self._problem.causes[number])}.isdisjoint(
+            p for cause in others for p in self.parts(cause)
+        )
 
     def parts(self, cause: EffectAtPlace) -> tuple[str, ...]:
         """The parts that a cause is at."""
@@ -93,7 +97,7 @@ class Sums:
 
     def tested(self, number: int) -> bool:
         """Whether the recording could test a cause: it knows what it would be driven by."""
-        return number not in self._untested
+        return number not in self._unnamed or self._problem.causes[number].effect == Empirical.slug
 
     def any_law(self, numbers: Collection[int]) -> float:
         """Probability that one of some laws is there so."""
@@ -109,6 +113,12 @@ class Sums:
         """Of an effect at its place, whose law has the probability ``law``: no level is less probable than a deeper one."""
         driver = max(self.at(self.parts(cause), kind), law)
         return Levels(max(self.at(self.parts(cause)), driver), kind, driver)
+
+    def likeliest_driver(self, cause: EffectAtPlace) -> DriverKind:
+        """What most probably drives something at the parts of a cause."""
+        kinds = {own for keys in self._keys for part, own in keys if part in self.parts(cause)} - {ANY}
+        known = [kind for kind in get_args(DriverKind) if kind in kinds]
+        return max(known, key=lambda kind: self.at(self.parts(cause), kind))
 
     def together(self) -> tuple[Together, ...]:
         """Of each driver the places that are not sure one by one, where it is sure that it acts at one of them at least."""
@@ -136,7 +146,7 @@ class Sums:
         ranked = sorted(places.items(), key=lambda item: -item[1])
         listed = {place: p for place, p in ranked if p > REPORTED}
         likeliest = sorted(sets.items(), key=lambda item: -item[1])[:LISTED]
-        nameless = sum(p for key, p in sets.items() if any(c.effect == Empirical.slug for c in key))
+        nameless = self._sum(not causes.isdisjoint(self._unnamed) for causes in self._causes)
         return Inclusion(listed, tuple(SetOfEffects(*one) for one in likeliest), nameless)
 
     def _sum(self, holds: Iterable[bool]) -> float:

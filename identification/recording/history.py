@@ -135,12 +135,11 @@ def creep_sum(time: Array, readings: Array, piece: IntArray, t0: float, dwell: f
 def heat_of_motion(time: Array, readings: Array, piece: IntArray, seconds: float) -> Array:
     """(n,) sum over past moves of |step| exp(-age / seconds) at ordered times (n,), s; in the unit of the readings (n,).
 
-    The first-order response of a body that every move warms alike. It is cold at the beginning of the rows; where a ``piece``
-    (n,) begins nobody saw the move, and what was warm goes on cooling.
+    The first-order response of a body that every move warms alike; it is cold where a ``piece`` (n,) begins.
     """
-    steps = np.abs(np.diff(readings, prepend=readings[:1]))
-    steps[np.diff(piece, prepend=piece[:1] - 1) != 0] = 0.0
-    kept = np.exp(-np.maximum(np.diff(time), 0.0) / seconds)
+    fresh = np.diff(piece, prepend=piece[:1] - 1) != 0
+    steps = np.where(fresh, 0.0, np.abs(np.diff(readings, prepend=readings[:1])))
+    kept = np.where(fresh[1:], 0.0, np.exp(-np.maximum(np.diff(time), 0.0) / seconds))
     return np.concatenate([steps[:1], affine(kept, steps[1:], float(steps[0]))])
 
 

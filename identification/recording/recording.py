@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, Final, TypeVar
 
 import numpy as np
@@ -308,7 +308,7 @@ def remembered(whole: Recording, driver: Driver) -> Array | None:
     ``creep.J~t0~d``: the same where moves end d s before the row is read (else 0);
     ``heat.J~s``: sum over past moves of |step| exp(-age / s) (needs ``time``);
     ``D~seconds``: driver D through a first-order lag (needs ``time``).
-    The way of a joint begins anew in every session, and without a clock in every file; creep goes on from session to
+    The way of a joint begins anew in every session, and without a clock in every file; creep and heat go on from session to
     session, as long as one clock runs through them. Rows that are declared shuffled tell no way.
     """
     *before, last = driver.numbers
@@ -370,25 +370,18 @@ def _loop(whole: Recording, joint: str, numbers: list[float]) -> Array:
     return _stop(whole, joint, [half_width, *overshoot]) - line_of_full_loop(readings, half_width, low, high)
 
 
-def _creep(whole: Recording, joint: str, numbers: list[float]) -> Array | None:
+def _by_clock(
+    of_moves: Callable[..., Array], whole: Recording, joint: str, numbers: list[float]
+) -> Array | None:
+    """What moves of a joint leave behind for some time, one clock after another; None without a clock."""
     if whole.time is None:
         return None
     order = whole.order
     out = np.empty(len(whole))
     readings = whole.moved[:, whole.joints.index(joint)]
     pieces = _pieces_of_clock(whole, order)
-    order = order[np.argsort(pieces[order], kind="stable")]  # one clock after another
-    out[order] = creep_sum(whole.time[order], readings[order], pieces[order], *numbers)
-    return out
-
-
-def _heat(whole: Recording, joint: str, numbers: list[float]) -> Array | None:
-    if whole.time is None:
-        return None
-    order = whole.order
-    out = np.empty(len(whole))
-    readings = whole.moved[:, whole.joints.index(joint)]
-    out[order] = heat_of_motion(whole.time[order], readings[order], _pieces(whole)[order], *numbers)
+    order = order[np.argsort(pieces[order], kind="stable")]
+    out[order] = of_moves(whole.time[order], readings[order], pieces[order], *numbers)
     return out
 
 
@@ -405,6 +398,6 @@ def _lagged(whole: Recording, name: str, seconds: float) -> Array | None:
 _KINDS: Final[Mapping[str, Callable[[Recording, str, list[float]], Array | None]]] = {
     "stop": _stop,
     "loop": _loop,
-    "creep": _creep,
-    HEAT: _heat,
+    "creep": partial(_by_clock, creep_sum),
+    HEAT: partial(_by_clock, heat_of_motion),
 }

@@ -20,16 +20,22 @@ from truepose.identification.recording.load import tried
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures import untestable
 from truepose.identification.signatures.untestable import Untestable, places_of, still_sources
-from truepose.models.effects import empirical as sources
 from truepose.models.effects.base import PlacedEffect, Settings
 from truepose.models.effects.common import drives_joint, sensor_at, sensor_names
 from truepose.models.effects.empirical import (
+    BOW,
+    CURVE,
+    FINE,
+    LINE,
+    LOAD,
     LOAD_CURVE,
+    MOMENT,
+    MOUNT_CURVE,
+    OF_SIGHT,
     TURNS,
-    WIDTH,
     Empirical,
-    seen_over,
 )
+from truepose.models.effects.polynomials import WIDTH, seen_over
 from truepose.models.effects.sights import RANGE, XYZ, length_names, looks_from_afar, point_names
 from truepose.models.file.driver import APPROACH, MEASURED_LOADS, ROW, Driver
 from truepose.models.machine.machine import FRAMES, Machine
@@ -54,16 +60,14 @@ def forms_of_load(machine: Machine, recording: Recording) -> dict[str, list[Sett
     for name, port in joints.items():
         own = _range(loads[port][rows])
         if own is not None:
-            out[name] = [
-                seen_over({sources.LOAD: own}, degree) for degree in (sources.LINE, sources.BOW, sources.FINE)
-            ]
+            out[name] = _curves(LOAD, own)
     for mount, axes in moments.items():
         moment = np.array([loads[port][rows] for port in axes])
         each, size = _range(moment), _range(np.sqrt(np.sum(moment**2, axis=0)))
         if each is not None and size is not None:
             out[mount] = [
-                seen_over({sources.LOAD: each}, LOAD_CURVE),
-                seen_over({sources.MOMENT: size}, LOAD_CURVE),
+                seen_over({LOAD: each}, LOAD_CURVE),
+                seen_over({MOMENT: size}, LOAD_CURVE),
             ]
     return out
 
@@ -77,9 +81,13 @@ def forms_of_held_load(
         driver, own = Driver.of(name), _range(values[rows])
         held = driver.kind in MEASURED_LOADS and driver.place in machine.mechanism.readings
         if held and name not in seen and own is not None:
-            every = (seen_over({name: own}, degree) for degree in (sources.LINE, sources.BOW, sources.FINE))
-            out.setdefault(driver.place, []).extend(every)
+            out.setdefault(driver.place, []).extend(_curves(name, own))
     return out
+
+
+def _curves(source: str, seen: tuple[float, float]) -> list[Settings]:
+    """Curves of one source that laws of it may have their like among."""
+    return [seen_over({source: seen}, degree) for degree in (LINE, BOW, FINE)]
 
 
 def _range(load: Array) -> tuple[float, float] | None:
@@ -249,22 +257,21 @@ def _place_shares(places: Collection[tuple[str, ...]]) -> dict[tuple[str, ...], 
 def empirical_forms(machine: Machine, recording: Recording) -> tuple[PlacedEffect, ...]:
     """Every form of one source over the ranges that the calibration rows saw, all coefficients 0.
 
-    Each joint, each mount and each sensor of lengths as a curve in each source (joints, payload, time, thermometers), a
-    joint as a line, too, and by all six motions of what it drives; each joint in the side that it arrived from. Each joint
-    and mount as a curve in the load that it carries, where the file states weights, each joint in what its drive was measured
-    to hold. Forms of several sources: ``proposed_products``.
+    Each joint and each mount as a curve in each source (joints, payload, time, thermometers), a joint as a line, too, and by
+    all six motions of what it drives; each joint in the side that it arrived from. Each joint and mount as a curve in the
+    load that it carries, where the file states weights, each joint in what its drive was measured to hold. Each sensor in
+    what it reads itself. Forms of several sources: ``proposed_products``.
     """
-    seen, loads = varied(machine, recording), forms_of_load(machine, recording)
+    seen, loads = _varied(machine, recording), forms_of_load(machine, recording)
     held = forms_of_held_load(machine, recording, seen)
     effect, out = Empirical(), list[PlacedEffect]()
     for (name,) in effect.places(machine):
         forms = list[Settings]()
         if name in sensor_names(machine):
             forms += [{WIDTH: _reach(machine, recording)}] if point_names(sensor_at(machine, name)) else []
-            forms += [seen_over({source: seen[source]}, sources.SENSOR_CURVE) for source in seen]
             forms += forms_of_sight(machine, recording, name)
         elif name in FRAMES:
-            forms += [seen_over({source: seen[source]}, sources.MOUNT_CURVE) for source in seen]
+            forms += [seen_over({source: seen[source]}, MOUNT_CURVE) for source in seen]
         else:
             own = seen | arrivals(recording, name)
             for way in ways_of(machine, name):
@@ -288,16 +295,16 @@ def forms_of_sight(machine: Machine, recording: Recording, name: str) -> list[Se
         x, y, z = (read[f"{point}{axis}"] for axis in XYZ)
         aside = np.hypot(x, y)
         values = (np.arctan2(y, x), np.arctan2(z, aside), np.hypot(aside, z))
-        for source, own in zip(sources.OF_SIGHT, values, strict=True):
+        for source, own in zip(OF_SIGHT, values, strict=True):
             seen.setdefault(source, []).append(own)
     for column in length_names(sensor):
-        seen.setdefault(RANGE, []).append(read[column])
+        seen.setdefault(f"seen.{RANGE}", []).append(read[column])
     ends = {source: (float(np.nanmin(own)), float(np.nanmax(own))) for source, own in seen.items()}
     reach = {WIDTH: _reach(machine, recording)} if point_names(sensor) else {}
     return [
         seen_over({source: own}, degree) | reach
         for source, own in ends.items()
-        for degree in (sources.BOW, sources.CURVE)
+        for degree in (BOW, CURVE)
         if own[0] < own[1]
     ]
 
@@ -311,10 +318,10 @@ def degrees(joint: str, source: str, *, spatial: bool) -> tuple[int, ...]:
     """Degrees of the forms of one source: of two values only a line, of six motions only curves; with corners where laws have
     them, in the joint's own reading."""
     if Driver.of(source).kind == APPROACH:
-        return (sources.LINE,)
+        return (LINE,)
     if spatial:
-        return (sources.BOW, sources.CURVE)
-    return (sources.LINE, sources.BOW, sources.FINE if source == joint else sources.CURVE)
+        return (BOW, CURVE)
+    return (LINE, BOW, FINE if source == joint else CURVE)
 
 
 def arrivals(recording: Recording, joint: str) -> dict[str, tuple[float, float]]:
@@ -326,7 +333,7 @@ def arrivals(recording: Recording, joint: str) -> dict[str, tuple[float, float]]
     return {name: (float(np.min(values[rows])), float(np.max(values[rows])))}
 
 
-def varied(machine: Machine, recording: Recording) -> dict[str, tuple[float, float]]:
+def _varied(machine: Machine, recording: Recording) -> dict[str, tuple[float, float]]:
     """Ranges of all that was varied: joints, payload, time, thermometers by name, however the file has its columns."""
     still = still_sources(machine, recording)
     every = ranges(machine, recording).items()

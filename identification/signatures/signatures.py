@@ -145,8 +145,8 @@ Turns = Mapping[str, Array]
 
 
 def series_ports(candidates: Sequence[PlacedEffect], layout: Layout) -> dict[int, str]:
-    """The port of each candidate of many coefficients, all of one port and without bounds; forms without a name are not among
-    them, for a remainder is made of their coefficients."""
+    """The port of each candidate of many coefficients, all of one port and without bounds, that have a name: the posterior
+    turns forms without one itself."""
     return {
         k: names[0]
         for k, (placed, (names, _)) in enumerate(zip(candidates, layout, strict=True))

@@ -22,10 +22,10 @@ RATIOS, ANGLES = (0.3, 0.6), 12
 class Counterbalance(Effect):
     """A counterbalance whose pull twists the joint that it relieves.
 
-    A gas spring or cylinder of constant force between a point on the link before the joint and one on the link behind it.
-    Its moment twists the gear. Settings: ``angle`` (rad) of the joint where both points lie on one side in line with the axis,
-    ``ratio`` of the shorter arm to the longer one. A spring that is drawn out in proportion pulls as the sine of the angle
-    alone, ``ratio`` 0, which is the same function as ``encoder-eccentricity``.
+    A gas spring or cylinder of constant force between a point on the link before the joint and one on the link behind it
+    pushes or pulls, and its moment twists the gear. Settings: ``angle`` (rad) of the joint where both points lie on one side
+    in line with the axis, ``ratio`` of the shorter arm to the longer one. A spring that is drawn out in proportion pulls as the
+    sine of the angle alone, ``ratio`` 0, which is the same function as ``encoder-eccentricity``.
     """
 
     slug = "counterbalance"
@@ -48,7 +48,7 @@ class Counterbalance(Effect):
         return [{"angle": 2 * pi * k / ANGLES, "ratio": ratio} for ratio in RATIOS for k in range(ANGLES)]
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
-        return (Coefficient("c", joint_unit(machine, place), LARGEST, lower=0.0),)
+        return (Coefficient("c", joint_unit(machine, place), LARGEST),)
 
     def driver_kind(self, machine: Machine, place: Place, settings: Settings) -> DriverKind:
         """Its pull depends on where the joint stands."""

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import itertools
-import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 import casadi as ca
 import numpy as np
@@ -25,6 +22,22 @@ from truepose.models.effects.base import (
     effects,
 )
 from truepose.models.effects.common import SECONDS_PER_HOUR, sensor_at, sensor_names, sensors_where, singly
+from truepose.models.effects.polynomials import (
+    DECAY,
+    DEGREE,
+    FROM,
+    SPATIAL,
+    TO,
+    WIDTH,
+    Exponents,
+    Source,
+    exponents,
+    outside,
+    products,
+    seen_over,
+    series,
+    total,
+)
 from truepose.models.effects.sights import (
     AZIMUTH,
     ELEVATION,
@@ -39,66 +52,11 @@ from truepose.models.effects.sights import (
 from truepose.models.file.driver import TIME, Driver
 from truepose.models.machine.machine import FRAMES, Machine
 from truepose.models.machine.mechanism import AXES
-from truepose.models.machine.placed import COLUMN, COUNT, POSITIVE, ranges
+from truepose.models.machine.placed import COLUMN, COUNT, POSITIVE, SWITCH, ranges
 from truepose.wording import joined
-
-
-def scaled(values: Array, low: float, high: float) -> Array:
-    """(n,) values moved and stretched so that ``low`` is -1 and ``high``, which is above it, is 1."""
-    return 2 * (values - low) / (high - low) - 1
-
-
-def chebyshev(t: Any, degree: int) -> list[Any]:
-    """T_0(t) to T_degree(t) of numbers (n,) in -1 ... 1, or of a CasADi expression; T_0 is the number 1."""
-    found = [1, t]
-    for _ in range(2, degree + 1):
-        found.append(2 * t * found[-1] - found[-2])
-    return found[: degree + 1]
-
-
-def powers(t: Array, degree: int) -> list[Array]:
-    """(n,) each: t, t^2 to t^degree."""
-    return [t**k for k in range(1, degree + 1)]
-
-
-def waves(t: Array, cycles: int) -> list[Array]:
-    """(n,) each: sine and cosine of so many cycles over -1 ... 1."""
-    phase = np.pi * cycles * t
-    return [np.sin(phase), np.cos(phase)]
-
-
-def orthonormal(functions: Sequence[Array]) -> Array:
-    """(n, k) orthonormal columns that span the k functions (n,) less their means, in their order."""
-    basis, _ = np.linalg.qr(np.column_stack([np.ones(len(functions[0])), *functions]))
-    return np.asarray(basis[:, 1:])
-
 
 NOTHING = 1e-9
 """Of the largest moment: what is added to its size, whose derivative at zero does not exist."""
-
-
-@dataclass(frozen=True)
-class Source:
-    """A reading, a driver or the place's load that a form is a function of, and the range in which it was seen."""
-
-    name: str
-    low: float
-    high: float
-
-    def within(self, value: ca.SX) -> ca.SX:
-        """The value scaled to -1 ... 1 over the range (an operation less than ``scaled``, for the controller), and held at its
-        ends outside of it."""
-        return ca.fmax(-1.0, ca.fmin(1.0, (2 * value - (self.low + self.high)) / (self.high - self.low)))
-
-    def overshoot(self, values: Array) -> Array:
-        """(n,) how far values lie outside of the range, in halves of it."""
-        return outside((2 * values - (self.low + self.high)) / (self.high - self.low))
-
-
-def series(coefficients: Mapping[int, ca.SX], t: ca.SX) -> ca.SX:
-    """Sum of c_k T_k(t), T_k the Chebyshev polynomials."""
-    polynomials = chebyshev(t, max(coefficients))
-    return total(c * polynomials[k] for k, c in coefficients.items())
 
 
 def yielding(
@@ -117,40 +75,19 @@ def yielding(
     }
 
 
-def total(terms: Iterable[ca.SX]) -> ca.SX:
-    return sum(terms, ca.SX(0))
-
-
-def outside(scaled: Array) -> Array:
-    """How far values that should lie in -1 ... 1 lie outside."""
-    return np.maximum(np.abs(scaled) - 1.0, 0.0)
-
-
 FINE, CURVE, BOW, LINE = 12, 4, 2, 1
 """Degrees of a curve with corners, of a smooth one, of one that bends one way only, and of a line: a law of few constants has
 its like among them, and so has a series."""
-DECAY = 2.0
-"""Coefficients of a curve fall as the degree to this power."""
-MOUNT_CURVE, SENSOR_CURVE, LOAD_CURVE = 3, 3, 3
-"""Degrees of a mount's six motions, of what a sensor reads, and of what yields to a load: its slope, and how that bends to
+MOUNT_CURVE, LOAD_CURVE = 3, 3
+"""Degrees of a mount's six motions, and of what yields to a load: its slope, and how that bends to
 either side."""
 TRAVEL = {"mm": 100.0, "rad": float(np.pi), "turn": 1.0}
 """Half of a joint's travel where its file states no range."""
-FROM, TO, DEGREE, SPATIAL, WIDTH = "from.", "to.", "degree", "spatial", "reach"
-OF_SIGHT = (AZIMUTH, ELEVATION, RANGE)
+OF_SIGHT = {f"seen.{name}": name for name in (AZIMUTH, ELEVATION, RANGE)}
+"""Sources that an instrument reads of a point itself, by what settings call them."""
 OF_WEIGHT = LOAD, MOMENT = "load", "moment"
 """Sources that no column holds: gravity's load at the place itself, N along a length, N m about an angle (at a mount, about
 each axis its own), and the size of the moment on a mount."""
-
-
-def seen_over(
-    ranges: Mapping[str, tuple[float, float]], degree: int | None = None, *, spatial: bool = False
-) -> dict[str, float]:
-    """Settings of a form in the sources of ``ranges``, lowest and highest value seen (mm, rad, or the driver's unit)."""
-    own = {} if degree is None else {DEGREE: float(degree)}
-    own |= {SPATIAL: 1.0} if spatial else {}
-    lows = {f"{FROM}{name}": float(low) for name, (low, _) in ranges.items()}
-    return own | lows | {f"{TO}{name}": float(high) for name, (_, high) in ranges.items()}
 
 
 def _usual(machine: Machine, place: Place) -> dict[str, float]:
@@ -196,6 +133,18 @@ def sources_of(machine: Machine, place: Place, settings: Settings) -> tuple[Sour
         out.append(Source(name, low, high))
     if MOMENT in names and place[0] not in FRAMES:
         raise InputError(f"{where}: found source {MOMENT}, expected {LOAD}: only a mount has a moment")
+    sensor, others = place[0] in sensor_names(machine), [name for name in names if name not in OF_SIGHT]
+    if sensor and (others or len(out) > 1 or not _looks(machine, place, out[0].name)):
+        known = joined(list(OF_SIGHT))
+        raise InputError(
+            f"{where}: found {joined(list(names))}, expected one that this sensor reads, of {known}"
+        )
+    if not sensor and len(others) < len(out):
+        raise InputError(f"{where}: found sources {joined(list(names))}, expected none of a sensor")
+    if settings.get(SPATIAL) and (
+        sensor or place[0] in FRAMES or machine.motion(place[0], "x") not in machine.ports
+    ):
+        raise InputError(f"{where}: found {SPATIAL}: 1, expected a joint that moves a body")
     if len(out) > 1 and place[0] in FRAMES and {*OF_WEIGHT} & {*names}:
         raise InputError(f"{where}: found sources {joined(list(names))}, expected the load of a mount alone")
     return tuple(out)
@@ -207,24 +156,6 @@ def degree_of(settings: Settings, usual: int) -> int:
     if degree < 1 or degree != round(degree):
         raise InputError(f"effect empirical: found {DEGREE}: {degree}, expected a whole number from 1 on")
     return round(degree)
-
-
-Exponents = tuple[int, ...]
-"""Degree of each source's polynomial in a product of them."""
-
-
-def exponents(count: int, degree: int) -> list[Exponents]:
-    """Return the products of polynomials of ``count`` sources up to a total ``degree``; those of fewer sources first."""
-    every = itertools.product(range(degree + 1), repeat=count)
-    kept = [e for e in every if 0 < sum(e) <= degree]
-    return sorted(kept, key=lambda e: (sum(k > 0 for k in e), sum(e), [-k for k in e]))
-
-
-def products(columns: Sequence[Any], wanted: Sequence[Exponents]) -> list[Any]:
-    """Return the product of Chebyshev polynomials of each exponents, of numbers (n,) or expressions in -1 ... 1."""
-    most = max((k for e in wanted for k in e), default=0)
-    polynomials = [chebyshev(t, most) for t in columns]
-    return [math.prod(p[k] for p, k in zip(polynomials, e, strict=True) if k) for e in wanted]
 
 
 LARGEST, ARM = 100.0, 100.0
@@ -249,19 +180,19 @@ class Empirical(Effect):
     driver's own unit): a joint's reading, any driver, or ``load``, what gravity exerts at the place (N along a length, N m
     about an angle, at a mount about each axis). ``moment``: a mount turns with its moment, by a curve of how large that is.
     It is a polynomial of its sources, in products of Chebyshev polynomials of a total degree up to ``degree`` (4; 3 for a
-    mount or a sensor); of two sources without a ``degree``, the product of both alone. A joint errs in its own
-    displacement, or with ``spatial`` in all six motions of what it drives; a mount errs in six motions, a sensor in each of
-    its lengths, or in what an instrument reads of a point (``azimuth``, ``elevation``, ``range``, with the largest in
-    ``reach``, mm) by a curve in that alone. A sensor of points without sources bends its volume by squares and products of a
-    point's coordinates, in units of ``reach``. A sensor errs by no more than its maker's sigma is expected: what is larger,
-    the robot does.
+    mount); of two sources without a ``degree``, the product of both alone. A joint errs in its own
+    displacement, or with ``spatial`` in all six motions of what it drives; a mount errs in six motions, a sensor in
+    what it reads of a point (``seen.azimuth``, ``seen.elevation``, ``seen.range``, the largest
+    range being ``reach``, mm) by a curve in that alone. A sensor of points without sources bends its volume by squares and
+    products of a point's coordinates, in units of ``reach``. A sensor errs by no more than its maker's sigma is expected:
+    what is larger, the robot does.
     Outside of what was seen nothing is known: the form stays at its end's value, and predictions say how little that means
     (``truepose.identification.prediction.predict``). No diagnosis takes it for a name.
     """
 
     slug = "empirical"
     setting_ranges = ranges(
-        {"degree": COUNT, "spatial": COUNT, "reach": POSITIVE, "from.": COLUMN, "to.": COLUMN}
+        {"degree": COUNT, "spatial": SWITCH, "reach": POSITIVE, "from.": COLUMN, "to.": COLUMN}
     )
     title = "A smooth error without a name"
     sentence = (
@@ -279,7 +210,7 @@ class Empirical(Effect):
 
     def places(self, machine: Machine) -> Sequence[Place]:
         """Every joint, both mounts, sensors of lengths."""
-        lengths = sensors_where(machine, lambda sensor: bool(sensor.shiftable))
+        lengths = sensors_where(machine, lambda sensor: bool(point_names(sensor) or length_names(sensor)))
         return [*singly((*machine.mechanism.readings, *FRAMES)), *lengths]
 
     def screened(self, machine: Machine, place: Place) -> bool:
@@ -290,7 +221,7 @@ class Empirical(Effect):
         """Over the joints' whole travel, and what drivers the file names; what recordings saw: ``empirical_forms``."""
         if place[0] in sensor_names(machine):
             points = point_names(sensor_at(machine, place[0]))
-            return ({WIDTH: REACH} if points else seen_over({TIME: usual_range(TIME)}, SENSOR_CURVE),)
+            return ({WIDTH: REACH} if points else seen_over({f"seen.{RANGE}": (0.0, REACH)}, BOW),)
         of_load = OF_WEIGHT if place[0] in FRAMES else (LOAD,)
         weighs = of_load if machine.loaded else ()
         drivers = {name: usual_range(name) for name in dict.fromkeys((TIME, *machine.drivers, *weighs))}
@@ -312,18 +243,16 @@ class Empirical(Effect):
         for powers_of in _exponents(machine, place, settings):
             for label, port in self.moved_ports(machine, place, settings).items():
                 unit = machine.ports[port].unit if port else _sight_unit(settings)
-                name = label if alone else _named(label, powers_of)
+                name = label if alone else f"{label}{'.'.join(map(str, powers_of))}"
                 largest = _largest(machine, place, unit, settings)
                 out.append(Coefficient(name, unit, largest / sum(powers_of) ** DECAY))
         return tuple(out)
 
     def moved_ports(self, machine: Machine, place: Place, settings: Settings) -> dict[str, str]:
-        """What errs at a place, by what its coefficients are called: a displacement, six motions, or lengths that are read."""
+        """What errs at a place, by the name of its coefficients: a displacement, six motions, or what is read of a point."""
         name = place[0]
-        if name in sensor_names(machine) and _of_sight(settings):
-            return {"c": ""}
         if name in sensor_names(machine):
-            return {column: f"{column}.reading" for column in sensor_at(machine, name).shiftable}
+            return {"c": ""}
         if name in FRAMES:
             axes = TURNS if self.reads_load(settings) else AXES
             return {axis: f"{name}.motion.{axis}" for axis in axes}
@@ -427,17 +356,23 @@ def _of_sight(settings: Settings) -> bool:
     return any(f"{FROM}{name}" in settings for name in OF_SIGHT)
 
 
+def _looks(machine: Machine, place: Place, name: str) -> bool:
+    """Whether a sensor reads points, or lengths where a range is meant."""
+    sensor = sensor_at(machine, place[0])
+    return bool(point_names(sensor) or (OF_SIGHT[name] == RANGE and length_names(sensor)))
+
+
 def _sight_unit(settings: Settings) -> str:
-    return "mm" if f"{FROM}{RANGE}" in settings else "rad"
+    return "mm" if f"{FROM}seen.{RANGE}" in settings else "rad"
 
 
 def _sighted(site: Site, source: Source) -> Shifts:
     """Points and lengths that are off along what the instrument reads of them, by a curve in that."""
     sensor, curve, shifts = sensor_at(site.machine, site.place[0]), _of("c", site), dict[str, ca.SX]()
     for name in point_names(sensor):
-        value, moved = polar(seen_point(site, name))[source.name]
+        value, moved = polar(seen_point(site, name))[OF_SIGHT[source.name]]
         shifts |= moved_point(name, series(curve, source.within(value)) * moved)
-    for column in length_names(sensor) if source.name == RANGE else ():
+    for column in length_names(sensor) if OF_SIGHT[source.name] == RANGE else ():
         shifts[f"{column}.reading"] = series(curve, source.within(site.seen(column)))
     return shifts
 
@@ -445,12 +380,6 @@ def _sighted(site: Site, source: Source) -> Shifts:
 def _of(stem: str, site: Site) -> dict[int, ca.SX]:
     """Coefficients ``stem1``, ``stem2`` ... by their number."""
     return {int(name.removeprefix(stem)): c for name, c in site.c.items()}
-
-
-def _named(label: str, powers_of: Exponents) -> str:
-    """``c2`` of one source, ``c1.1`` of two; ``P1.x.2`` where the label is a column."""
-    told = ".".join(map(str, powers_of))
-    return f"{label}.{told}" if "." in label else f"{label}{told}"
 
 
 def _warps(machine: Machine, place: Place, settings: Settings) -> bool:
@@ -463,8 +392,7 @@ def _exponents(machine: Machine, place: Place, settings: Settings) -> list[Expon
     count = len(sources_of(machine, place, settings))
     if count > 1 and DEGREE not in settings:
         return [(1,) * count]
-    usual = {**dict.fromkeys(FRAMES, MOUNT_CURVE), **dict.fromkeys(sensor_names(machine), SENSOR_CURVE)}
-    return exponents(count, degree_of(settings, usual.get(place[0], CURVE)))
+    return exponents(count, degree_of(settings, MOUNT_CURVE if place[0] in FRAMES else CURVE))
 
 
 def largest_sizes(machine: Machine) -> dict[str, float]:
@@ -475,12 +403,12 @@ def largest_sizes(machine: Machine) -> dict[str, float]:
 
 
 def _largest(machine: Machine, place: Place, unit: str, settings: Settings) -> float:
-    """Largest size to expect, mm or rad: of a sensor its sigma, unless it errs in what it reads itself."""
+    """Largest size to expect, mm or rad: of a volume that bends the sensor's sigma."""
     if place[0] not in sensor_names(machine):
         return largest_sizes(machine)[unit]
     channels = sensor_at(machine, place[0]).channels
-    sigma = max([c.sigma for c in channels if c.unit == unit] or [c.sigma for c in channels])
-    if not _of_sight(settings):
+    sigma = max([c.sigma for c in channels if c.unit == "mm"] or [c.sigma for c in channels])
+    if _warps(machine, place, settings):
         return sigma
     return LARGEST * sigma / (settings.get(WIDTH, REACH) if unit == "rad" else 1.0)
 

@@ -14,8 +14,9 @@ from truepose.models.machine.placed import POSITIVE, ranges
 
 LAGS = (300.0, 900.0, 2700.0)
 """s after which a third of the heat is left; what is found is refined between them."""
-ZERO, STRAIN = 1e-5, 1e-9
-"""Largest share of the way, whose heat is still there, by which a zero is off; the same of a screw's length, per mm."""
+ZERO, STRAIN = 1e-5, 1e-6
+"""Largest share of the way, whose heat is still there, by which a zero is off; the same of a screw's length, per mm. The rows
+show a part of the way alone: what a machine does between them warms it, too."""
 
 
 class _OfMotion(Effect):

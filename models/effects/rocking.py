@@ -12,8 +12,8 @@ from truepose.models.effects.sagging import SOFTEST, GravitySag
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.placed import NOT_NEGATIVE, ranges
 
-EDGES = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
-"""N*m that are tried; what is found is refined between them."""
+EDGES = tuple(float(f"{10.0 ** (k / 6):.3g}") for k in range(19))
+"""N*m that are tried, from 1 to 1000; what is found is refined between them."""
 ROUND = 0.05
 """Share of the edge over which a foot begins to lift."""
 

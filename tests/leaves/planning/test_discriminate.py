@@ -153,7 +153,9 @@ def test_rows_that_exist_count_and_more_rows_help() -> None:
 def test_the_promise_is_what_the_diagnosis_computes_from_a_recording(tmp_path: Path) -> None:
     """At stated noise and tolerances: what the rival and geometry cannot reproduce of the effect as it was put in."""
     machine = arm()
-    found = planned("arm", "joint-compliance@q2:c=2e-6", "backlash@q2:b=1e-4", n=24, payload="0,5")
+    found = planned(
+        "arm", "joint-compliance@q2:c=2e-6", "friction-hysteresis@q2:width=0", n=24, payload="0,5"
+    )
     frame = experiment_table(found)
     frame.to_csv(tmp_path / "rows.csv", index=False)
     rows = load_recording(machine, [tmp_path / "rows.csv"], need_observations=False)
@@ -184,11 +186,11 @@ def test_twins_are_said_to_be_twins_and_are_worth_nothing() -> None:
 
 
 def test_a_driver_that_was_not_offered_is_named() -> None:
-    found = planned("arm", "thermal-expansion@link2", "backlash@q3")
+    found = planned("arm", "thermal-expansion@link2", "friction-hysteresis@q3:width=0")
     assert {name for name in found.rows.drivers if name.startswith("approach")} == {"approach.q3"}
     assert "temperature.link2 was left at its nominal value: offer levels of it" in " ".join(sentences(found))
     offer = ("temperature.link2=15,20,30",)
-    warm = planned("arm", "thermal-expansion@link2:alpha=1e-5", "backlash@q3", vary=offer)
+    warm = planned("arm", "thermal-expansion@link2:alpha=1e-5", "friction-hysteresis@q3:width=0", vary=offer)
     assert set(warm.rows.drivers["temperature.link2"]) <= {15.0, 20.0, 30.0}
     assert not warm.stuck and warm.expected > 0.0
 

@@ -13,7 +13,7 @@ from support.moving_machines import written
 from support.telescope_legs import FLEXURED
 from truepose.arrays import Array
 from truepose.identification.diagnosis.diagnose import diagnose
-from truepose.identification.diagnosis.result import UNNAMED, Diagnosis, Finding
+from truepose.identification.diagnosis.result import Diagnosis, Finding
 from truepose.identification.fit.problem import prior_of
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.load import load_recording
@@ -117,8 +117,8 @@ def the_only(diagnosis: Diagnosis, effect: str, *place: str, alike: tuple[str, .
     names = [(f.effect, f.place) for f in diagnosis.findings]
     assert names == [(effect, place)]
     (finding,) = diagnosis.findings
-    rivals = {other.effect: other.probability for other in finding.equivalents}
-    only_alike = rivals.pop(UNNAMED, 0.0)
+    rivals = {other.effect: other.probability for other in finding.equivalents if not other.nameless}
+    only_alike = sum(other.probability for other in finding.equivalents if other.nameless)
     assert set(rivals) <= set(alike)
     replicated = finding.replication is None or finding.replication.replicated
     assert only_alike < (1 / 3 if replicated else 0.5)

@@ -173,10 +173,11 @@ def test_an_untested_deflection_keeps_its_share_and_takes_the_name_away(made: di
     sure = share(0.96, 0.0, 0.0)
     assert sure.cause == WAVE and sure.probability == pytest.approx(0.96) and sure.said
     open_ = share(0.3, 0.6, 0.05)
-    assert open_.cause == WAVE and open_.probability == pytest.approx(0.3) and not open_.said
-    (rival, *_) = [m for m in open_.equivalents if m.cause == SOFT]
-    assert not rival.tested
-    assert open_.levels.place == pytest.approx(0.95) and open_.levels.driver == pytest.approx(0.35)
+    assert open_.nameless and open_.probability == 0.0 and open_.said and not open_.tested
+    assert [(m.cause, m.tested) for m in open_.equivalents] == [(SOFT, False), (WAVE, True)]
+    assert [m.probability for m in open_.equivalents] == pytest.approx([0.65, 0.3])
+    assert open_.levels.place == pytest.approx(0.95)
+    assert open_.levels.kind == "load" and open_.levels.driver == pytest.approx(0.65)
     beside = share(
         0.2, 0.0, 0.7
     )  # a wave that stands beside a deflection nearly always is no wave that is known

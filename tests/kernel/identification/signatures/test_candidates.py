@@ -23,7 +23,8 @@ from truepose.identification.signatures.candidates import (
 )
 from truepose.identification.signatures.linearisation import Linearisation
 from truepose.models.effects.base import Settings
-from truepose.models.effects.empirical import WIDTH, Empirical, seen_over
+from truepose.models.effects.empirical import Empirical
+from truepose.models.effects.polynomials import WIDTH, seen_over
 from truepose.models.machine.machine import Machine
 
 ROWS = 40
@@ -88,7 +89,7 @@ def test_forms_are_lines_and_curves_of_all_that_varies_at_every_element(tmp_path
             expected += [((place,), one) for one in curves]
     # q2 always arrived from the same side
     expected += [(("q1",), seen_over({"approach.q1": (-1.0, 1.0)}, 1, spatial=way)) for way in (False, True)]
-    for place in ("base", "tool", "sensor"):
+    for place in ("base", "tool"):
         expected += [((place,), seen_over({name: seen[name]}, 3)) for name in sources]
     expected.append((("sensor",), {WIDTH: 700.0}))
     told = [(form.place, dict(form.settings_map)) for form in forms]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.linalg import cho_solve
 from scipy.special import logsumexp
 
 from support.searched_arm import ARM
@@ -24,17 +25,27 @@ from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import catalogue
 from truepose.identification.signatures.linearisation import Linearisation
-from truepose.identification.signatures.products import MOST, Form, Screen, proposed_products
+from truepose.identification.signatures.products import (
+    MOST,
+    Element,
+    Form,
+    Screen,
+    elements_of,
+    forms_of,
+    proposed_products,
+)
 from truepose.identification.signatures.signatures import Signatures
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.effects.empirical import exponents
+from truepose.models.effects.empirical import Empirical
+from truepose.models.effects.polynomials import exponents
 from truepose.models.machine.machine import Machine
 
 ROWS = 60
 HEAVY = "gravity: [0, 0, -9.80665]\nmasses: {head: {kg: 20, com: [0, 0, 0], in: tool}}\n"
 
 
-class Screened(NamedTuple):
+@dataclass(frozen=True)
+class Screened:
     """A machine, its recording and a fit of it, with effects or without."""
 
     machine: Machine
@@ -44,6 +55,19 @@ class Screened(NamedTuple):
     @property
     def signatures(self) -> Signatures:
         return Signatures(self.machine, self.recording, self.fit.effects)
+
+    @cached_property
+    def elements(self) -> dict[str, Element]:
+        cat = catalogue(self.machine, self.recording)
+        return {element.place: element for element in elements_of(self.machine, cat)}
+
+    @cached_property
+    def screen(self) -> Screen:
+        return Screen(self.signatures, self.fit, list(self.elements.values()))
+
+    def forms(self) -> dict[str, list[Form]]:
+        joints = self.machine.mechanism.readings
+        return {place: list(forms_of(element, joints)) for place, element in self.elements.items()}
 
 
 def hosed(folder: Path, pull: float, text: str = ARM, seed: int = 4) -> tuple[Machine, Recording]:
@@ -92,7 +116,8 @@ FORMS = [
 
 def placed_of(case: Screened, form: Form) -> PlacedEffect:
     """The form as a candidate."""
-    return form.placed(case.signatures, Screen(case.signatures, case.fit).seen_at(form.place))
+    settings = form.settings(case.elements[form.place].sources)
+    return PlacedEffect.at(Empirical(), case.machine, (form.place,), settings)
 
 
 def as_screened(form: Form, placed: PlacedEffect) -> Index:
@@ -126,7 +151,9 @@ def test_the_screen_of_a_form_has_the_gram_matrix_and_scores_of_its_signatures(
 ) -> None:
     """Geometry and effects projected out, from sums over rows or from all readings at once."""
     case = cases[name]
-    gram, score = Screen(case.signatures, case.fit)._normal(form)
+    screen = case.screen
+    gram, across, score = screen.motions[form.place, form.spatial].normal(screen.functions(form))
+    gram = gram - across @ cho_solve(screen.rows.factor, across.T)
     placed = placed_of(case, form)
     _, lin = linearised(case, placed)
     order = as_screened(form, placed)
@@ -155,7 +182,7 @@ def test_a_form_gains_what_densities_of_all_readings_say(
     noises = np.geomspace(1.0, rms, 5) if rms > 1.0 else np.ones(1)
     plain = [density(e, noise**2 * base) for noise in noises]
     sizes = [[density(e, noise**2 * base + q**2 * beside) for q in prior.SIZES.values] for noise in noises]
-    found = Screen(case.signatures, case.fit).gain(form)
+    found = case.screen.gain(form)
     expected = np.max(logsumexp(np.array(sizes) + prior.SIZES.log_prior, axis=1)) - np.max(plain)
     assert found == pytest.approx(expected, abs=1e-3)
     assert len(noises) > 1 or name not in ("arm", "heavy")
@@ -180,7 +207,7 @@ def test_what_a_hose_does_is_proposed_at_its_joint(cases: dict[str, Screened]) -
     assert first.place == ("q2",) and {"from.q1", "from.q2"} <= set(first.settings_map)
     assert len({c.label for c in more.candidates}) == len(more.candidates)
     assert not any(more.has_law(k) for k in range(len(cat.candidates), len(more.candidates)))
-    count = {place: len(forms) for place, forms in Screen(signatures, case.fit).forms()}
+    count = {place: len(forms) for place, forms in case.forms().items()}
     log_prior = dict(zip(more.candidates, more.log_prior, strict=True))
     for form in (first, *others):
         alike = [log_prior[c] for c in cat.candidates if c.at_place == form.at_place]
@@ -200,11 +227,10 @@ def test_every_pair_of_a_joint_or_a_load_is_screened_at_every_joint_and_mount(
 ) -> None:
     """What never varies is in no pair, and a mount has no side that it is arrived from."""
     case = cases["heavy"]
-    screen = Screen(case.signatures, case.fit)
-    found = dict(screen.forms())
+    found = case.forms()
     assert set(found) == {"q1", "q2", "base", "tool"}
     for place, forms in found.items():
-        sources = {*screen.seen_at(place)}
+        sources = {*case.elements[place].sources}
         assert {"q1", "q2", "row"} <= sources and ("load" in sources or place != "q2")
         assert not {"load", "approach.q1", "approach.q2"} & sources or place in ("q1", "q2")
         moving = {"q1", "q2", "load"}
@@ -212,5 +238,6 @@ def test_every_pair_of_a_joint_or_a_load_is_screened_at_every_joint_and_mount(
         assert {frozenset(form.sources) for form in forms} == expected
         assert len(set(forms)) == len(forms) == len(expected) * (1 if place in ("base", "tool") else 3)
     still = replace(case.recording, q=case.recording.q * [1.0, 0.0])
-    alone = Screen(Signatures(case.machine, still, ()), case.fit)
-    assert all("q2" not in form.sources for _, forms in alone.forms() for form in forms)
+    alone = replace(case, recording=still)
+    assert all("q2" not in form.sources for forms in alone.forms().values() for form in forms)
+    assert "load" not in case.elements["q1"].sources  # upright: what it carries is rounding

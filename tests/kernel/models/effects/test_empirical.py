@@ -23,7 +23,8 @@ from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import empirical_forms
 from truepose.models.effect_text import parse_effect
 from truepose.models.effects.base import PlacedEffect, Settings
-from truepose.models.effects.empirical import Empirical, largest_sizes, seen_over
+from truepose.models.effects.empirical import Empirical, largest_sizes
+from truepose.models.effects.polynomials import seen_over
 from truepose.models.load import load_machine
 from truepose.models.machine.kinematics import symbolic_model
 from truepose.models.machine.machine import Machine
@@ -39,11 +40,16 @@ TRUE = (
     "empirical@sensor:reach=1500,x.yz=0.1,z.xx=0.2",
 )
 Q3, Q4, Q5 = ({name: (-SEEN, SEEN)} for name in ("q3", "q4", "q5"))
+TOLD = (
+    "empirical@q2:from.q4=-0.8,to.q4=0.8,degree=2,spatial=1,x1=0.2,ry2=3e-4",
+    "empirical@base:from.q4=-0.8,to.q4=0.8,from.q5=-0.8,to.q5=0.8,degree=2,x1.1=0.2",
+    "empirical@sensor:from.seen.range=300,to.seen.range=1500,degree=2,c1=0.2",
+)
 STATED: dict[str, tuple[str, Settings, dict[str, float]]] = {
     "pair": ("q3", seen_over(Q3 | Q5, 2), {"c1.0": 4e-4, "c0.2": -6e-4, "c1.1": 8e-4}),
     "six motions": ("q2", seen_over(Q4, 2, spatial=True), {"x1": 0.2, "ry1": 5e-4, "rz2": -4e-4}),
     "mount": ("base", seen_over(Q4 | Q5, 2), {"x1.1": 0.2, "ry2.0": 4e-4}),
-    "lengths": ("sensor", seen_over({"payload": (0.0, 3.0)}), {"y1": 0.2, "z3": -0.3}),
+    "sight": ("sensor", seen_over({"seen.range": (300.0, 1500.0)}, 2), {"c1": 0.2, "c2": -0.3}),
 }
 """Forms that a line of text has no words for: place, settings, and coefficients that are not zero."""
 
@@ -73,17 +79,17 @@ def true_form(arm: Machine, name: str) -> PlacedEffect:
 
 
 def test_a_recording_supports_every_form_of_what_it_varied(arm: Machine) -> None:
-    """Joints as lines and curves in each source, either way, and as lines in the side that they arrived from; mounts and the
-    sensor as curves in each source, and its volume."""
+    """Joints as lines and curves in each source, either way, and as lines in the side that they arrived from; mounts as
+    curves in each source; the sensor in what it reads itself, and its volume."""
     held = np.where(np.arange(60) >= 50, 2.0, 0.0)
     poses = rows(arm, role=np.where(held, "validation", "calibration"))
     recording = observed(arm, replace(poses, q=poses.q + held[:, None]), (), seed=None)
     forms = empirical_forms(arm, recording)
     told = {(*form.place, *Empirical().describe(form.settings_map)) for form in forms}
     sources = (*JOINTS, "payload", "temperature.air", "row")  # no clock was recorded
-    curves = {(name, s, "curve") for name in (*JOINTS, "base", "tool", "sensor") for s in sources}
+    curves = {(name, s, "curve") for name in (*JOINTS, "base", "tool") for s in sources}
     lines = {(joint, source, "line") for joint in JOINTS for source in (*sources, f"approach.{joint}")}
-    sights = {("sensor", own, "curve") for own in ("azimuth", "elevation", "range")}
+    sights = {("sensor", own, "curve") for own in ("seen.azimuth", "seen.elevation", "seen.range")}
     assert told == lines | curves | sights | {("sensor", "position", "warp")}
     spatial = [form for form in forms if "spatial" in form.settings_map]
     assert len(spatial) == len(JOINTS) * (2 * len(sources) + 1)
@@ -98,7 +104,7 @@ def test_a_recording_supports_every_form_of_what_it_varied(arm: Machine) -> None
     assert not any("q3" in Empirical().describe(f.settings_map)[0] for f in empirical_forms(arm, still))
 
 
-@pytest.mark.parametrize("text", [*TRUE, *STATED])
+@pytest.mark.parametrize("text", [*TRUE, *TOLD, *STATED])
 def test_a_form_is_found_written_and_read_again(arm: Machine, tmp_path: Path, text: str) -> None:
     """Fitted with the form that was put in, the file predicts what was simulated."""
     true, poses = true_form(arm, text), rows(arm)
@@ -190,7 +196,7 @@ def test_a_form_of_two_sources_is_every_polynomial_of_them_up_to_its_degree(
 def test_largest_sizes_are_a_hundred_sigmas_of_the_finest_length_a_tenth_of_a_metre_away(
     tmp_path: Path,
 ) -> None:
-    """Divided by the degree; a sensor errs by its sigma."""
+    """Divided by the square of the degree; of what a sensor reads itself from afar, and its volume by its sigma."""
     for sigma in (0.01, 0.3):
         text = DRIVEN.replace("xyz: 0.01, rot: 0.001", f"xyz: {sigma}, rot: 0.001")
         machine = machine_from(tmp_path, text, "arm")
@@ -201,7 +207,7 @@ def test_largest_sizes_are_a_hundred_sigmas_of_the_finest_length_a_tenth_of_a_me
             ("q2", seen_over(q3, 3, spatial=True), robot),
             ("q2", seen_over(q1 | q3, 2), robot),
             ("base", seen_over(q1 | q3, 2), robot),
-            ("sensor", seen_over(q3, 2), {"mm": sigma, "rad": float(np.radians(0.001))}),
+            ("sensor", seen_over({"seen.azimuth": (0.0, 1.0)}, 2) | {"reach": 2000.0}, {"rad": 0.05 * sigma}),
         ):
             made = Empirical().coefficients(machine, (place,), settings)
             order = [sum(map(int, c.name.lstrip("cxyzr").split("."))) for c in made]
@@ -220,8 +226,7 @@ def test_largest_sizes_are_a_hundred_sigmas_of_the_finest_length_a_tenth_of_a_me
         ("q2", ("approach.q2",), ("arrival",)),
         ("base", ("q1", "q2"), ("coupling",)),
         ("base", ("temperature.air", "q2"), ("temperature", "coupling")),
-        ("sensor", ("q1",), ("sensor",)),
-        ("sensor", ("payload",), ("load",)),
+        ("sensor", ("seen.azimuth",), ("sensor",)),
         ("sensor", (), ("sensor",)),
     ],
 )
