@@ -119,5 +119,12 @@ def test_what_a_joint_holds_drives_that_joint_alone_unless_the_file_says_so(
     labels = [placed.label for placed in found]
     assert len(set(labels)) == len(labels)
     reading = {placed.place[0] for placed in found if {"axis2", "torque.q2"} & {*placed.drivers}}
-    everything = {"q1", "q2", "q3", "q4", "base", "tool"}  # what a force moves; a sensor errs by what it reads
+    everything = {
+        "q1",
+        "q2",
+        "q3",
+        "q4",
+        "base",
+        "tool",
+    }  # what a force moves; a sensor errs by what it reads
     assert reading == (everything if elsewhere else {"q2"})
