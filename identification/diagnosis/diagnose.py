@@ -21,7 +21,7 @@ from truepose.identification.diagnosis.naming import Summary, Supported, keep_su
 from truepose.identification.diagnosis.null_fits import Fits, null_fits
 from truepose.identification.diagnosis.posterior_summary import SURE, Inclusion, Sums
 from truepose.identification.diagnosis.proof import prove, replications
-from truepose.identification.diagnosis.refit import Choice, likeliest_model, model_of_names
+from truepose.identification.diagnosis.refit import Choice, likeliest_model
 from truepose.identification.diagnosis.result import NAMED, Alarm, Alternative, Diagnosis, Lead
 from truepose.identification.diagnosis.search import Found, first, further, stages
 from truepose.identification.fit.reading_errors import estimate_reading_errors
@@ -94,11 +94,12 @@ def conclude(fits: Fits, found: Found, stated: Machine, examine: Examine | None 
     supported = keep_supported(said, there, model.fit, partial(replications, found, rms=fits.rms))
     summary, recording = supported.summary, found.signatures.recording
     sure = {found.catalogue.candidates[i].label for i in summary.sure(NAMED)}
-    choice = replace(choice, known=choice.known | sure)
+    laws = frozenset({*summary.firm, *found.catalogue.stated})
+    choice = replace(choice, known=choice.known | sure, laws=laws)
     quiet = conclude_nothing(fits, found, supported, choice, stated, examine)
     if quiet.verdict == "adequate":
         return quiet
-    whole, names = run_both(lambda: choice.compared(model.fit), lambda: model_of_names(fits, there, model))
+    whole, names = run_both(lambda: choice.compared(model.fit), lambda: choice.names(model))
     main = next((i for n in summary.laws for i in n.candidates), None)  # of the best supported law
     (after, applied), proof = run_both(
         lambda: deploy(choice, model, names, summary.sure(), whole, said.firm),

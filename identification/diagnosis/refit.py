@@ -3,8 +3,8 @@
 A model may predict readings better and leave the tool worse, where a form without a name took what the robot does. So
 models are tried: all that was found, less what the sensor is said to do and may not, names alone, forms alone, sure names
 alone. Of those whose held-out readings and tool's position are no worse than those of the fit held to the drawing, the best is
-applied; without one, that fit is. Forms without a name must make nothing worse at the ends of what was seen either
-(outermost poses, heaviest loads, warmest rows), and geometry may not leave its tolerances to meet them.
+applied; without one, that fit is. Forms without a name, and laws that are not said, must make nothing worse at the ends of what
+was seen either (outermost poses, heaviest loads, warmest rows), and geometry may not leave its tolerances to meet them.
 """
 
 from __future__ import annotations
@@ -118,21 +118,14 @@ def likeliest_model(fits: Fits, found: Found) -> Model:
     return refit(found, accepted, fits.outliers) or Model(dict(found.accepted), found.fit)
 
 
-def model_of_names(fits: Fits, found: Found, model: Model) -> Model | None:
-    """Return the model with names alone; itself where it has nothing else, None where it has no names."""
-    own = {i: s for i, s in model.accepted.items() if found.catalogue.named(i)}
-    if not own:
-        return None
-    return refit(found, own, fits.outliers) if model.nameless(found) else model
-
-
 @dataclass(frozen=True)
 class Choice:
     """Held-out trials of both plain calibrations and of models beside them.
 
     drawing: the fit held to the drawing, which is applied where nothing else may be: the ordinary fit leaves it by hundreds
     of tolerances where readings say little. ``trials``: of both, by name, and ``plain`` that of the better one, which gains are
-    told against; known: labels of terms that are known: where the sensor's are, readings are what is wrong.
+    told against; known: labels of terms that are known: where the sensor's are, readings are what is wrong; laws: candidates
+    whose law holds everywhere, the rest are forms.
     """
 
     found: Found
@@ -142,6 +135,7 @@ class Choice:
     plain: Trial
     trials: Mapping[str, Trial]
     known: frozenset[str]
+    laws: frozenset[int]
     tried: list[tuple[Estimate, Trial]] = field(default_factory=list, repr=False, compare=False)
     """What was held out before: every trial takes as many fits as there are blocks."""
 
@@ -154,8 +148,22 @@ class Choice:
         trials = {name: trial(fit, recording, fits.outliers, split) for name, fit in own.items()}
         better = trials[ORDINARY].against(trials[DRAWING]).score * AS_GOOD < 1.0
         plain = trials[ORDINARY if better else DRAWING]
-        known = frozenset(e.label for e in before.effects)
-        return cls(found, before, fits.outliers, split, plain, trials, known)
+        known, cat = frozenset(e.label for e in before.effects), found.catalogue
+        laws = frozenset(i for i in range(len(cat.candidates)) if cat.named(i))
+        return cls(found, before, fits.outliers, split, plain, trials, known, laws)
+
+    def forms(self, model: Model) -> list[int]:
+        """What a model's fit has without a law that is said: it is known where it was seen alone."""
+        held = {e.label for e in model.fit.effects}
+        candidates = self.found.catalogue.candidates
+        return [i for i in model.accepted if i not in self.laws and candidates[i].label in held]
+
+    def names(self, model: Model) -> Model | None:
+        """Return the model with laws that are said alone; itself where it has nothing else, None where it has none."""
+        own = {i: s for i, s in model.accepted.items() if i in self.laws}
+        if not own:
+            return None
+        return refit(self.found, own, self.outliers) if self.forms(model) else model
 
     @property
     def baselines(self) -> dict[str, float]:
@@ -220,7 +228,7 @@ class Choice:
         Physics holds everywhere; forms without a name must make nothing worse at the ends of what was seen either. What is
         worse there with names alone is not their doing.
         """
-        if held.worse or not model.nameless(self.found):
+        if held.worse or not self.forms(model):
             return not held.worse
         harms = held.worse_beyond()
         if harms and names is not None:
@@ -245,8 +253,8 @@ class Choice:
         robot = {i: s for i, s in model.accepted.items() if cat.candidates[i].label not in silent}
         wanted = list[tuple[str, Mapping[int, float]]]()
         wanted += [("robot", robot)] if len(robot) < len(model.accepted) else []
-        if names is not None and model.nameless(self.found):
-            forms = {i: s for i, s in model.accepted.items() if not cat.named(i) or i in cat.stated}
+        if names is not None and self.forms(model):
+            forms = {i: s for i, s in model.accepted.items() if i not in self.laws or i in cat.stated}
             wanted += [("names", names.accepted), ("forms", forms)]
         known = {i: s for i, s in model.accepted.items() if i in sure or i in cat.stated}
         wanted += [("sure-names", known)] if known and len(known) < len(model.accepted) else []
@@ -282,7 +290,7 @@ def chosen_model(
     tried, less = [(WHOLE, model, whole)], choice.others(model, names, sure)
     long = len(model.fit.prior.free) > LONG_SET
     if long and names is not None and choice.may_be_applied(model, names, choice.beside_drawing(model.fit)):
-        less = iter([("names", names)] if model.nameless(choice.found) else [])
+        less = iter([("names", names)] if choice.forms(model) else [])
     tried += [(label, other, choice.compared(other.fit)) for label, other in less]
     held = [choice.beside_drawing(one.fit) for _, one, _ in tried]
     allowed = [t for t, h in zip(tried, held, strict=True) if choice.may_be_applied(t[1], names, h)]

@@ -21,6 +21,8 @@ from truepose.wording import joined
 
 SECONDS_PER_HOUR = 3600.0
 ARCSEC = 206264.8
+LOADS = tuple(float(f"{10.0 ** (k / 5):.3g}") for k in range(13))
+"""N*m, N: loads up to which friction holds or a gear is soft that are tried; what is found is refined between them."""
 APPROACHES = (0.003, 0.006, 0.0125, 0.025, 0.05, 0.1)
 """How far behind its goal a joint may start its approach, as parts of its range."""
 

@@ -19,6 +19,7 @@ from truepose.models.effects.base import (
     effects,
 )
 from truepose.models.effects.common import (
+    LOADS,
     actuator_at,
     carried,
     drives_joint,
@@ -29,12 +30,14 @@ from truepose.models.effects.common import (
 )
 from truepose.models.file.driver import CURRENT, MEASURED_LOADS, Driver
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.placed import NOT_NEGATIVE, ORDER, ranges
+from truepose.models.machine.placed import NOT_NEGATIVE, ORDER, POSITIVE, SWITCH, ranges
 
 PER_AMPERE = 10.0
 """N m (N) that an ampere of a geared motor holds, to a power of ten. Chosen."""
-BENT_AT = 100.0
-"""N m (N): the load at which a bent characteristic is told."""
+KNEE, SHARP = "knee", "sharp"
+"""Settings: the load, N*m or N, up to which a joint gives way more than beyond it, and whether it does so at once."""
+SMOOTH, CORNER = 2.0, 16.0
+"""Powers by which the one gives way to the other: within the knee's own size, or within a tenth of it."""
 
 
 @effects.add("joint-compliance")
@@ -43,8 +46,8 @@ class JointCompliance(Effect):
 
     dq = c * load, what gravity exerts at the joint, with springs and measured forces: minus the derivative of the energy.
 
-    A gear that stiffens under load (or gives way more) has a further term, setting ``bend`` 2 or 3: d tau |tau| or
-    d tau^3, both odd, in units of c at 100 N m (N).
+    A gear that stiffens under load has a setting ``knee`` T (N m, N): it gives way by e tau more as long as its teeth and
+    rollers come to bear, and by e T once they do: by and by, or with ``sharp`` 1 at once.
 
     Without stated masses only products c * kg can be found. Setting ``carries`` k then names the load case:
     a mass at the origin of one body beyond the joint (the last one unless told).
@@ -55,21 +58,24 @@ class JointCompliance(Effect):
 
     slug = "joint-compliance"
     setting_ranges = ranges(
-        {"torque": ORDER, "current": ORDER, "bend": NOT_NEGATIVE, "carries": NOT_NEGATIVE}
+        {"torque": ORDER, "current": ORDER, KNEE: POSITIVE, SHARP: SWITCH, "carries": NOT_NEGATIVE}
     )
     title = "Compliant joint"
     counted = True
     formula = (
         "dq = c tau, tau the torque (sliding joint: force) that gravity (springs, measured forces) exerts at the joint; "
-        "bent: + d tau |tau| / 100 N*m, or d tau^3 / (100 N*m)^2; or tau as measured, torque.JOINT or current.JOINT"
+        "with a knee T: c tau + e tau / (1 + |tau / T|^p)^(1/p), p 2 or (sharp) 16; or tau as measured, torque.JOINT or current.JOINT"
     )
     size = "industrial arms 1e5 to 6e6 N*m/rad: c of 1.6e-7 to 1e-5 rad/(N*m); small arms give way more"
     look_alikes = ("link-bending", "gravity-sag", "backlash", "transmission-error")
     experiment = "measure the same poses with and without a known payload"
-    source = "Dumas et al. 2011, Joint stiffness identification of six-revolute industrial serial robots"
+    source = (
+        "Dumas et al. 2011, Joint stiffness identification of six-revolute industrial serial robots; makers of gears state "
+        "a stiffness up to a torque and another one beyond it"
+    )
     needs_load = True
     settings_add = True
-    bends = ("bend",)
+    continuous = (KNEE,)
 
     def places(self, machine: Machine) -> Sequence[Place]:
         drivers = {Driver.of(name) for name in machine.drivers}
@@ -90,12 +96,13 @@ class JointCompliance(Effect):
             if name in machine.drivers and recording.driver(name) is not None:
                 measured += [{kind: 1.0}, {kind: -1.0}]
         if machine.loaded:
-            return ({}, {"bend": 2.0}, {"bend": 3.0}, *measured)
+            knees = [{KNEE: load} for load in LOADS]
+            return ({}, *knees, *({**knee, SHARP: 1.0} for knee in knees), *measured)
         return [*({"carries": float(k)} for k in _pulling(machine, place)), *measured]
 
     def adds(self, settings: Settings) -> bool:
-        """A measured load is the whole load: no other stands beside it."""
-        return self.reads_load(settings)
+        """A measured load is the whole load, and a knee the whole gear: no other stands beside it."""
+        return self.reads_load(settings) and KNEE not in settings
 
     def reads_load(self, settings: Settings) -> bool:
         return _measured(settings) is None
@@ -113,27 +120,25 @@ class JointCompliance(Effect):
             own = joint_unit(machine, place)
             unit = f"{own}/({per})" if "*" in per else f"{own}/{per}"
             return (Coefficient("c", unit, scale=size, lower=0.0),)
-        if "bend" in settings:
-            return (Coefficient("d", unit, scale=scale),)
+        if KNEE in settings:
+            return tuple(Coefficient(name, unit, scale=scale, lower=0.0) for name in ("c", "e"))
         if _case(machine, place, settings):
             return (Coefficient("c_kg", f"{unit}*kg", scale=20.0 * scale, lower=0.0),)
         return (Coefficient("c", unit, scale=scale, lower=0.0),)
 
     def shifts(self, site: Site) -> Shifts:
         port = actuator_at(site.machine, site.place[0]).displacement
-        (c,) = site.c.values()
+        c, *soft = site.c.values()
         kind = _measured(site.settings)
         if kind is not None:
             return {port: site.settings[kind] * c * site.driver(_column(site.machine, site.place, kind))}
         load = site.load(port, _case(site.machine, site.place, site.settings))
-        share = load / BENT_AT
-        bent = {2.0: ca.fabs(share), 3.0: share**2}.get(site.settings.get("bend", 0.0), 1)
-        return {port: c * load * bent}
+        return {port: c * load + sum((e * _held(load, site.settings) for e in soft), ca.SX(0))}
 
     def weight(self, settings: Settings) -> float:
         if _measured(settings) is not None:
             return 0.5  # of two signs
-        return 0.2 if "bend" in settings else 1.0
+        return 0.5 / len(LOADS) if KNEE in settings else 1.0
 
     def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         kind = _measured(settings)
@@ -145,6 +150,13 @@ class JointCompliance(Effect):
             return f"Joint {place[0]} gives way in proportion to {column}."
         unknown = "" if machine.loaded else " (masses are not stated: compliance times carried mass is found)"
         return f"Joint {place[0]} gives way under {carried(machine)}, in proportion to the load{unknown}."
+
+
+def _held(load: ca.SX, settings: Settings) -> ca.SX:
+    """The load as far as it is below the knee."""
+    power = CORNER if settings.get(SHARP) else SMOOTH
+    square = (load / settings[KNEE]) ** 2
+    return load / (1.0 + square ** (power / 2)) ** (1 / power)
 
 
 def _measured(settings: Settings) -> str | None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from truepose.models.effects.base import Coefficient, Effect, Observed, Place, Settings, Shifts, Site, effects
 from truepose.models.effects.common import (
+    LOADS,
     actuator_at,
     approaches,
     down,
@@ -28,8 +29,8 @@ from truepose.models.machine.states import across
 LARGEST = {"mm": 0.1, "rad": 3e-3}
 LEAN, LEANS = "lean", 36
 """Setting: where the centre of what the joint carries lies about its axis, rad; and how many are tried, evenly over a turn."""
-FRICTION, FRICTIONS = "friction", (1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
-"""Setting: the load, N*m or N, up to which friction holds the joint on the flank that it came to; and what is tried."""
+FRICTION = "friction"
+"""Setting: the load, N*m or N, up to which friction holds the joint on the flank that it came to."""
 EVEN, NOTHING = 0.05, 1e-6
 """rad from the balance, within which friction may hold the joint anywhere in its play; N*m of a load that is none."""
 
@@ -75,13 +76,13 @@ class Backlash(Effect):
         """The way that it came; on machines that point, also every side that its weight may lie on."""
         actuator = actuator_at(machine, place[0])
         if machine.loaded and drives_joint(machine, actuator) and not points_only(machine):
-            return ({}, *({FRICTION: friction} for friction in FRICTIONS))
+            return ({}, *({FRICTION: friction} for friction in LOADS))
         if actuator.unit != "rad" or not points_only(machine) or not drives_joint(machine, actuator):
             return ({},)
         return ({}, *({LEAN: 2 * pi * k / LEANS} for k in range(LEANS)))
 
     def weight(self, settings: Settings) -> float:
-        return {LEAN: 1.0 / LEANS, FRICTION: 1.0 / len(FRICTIONS)}.get(next(iter(settings), ""), 1.0)
+        return {LEAN: 1.0 / LEANS, FRICTION: 1.0 / len(LOADS)}.get(next(iter(settings), ""), 1.0)
 
     def reads_load(self, settings: Settings) -> bool:
         return bool({LEAN, FRICTION} & {*settings})

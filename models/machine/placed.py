@@ -137,8 +137,6 @@ class Effect(ABC):
     """What its settings may be, by name; None: any number, and the effect looks at them itself."""
     settings_add: ClassVar[bool] = False
     """Whether terms of one place with different settings may stand together (orders) or exclude others."""
-    bends: ClassVar[tuple[str, ...]] = ()
-    """Settings of terms that bend the formula: what they carry is no other thing, but speaks for another form."""
     continuous: ClassVar[tuple[str, ...]] = ()
     """Settings that are points of a continuum (a lag): one that was found is refined between its neighbours on the grid."""
     twins: ClassVar[Mapping[str, Mapping[str, float]]] = {}
@@ -291,11 +289,6 @@ class PlacedEffect:
         """Effects whose signature is the same function here, with how likely each is relative to this one."""
         found = (twins for name, twins in self.effect.twins.items() if name in self.settings_map)
         return {slug: ratio for twins in found for slug, ratio in twins.items()}
-
-    @property
-    def bent(self) -> bool:
-        """Whether this term bends the formula of others at its place."""
-        return any(name in self.settings_map for name in self.effect.bends)
 
     @property
     def values(self) -> Mapping[str, float]:

@@ -26,7 +26,7 @@ from truepose.identification.leaves.check.weighing import (
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.recording.recording import Recording
 from truepose.models.effects.base import PlacedEffect
-from truepose.models.effects.compliance import JointCompliance
+from truepose.models.effects.compliance import KNEE, JointCompliance
 from truepose.models.effects.turning import EncoderEccentricity
 from truepose.models.machine.machine import Machine
 
@@ -73,7 +73,7 @@ def _compliances(machine: Machine, recording: Recording) -> list[PlacedEffect]:
         if effect.screened(machine, at)
         for settings in effect.settings(machine, at, recording)
     ]
-    return [one for one in every if one.needs_load and not one.bent]
+    return [one for one in every if one.needs_load and KNEE not in one.settings_map]
 
 
 def _eccentric(machine: Machine) -> list[PlacedEffect]:

@@ -52,6 +52,20 @@ def test_play_whose_flank_the_load_chooses(arm: Bench) -> None:
     assert_law(arm.diagnose(frame), "backlash", ("q2",))
 
 
+def test_a_gear_that_is_soft_until_its_teeth_bear(arm: Bench) -> None:
+    """It is wound up in small steps of torque: ten teeth bear one after the other, between 4 and 12 N m."""
+    q, kg = arm.readings(ROWS), np.tile([1.0, 3.0, 10.0, 0.0], ROWS // 4)
+    soft, stiff, steps = 4e4, 3e5, 400
+    bears = np.linspace(4.0, 12.0, 10)
+    load = -G * kg * LEVER * np.cos(q[:, 1])
+    torque = np.abs(load)[:, None] * (np.arange(steps) + 0.5) / steps
+    share = np.mean(torque[:, :, None] > bears, axis=2)
+    wound = load * np.mean((1.0 - share) / soft + share / stiff, axis=1)
+    assert_law(
+        arm.diagnose(arm.frame(q, q + np.outer(wound, [0, 1]), payload=kg)), "joint-compliance", ("q2",)
+    )
+
+
 def test_a_strut_of_constant_force_between_two_links(arm: Bench) -> None:
     """Moment by the cross product of arm and force, over the stiffness of the gear."""
     q = arm.readings(ROWS)

@@ -57,7 +57,7 @@ def term(effect: Effect, machine: Machine, place: Place, settings: Settings) -> 
     facts = [f"likely {likely:.4g}", f"as {placed.kind}", *(["load"] if placed.needs_load else [])]
     facts += ["unlooked for"] * (not effect.screened(machine, place)) + ["borrows"] * placed.borrows
     facts += [f"twin {name} {share:.3g}" for name, share in placed.twins.items()]
-    facts += ["adds"] * effect.adds(settings) + ["bent"] * placed.bent
+    facts += ["adds"] * effect.adds(settings)
     yield f"  {placed.label}: {', '.join(facts)}; reads {', '.join(placed.drivers) or 'nothing'}"
     for c in ends(placed.coefficients, 3):
         bounds = "" if (c.lower, c.upper) == (-inf, inf) else f" in {c.lower:.4g} to {c.upper:.4g}"
