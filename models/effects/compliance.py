@@ -64,7 +64,8 @@ class JointCompliance(Effect):
     counted = True
     formula = (
         "dq = c tau, tau the torque (sliding joint: force) that gravity (springs, measured forces) exerts at the joint; "
-        "with a knee T: c tau + e tau / (1 + |tau / T|^p)^(1/p), p 2 or (sharp) 16; or tau as measured, torque.JOINT or current.JOINT"
+        "with a knee T: c tau + e tau / (1 + |tau / T|^p)^(1/p), p 2 or (sharp) 16; or tau as "
+        "measured, torque.JOINT or current.JOINT"
     )
     size = "industrial arms 1e5 to 6e6 N*m/rad: c of 1.6e-7 to 1e-5 rad/(N*m); small arms give way more"
     look_alikes = ("link-bending", "gravity-sag", "backlash", "transmission-error")
