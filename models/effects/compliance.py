@@ -36,6 +36,9 @@ PER_AMPERE = 10.0
 """N m (N) that an ampere of a geared motor holds, to a power of ten. Chosen."""
 KNEE, SHARP = "knee", "sharp"
 """Settings: the load, N*m or N, up to which a joint gives way more than beyond it, and whether it does so at once."""
+BEND, BENT_AT = "bend", 100.0
+"""Setting of files by earlier versions: a power of the load, and N*m (N) at which it is told. It turns back beyond what was seen,
+so that no diagnosis offers it."""
 SMOOTH, CORNER = 2.0, 16.0
 """Powers by which the one gives way to the other: within the knee's own size, or within a tenth of it."""
 
@@ -58,7 +61,14 @@ class JointCompliance(Effect):
 
     slug = "joint-compliance"
     setting_ranges = ranges(
-        {"torque": ORDER, "current": ORDER, KNEE: POSITIVE, SHARP: SWITCH, "carries": NOT_NEGATIVE}
+        {
+            "torque": ORDER,
+            "current": ORDER,
+            BEND: NOT_NEGATIVE,
+            KNEE: POSITIVE,
+            SHARP: SWITCH,
+            "carries": NOT_NEGATIVE,
+        }
     )
     title = "Compliant joint"
     counted = True
@@ -121,6 +131,8 @@ class JointCompliance(Effect):
             own = joint_unit(machine, place)
             unit = f"{own}/({per})" if "*" in per else f"{own}/{per}"
             return (Coefficient("c", unit, scale=size, lower=0.0),)
+        if BEND in settings:
+            return (Coefficient("d", unit, scale=scale),)
         if KNEE in settings:
             return tuple(Coefficient(name, unit, scale=scale, lower=0.0) for name in ("c", "e"))
         if _case(machine, place, settings):
@@ -134,6 +146,8 @@ class JointCompliance(Effect):
         if kind is not None:
             return {port: site.settings[kind] * c * site.driver(_column(site.machine, site.place, kind))}
         load = site.load(port, _case(site.machine, site.place, site.settings))
+        if BEND in site.settings:
+            load *= ca.fabs(load / BENT_AT) ** (site.settings[BEND] - 1.0)
         return {port: c * load + sum((e * _held(load, site.settings) for e in soft), ca.SX(0))}
 
     def weight(self, settings: Settings) -> float:

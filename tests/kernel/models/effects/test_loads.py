@@ -45,6 +45,15 @@ def test_a_gear_that_stiffens_gives_way_until_its_teeth_bear(machines: Machines)
         assert (stiff, soft) == (pytest.approx(straight), pytest.approx(expected, rel=1e-4))
 
 
+def test_files_of_earlier_versions_bend_by_odd_powers_of_the_load(machines: Machines) -> None:
+    arm = machines["arm"]
+    straight = shift_slopes(arm, with_effect(arm, "joint-compliance", ("q2",)))["q2.displacement"][0]
+    for bend in (2.0, 3.0):
+        placed = with_effect(arm, "joint-compliance", ("q2",), {"bend": bend})
+        bent = shift_slopes(arm, placed)["q2.displacement"][0]
+        assert bent == pytest.approx(straight * (abs(straight) / 100.0) ** (bend - 1.0))
+
+
 # -- unknown masses ------------------------------------------------------------------------------------
 
 
