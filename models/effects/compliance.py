@@ -37,8 +37,8 @@ PER_AMPERE = 10.0
 KNEE, SHARP = "knee", "sharp"
 """Settings: the load, N*m or N, up to which a joint gives way more than beyond it, and whether it does so at once."""
 BEND, BENT_AT = "bend", 100.0
-"""Setting of files by earlier versions: a power of the load, and N*m (N) at which it is told. It turns back beyond what was seen,
-so that no diagnosis offers it."""
+"""Setting of files by earlier versions: a power of the load, and N*m (N) at which it is told. Beyond what was seen it turns
+back, so that no diagnosis offers it."""
 SMOOTH, CORNER = 2.0, 16.0
 """Powers by which the one gives way to the other: within the knee's own size, or within a tenth of it."""
 
