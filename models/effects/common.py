@@ -107,6 +107,16 @@ def centre_and_half(actuator: Actuator) -> tuple[float, float]:
     return (low + high) / 2, (high - low) / 2
 
 
+def travel_from_home(site: Site, reading: str) -> ca.SX:
+    """What a reading moves from home: from zero, or from mid-range where zero is out of range."""
+    actuator = site.machine.mechanism.actuator(reading)
+    centre, half = centre_and_half(actuator)
+    if abs(centre) <= half:
+        return site.moved(reading)
+    gain = site.values[actuator.gain] if actuator.gain else 1
+    return site.moved(reading) - gain * centre
+
+
 def nominal_gain(machine: Machine, actuator: Actuator) -> float:
     """Displacement (mm or rad) a unit of the reading, in the nominal model."""
     return machine.nominal_values[actuator.gain] if actuator.gain else 1.0

@@ -8,8 +8,8 @@ import casadi as ca
 
 from truepose.errors import InputError
 from truepose.models.effects.base import (
-    NO_SETTINGS,
     Coefficient,
+    DriverKind,
     Effect,
     Observed,
     Place,
@@ -27,7 +27,9 @@ from truepose.models.effects.common import (
     limb_at,
     singly,
     singly_and_together,
+    travel_from_home,
 )
+from truepose.models.effects.flexed_legs import flexure_forces
 from truepose.models.file.driver import CURRENT, MEASURED_LOADS, Driver
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.placed import NOT_NEGATIVE, ORDER, POSITIVE, SWITCH, ranges
@@ -36,6 +38,10 @@ PER_AMPERE = 10.0
 """N m (N) that an ampere of a geared motor holds, to a power of ten. Chosen."""
 KNEE, SHARP = "knee", "sharp"
 """Settings: the load, N*m or N, up to which a joint gives way more than beyond it, and whether it does so at once."""
+FLEXURES = "flexures"
+"""Setting: what pushes legs back is their flexures, by the actuators' travel."""
+PUSHED = 1000.0
+"""mm^2: a leg of 1e-3 mm/N with flexures of 1e6 N mm/rad."""
 BEND, BENT_AT = "bend", 100.0
 """Setting of files by earlier versions: a power of the load, and N*m (N) at which it is told. Beyond what was seen it turns
 back, so that no diagnosis offers it."""
@@ -207,18 +213,33 @@ def _case(machine: Machine, place: Place, settings: Settings) -> str:
     return machine.load_cases[round(chosen)]
 
 
+def _pushing(machine: Machine) -> ca.DM:
+    """The legs' tensions by the actuators' travel, of flexures of unit stiffness."""
+    forces = flexure_forces(machine)
+    if forces is None:
+        raise InputError(
+            f"{machine.name}: found leg-compliance with {FLEXURES}, expected six rods of fixed lengths on slides that "
+            "end in flexures (`flexure: {length: ...}`)"
+        )
+    return ca.DM(forces)
+
+
 @effects.add("leg-compliance")
 class LegCompliance(Effect):
     """Legs that stretch and shorten under the forces they carry.
 
     dl = c F, F the leg's force from the closed loops' statics, tension positive; one leg or all alike.
+
+    Setting ``flexures`` 1, of all legs together: F is what their flexures push back with, in proportion to what the actuators
+    have travelled (``flexed_legs``), and the coefficient is the compliance times the flexures' stiffness, which nobody needs to
+    know.
     """
 
     slug = "leg-compliance"
-    setting_ranges = NO_SETTINGS
+    setting_ranges = ranges({FLEXURES: SWITCH})
     title = "Compliant leg"
     counted = True
-    formula = "dl = c F, F > 0 in tension"
+    formula = "dl = c F, F > 0 in tension; of flexures F = K drho, of unit stiffness"
     size = "0.01 to 1 um/N"
     look_alikes = ("platform-deformation", "actuator-scale", "gravity-sag", "wrong-constant")
     experiment = "repeat poses with and without a payload; targets beside the leg ends exclude the platform"
@@ -226,16 +247,38 @@ class LegCompliance(Effect):
     needs_load = True
 
     def places(self, machine: Machine) -> Sequence[Place]:
-        return singly_and_together(limb.name for limb in machine.mechanism.limbs) if machine.loaded else []
+        legs = [limb.name for limb in machine.mechanism.limbs]
+        if machine.loaded:
+            return singly_and_together(legs)
+        return [tuple(legs)] if flexure_forces(machine) is not None else []
+
+    def settings(self, machine: Machine, place: Place, recording: Observed) -> Sequence[Settings]:
+        """Under what is stated to pull; all legs also under what their flexures make."""
+        pushed = len(place) > 1 and flexure_forces(machine) is not None
+        return [*([{}] if machine.loaded else []), *([{FLEXURES: 1.0}] if pushed else [])]
+
+    def reads_load(self, settings: Settings) -> bool:
+        return not settings.get(FLEXURES)
+
+    def driver_kind(self, machine: Machine, place: Place, settings: Settings) -> DriverKind:
+        """Return the legs' load, whoever makes it."""
+        return "load"
 
     def coefficients(self, machine: Machine, place: Place, settings: Settings) -> tuple[Coefficient, ...]:
+        if settings.get(FLEXURES):
+            return (Coefficient("c", "mm^2", scale=PUSHED, lower=0.0),)
         return (Coefficient("c", "mm/N", scale=1e-2, lower=0.0),)
 
     def shifts(self, site: Site) -> Shifts:
-        ports = [limb_at(site.machine, name).length for name in site.place]
-        return {port: site.c["c"] * site.load(port) for port in ports}
+        limbs = [limb_at(site.machine, name) for name in site.place]
+        if site.settings.get(FLEXURES):
+            travel = ca.vertcat(*(travel_from_home(site, limb.reading) for limb in limbs))
+            forces = ca.vertsplit(_pushing(site.machine) @ travel)
+            return {limb.length: site.c["c"] * force for limb, force in zip(limbs, forces, strict=True)}
+        return {limb.length: site.c["c"] * site.load(limb.length) for limb in limbs}
 
     def explain(self, machine: Machine, place: Place, settings: Settings) -> str:
         if len(place) > 1:
-            return f"The legs {', '.join(place)} are equally compliant: they grow in tension."
+            how = "their flexures push them back" if settings.get(FLEXURES) else "they grow in tension"
+            return f"The legs {', '.join(place)} are equally compliant: {how}."
         return f"The leg {place[0]} is compliant: it grows in tension, shortens in compression."

@@ -19,9 +19,9 @@ from truepose.models.effects.base import (
     Site,
     effects,
 )
-from truepose.models.effects.common import centre_and_half, limb_at, singly_and_together
+from truepose.models.effects.common import limb_at, singly_and_together, travel_from_home
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.mechanism import Actuator, Limb
+from truepose.models.machine.mechanism import Limb
 from truepose.models.machine.placed import NOT_NEGATIVE, ranges
 
 
@@ -148,7 +148,7 @@ class PlatformDeformation(Effect):
         if self.reads_load(site.settings):
             drive = [site.load(limb.platform_point[2]) for limb in limbs]
         else:
-            drive = [_travel(site, site.machine.mechanism.actuator(limb.reading)) for limb in limbs]
+            drive = [travel_from_home(site, limb.reading) for limb in limbs]
         out = {limb.platform_point[2]: ca.SX(0) for limb in limbs}
         for (i, j), name in _entries(site.machine, site.settings).items():
             out[limbs[i].platform_point[2]] += site.c[name] * drive[j]
@@ -165,15 +165,6 @@ class PlatformDeformation(Effect):
 def _limbs(machine: Machine) -> list[Limb]:
     """Legs whose upper end has its three coordinates as parameters."""
     return [limb for limb in machine.mechanism.limbs if len(limb.platform_point) == 3]
-
-
-def _travel(site: Site, actuator: Actuator) -> ca.SX:
-    """What the reading moves from home: from zero, or from mid-range where zero is out of range."""
-    moved = site.moved(actuator.reading)
-    centre, half = centre_and_half(actuator)
-    if abs(centre) <= half:
-        return moved
-    return moved - (site.values[actuator.gain] if actuator.gain else 1) * centre
 
 
 def _entries(machine: Machine, settings: Settings) -> Mapping[Pair, str]:

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
 from support.shifting_bench import Bench, clock
 from truepose.arrays import Array
@@ -64,6 +66,37 @@ def test_a_gear_that_is_soft_until_its_teeth_bear(arm: Bench) -> None:
     assert_law(
         arm.diagnose(arm.frame(q, q + np.outer(wound, [0, 1]), payload=kg)), "joint-compliance", ("q2",)
     )
+
+
+def test_legs_that_give_way_to_their_flexures(tmp_path: Path) -> None:
+    """Where springy rods and bent flexures are in balance, found row by row; nobody weighed anything."""
+    hexapod = Bench(tmp_path, "hexapod", 3)
+    q = hexapod.readings(60)
+    drawn = {name: p.nominal for name, p in hexapod.machine.geometry.items()}
+    a, b = (np.array([[drawn[f"leg{k}.{end}.{c}"] for c in "xyz"] for k in range(1, 7)]) for end in "ab")
+    stiffness, bending, length = 1e4, 3e6, 500.0
+    home = b - a + np.array([0.0, 0.0, 440.0])
+    home /= np.linalg.norm(home, axis=1)[:, None]
+
+    def strains(pose: Array, travel: Array) -> Array:
+        turn = Rotation.from_rotvec(pose[3:])
+        rods = turn.apply(b) + pose[:3] - a - np.outer(travel, [0.0, 0.0, 1.0])
+        long = np.linalg.norm(rods, axis=1)
+        along = rods / long[:, None]
+        bent = np.concatenate([along - home, turn.inv().apply(along) - home])
+        return np.concatenate([np.sqrt(stiffness) * (long - length), np.sqrt(bending) * bent.ravel()])
+
+    rods = []
+    for travel in q:
+        pose = least_squares(
+            strains, [0.0, 0.0, 440.0, 0.0, 0.0, 0.0], args=(travel,), x_scale=[1.0] * 3 + [1e-3] * 3
+        ).x
+        rods.append(strains(pose, travel)[:6] / np.sqrt(stiffness))
+    grown = np.array(rods)
+    found = hexapod.diagnose(hexapod.frame(q, shifts={f"leg{k + 1}.length": grown[:, k] for k in range(6)}))
+    assert_law(found, "leg-compliance", tuple(f"leg{k}" for k in range(1, 7)))
+    (law,) = (e for e in found.terms if "flexures" in e.settings_map)
+    assert law.values["c"] == pytest.approx(bending / stiffness, rel=0.1)
 
 
 def test_a_strut_of_constant_force_between_two_links(arm: Bench) -> None:
