@@ -83,6 +83,7 @@ class Covariance:
             names = tuple(str(name) for name in section["names"])
             factor, rows = _factor(section["factor"], len(names))
             unknown = np.array([str(row).split() for row in section.get("unknown", [])], dtype=float)
+            unknown = unknown.reshape(len(unknown), len(names))
             items = section.get("unexplained", {}).items()
             own = {name: (float(item["value"]), str(item["unit"])) for name, item in items}
             seen = {str(name): _range(item) for name, item in section.get("seen", {}).items()}
@@ -97,7 +98,7 @@ class Covariance:
                 raise InputError(
                     f"{where}.unexplained.{name}: found {value} {unit}, expected a number from 0 on in mm or rad"
                 )
-        return cls(names, factor, unknown.reshape(-1, len(names)), own, seen)
+        return cls(names, factor, unknown, own, seen)
 
     def document(self) -> dict[str, Any]:
         """Names, rows of the lower triangle as text (packed, where they are many), unknown directions as text."""
