@@ -33,6 +33,8 @@ from truepose.files import atomic_directory
 from truepose.models.file.names import check_machine_name
 from truepose.models.machine.kinematics import SymbolicModel, symbolic_model
 from truepose.models.machine.machine import FRAME_OF, Machine, MachineLike, as_machine
+from truepose.models.machine.mechanism import coupling_matrix
+from truepose.models.machine.seen import SeenRanges
 from truepose.models.machine.velocities import twists
 
 MAX_ITER = 1500
@@ -205,7 +207,7 @@ def _sizes(model: SymbolicModel, layout: Layout) -> dict[str, Any]:
 
 def _interface(model: SymbolicModel, layout: Layout) -> dict[str, Any]:
     """Names, units and usual values of what a caller gives."""
-    places = {name: k for k, name in enumerate(model.names)}
+    places, seen = {name: k for k, name in enumerate(model.names)}, SeenRanges.of(model)
     return {
         "name": model.machine.name,
         "p0": model.p_home,
@@ -214,6 +216,8 @@ def _interface(model: SymbolicModel, layout: Layout) -> dict[str, Any]:
         "parameters": entries(model.names, [*model.machine.parameter_units.values()]),
         "joints": _joints(model.machine),
         "drivers": entries(model.drivers, driver_units(model)),
+        "seen": [*zip(seen.places, *seen.ends, strict=True)],
+        "uncoupling": coupling_matrix(model.machine.mechanism),
         "tolerance": {"position": f"{layout.position:g}", "rotation": f"{layout.rotation:g}"},
     }
 

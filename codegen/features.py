@@ -14,11 +14,10 @@ from typing import Final
 
 from truepose.codegen.memory import followed
 from truepose.errors import InputError
-from truepose.models.file.driver import STEP, Driver
+from truepose.models.file.driver import Driver
 from truepose.models.machine.controllability import free_joints, machine_task
 from truepose.models.machine.kinematics import driver_default, driver_names, symbolic_model
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.placed import PlacedEffect
 from truepose.models.task import WHOLE, Task
 from truepose.wording import joined, meant
 
@@ -87,7 +86,7 @@ class LeftOut:
 
 def left_out(machine: Machine, features: Features = ALL) -> LeftOut:
     """What the C of a machine holds and leaves out."""
-    sensor = [e.label for e in machine.effects if e.kind == "sensor" or _of_the_moment(e)]
+    sensor = [e.label for e in machine.effects if not e.moves_tool]
     memory = [
         e.label
         for e in machine.effects
@@ -144,11 +143,6 @@ def left_out_words(found: LeftOut) -> list[str]:
 
 def _held(name: str, value: float, unit: str) -> str:
     return f"{name} at {value:.12g}" + ("" if unit == "1" else f" {unit}")
-
-
-def _of_the_moment(effect: PlacedEffect) -> bool:
-    """Whether it tells of readings before the machine stood: standing, the tool is where it should be."""
-    return any(Driver.of(name).kind == STEP for name in effect.drivers)
 
 
 def left_out_json(found: LeftOut) -> dict[str, object]:

@@ -28,6 +28,7 @@ from truepose.identification.compensation.inverse import (
     sizes_of,
 )
 from truepose.identification.compensation.singular import Easing, Problem, solve_rows
+from truepose.identification.prediction.outside import outside_notes
 from truepose.identification.prediction.predict import predictor_for
 from truepose.identification.recording.recording import Recording
 from truepose.models import lie
@@ -53,7 +54,8 @@ class Compensation(Shown):
     target (n, 4, 4): the sensor-frame poses that are meant. before, after (n, 6): twists [mm, rad] from the target to
     where the calibrated machine stands with nominal commands, and with the corrected ones; of them what ``task`` asks for.
     not_asked (n, 6): the rest of the twist with the corrected commands. eased (n,): rows next to a singular pose, where a turn
-    would make a joint swing; there the position is met, and turns nearly.
+    would make a joint swing; there the position is met, and turns nearly. notes: rows that lie outside of what the calibration
+    saw.
     ``to_frame()``: commands, one row for each of the path: the joints, ``<joint>.nominal``, then ``before.position``,
     ``before.rotation``, ``after.position``, ``after.rotation`` (errors, mm and rad).
     """
@@ -67,6 +69,7 @@ class Compensation(Shown):
     task: Task = WHOLE
     not_asked: Array = field(default_factory=lambda: np.zeros((0, 6)))
     eased: Mask = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    notes: tuple[str, ...] = ()
 
 
 def ideal_constants(machine: Machine, model: SymbolicModel) -> Array:
@@ -99,6 +102,7 @@ class _Follower:
         # a tool that follows a path is not read before it stands: early readings are no errors of it
         self.z[:, [Driver.of(name).kind == STEP for name in model.drivers]] = 0.0
         self.real, self.ideal = model.p_home, ideal_constants(machine, model)
+        self.notes = outside_notes(model, path.q, self.z, path.where)
         self.size, gap = sizes_of(machine, model)
         share, unknown = loop_scales(machine, model, self.size)
         self._unit = np.array([*self._reach(), *unknown])
@@ -243,4 +247,4 @@ def compensate(machine: Machine, path: Recording, *, method: Method = "exact") -
         raise InputError(f"--method: found {method!r}, expected one of {', '.join(METHODS)}")
     follower, rows = _Follower(machine, path), np.arange(len(path))
     parts = np.split(rows, range(BLOCK, len(rows), BLOCK))
-    return joined([follower.follow(part, method) for part in parts])
+    return replace(joined([follower.follow(part, method) for part in parts]), notes=follower.notes)

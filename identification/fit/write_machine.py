@@ -31,6 +31,7 @@ from truepose.models.file.machine_file import machine_text
 from truepose.models.file.sections import ExpectedPose
 from truepose.models.machine.machine import Machine, Mass
 from truepose.models.machine.mechanism import AXES, Direction, Parameter
+from truepose.models.machine.seen import drivers_of
 from truepose.models.units import UnitSystem, convert
 
 FieldPath = tuple[str | int, ...]
@@ -144,7 +145,7 @@ def _seen(estimate: Estimate, recording: Recording) -> dict[str, tuple[float, fl
     if not estimate.effects:
         return {}
     columns = dict(zip(recording.joints, recording.moved.T, strict=True))
-    for name in dict.fromkeys(d for effect in estimate.effects for d in effect.drivers):
+    for name in dict.fromkeys(d for effect in estimate.effects for d in drivers_of(estimate.nominal, effect)):
         values = recording.driver(name)
         if values is not None:
             columns[name] = values

@@ -18,6 +18,7 @@ from truepose.arrays import Array
 from truepose.errors import InputError
 from truepose.models.file.yaml_document import LongText
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.seen import Range, read_ranges
 
 Quantity = tuple[float, str]
 """A value in mm or rad, and which of the two."""
@@ -44,7 +45,7 @@ class Covariance:
     factor: Array
     unknown: Array
     unexplained: Mapping[str, Quantity] = field(default_factory=dict)
-    seen: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    seen: Mapping[str, Range] = field(default_factory=dict)
 
     @classmethod
     def of(cls, names: Sequence[str], scale: Array, root: Array, unknown: Array) -> Covariance:
@@ -83,9 +84,10 @@ class Covariance:
             names = tuple(str(name) for name in section["names"])
             factor, rows = _factor(section["factor"], len(names))
             unknown = np.array([str(row).split() for row in section.get("unknown", [])], dtype=float)
+            unknown = unknown.reshape(len(unknown), len(names))
             items = section.get("unexplained", {}).items()
             own = {name: (float(item["value"]), str(item["unit"])) for name, item in items}
-            seen = {str(name): _range(item) for name, item in section.get("seen", {}).items()}
+            seen = read_ranges(section.get("seen", {}), f"{where}.seen")
         except (AttributeError, KeyError, TypeError, ValueError, IndexError) as exc:
             raise InputError(
                 f"{where}: found a covariance that cannot be read ({exc!r}), expected names and factor"
@@ -97,7 +99,7 @@ class Covariance:
                 raise InputError(
                     f"{where}.unexplained.{name}: found {value} {unit}, expected a number from 0 on in mm or rad"
                 )
-        return cls(names, factor, unknown.reshape(-1, len(names)), own, seen)
+        return cls(names, factor, unknown, own, seen)
 
     def document(self) -> dict[str, Any]:
         """Names, rows of the lower triangle as text (packed, where they are many), unknown directions as text."""
@@ -133,13 +135,6 @@ def covariance_of_file(machine: Machine) -> Covariance | None:
     if machine.file is None or machine.file.covariance is None:
         return None
     return Covariance.read(machine.file.covariance, f"{machine.file.path}: covariance")
-
-
-def _range(item: Sequence[float]) -> tuple[float, float]:
-    low, high = (float(value) for value in item)
-    if not -np.inf < low <= high < np.inf:
-        raise ValueError(f"{low} to {high} is no range")
-    return low, high
 
 
 def _packed(factor: Array) -> LongText:

@@ -24,6 +24,7 @@ import pandas as pd
 from truepose.arrays import Array, Index, Mask
 from truepose.errors import InputError
 from truepose.identification.prediction.covariance import Covariance, covariance_of_file
+from truepose.identification.prediction.outside import outside_notes
 from truepose.identification.prediction.predictor import Predictor
 from truepose.identification.prediction.sensor_rows import TOGETHER
 from truepose.identification.prior import FORM_ERROR
@@ -33,9 +34,10 @@ from truepose.models import lie
 from truepose.models.effects.base import PlacedEffect
 from truepose.models.effects.common import sensor_names
 from truepose.models.effects.empirical import Empirical
-from truepose.models.file.driver import PAYLOAD, ROW, Driver
+from truepose.models.file.driver import ROW, Driver
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import AXIS_UNITS
+from truepose.models.machine.seen import Range, drivers_of, ranges_of_file, values_of
 from truepose.models.sensors.base import Sensor
 from truepose.models.units import convert
 from truepose.wording import joined
@@ -92,13 +94,12 @@ def _beyond(predictor: Predictor, values: Array, jacobian: Array) -> Array:
     tenth of its signal, of which the fitted rows know nothing out there.
     """
     machine, model = predictor.machine, predictor.model
-    at = dict(zip(model.readings, predictor.q.T, strict=True))
-    at |= dict(zip(model.drivers, predictor.z.T, strict=True))
+    values_at = values_of(model, predictor.q, predictor.z)
+    at = dict(zip((*model.readings, *model.drivers), values_at.T, strict=True))
     columns = [name for sensor in machine.sensors for name in sensor.columns]
     at |= dict(zip(columns, values.T, strict=True))
     out, first = np.zeros(values.shape), len(machine.parameters)
-    known = covariance_of_file(machine)
-    seen = {} if known is None else known.seen
+    seen = ranges_of_file(machine)
     for effect in machine.effects:
         own = slice(first, first + len(effect.coefficients))
         first = own.stop
@@ -106,8 +107,7 @@ def _beyond(predictor: Predictor, values: Array, jacobian: Array) -> Array:
         if isinstance(form, Empirical):
             over = form.overshoot(machine, effect.place, effect.settings_map, at)
         if over is None:
-            weight = (PAYLOAD, *machine.force_columns) if effect.needs_load else ()
-            over = _outside(seen, at, {*model.readings, *effect.drivers, *weight})
+            over = _outside(seen, at, {*model.readings, *drivers_of(machine, effect)})
         signal = jacobian[..., own] * effect.amplitudes
         moved = (
             np.sum(signal**2, axis=2)
@@ -118,9 +118,7 @@ def _beyond(predictor: Predictor, values: Array, jacobian: Array) -> Array:
     return out
 
 
-def _outside(
-    seen: Mapping[str, tuple[float, float]], at: Mapping[str, Array], sources: Collection[str]
-) -> Array:
+def _outside(seen: Mapping[str, Range], at: Mapping[str, Array], sources: Collection[str]) -> Array:
     """(n,) how far values of sources lie outside of what was seen, in halves of each range; 0 where nothing is known."""
     out = np.zeros(len(next(iter(at.values()))))
     for name in sources:
@@ -233,6 +231,12 @@ def unassembled(recording: Recording, frame: pd.DataFrame) -> list[str]:
     rows = np.flatnonzero(frame[POSE[0]].isna().to_numpy())
     why = "the mechanism cannot be assembled there; the row is empty"
     return [f"{recording.where(int(k))}: {why}" for k in rows]
+
+
+def notes_outside(machine: Machine, recording: Recording) -> tuple[str, ...]:
+    """Return a note on rows that lie outside of what the calibration saw."""
+    predictor = predictor_for(machine, recording)
+    return outside_notes(predictor.model, predictor.q, predictor.z, recording.where, of_tool=False)
 
 
 def unheard(machine: Machine, recording: Recording) -> list[str]:

@@ -46,6 +46,7 @@ def _(found: Compensation) -> Document:
             *([Text(error_sentence(found))] if len(found.command) else []),
             Table(["joint", "largest correction (mm, rad)"], rows),
         ],
+        notes=found.notes,
         more="to_frame() has every row",
     )
 

@@ -12,7 +12,7 @@ import casadi as ca
 
 from truepose.arrays import Array
 from truepose.errors import InputError
-from truepose.models.file.driver import DriverKind
+from truepose.models.file.driver import STEP, Driver, DriverKind
 from truepose.models.file.limits import LARGEST, LATEST
 from truepose.wording import close_matches
 
@@ -304,6 +304,11 @@ class PlacedEffect:
     def needs_load(self) -> bool:
         """Whether the formula reads gravity loads."""
         return self.effect.reads_load(self.settings_map)
+
+    @property
+    def moves_tool(self) -> bool:
+        """Whether it moves a tool that stands: effects of sensors do not, nor do those of readings before it stood."""
+        return self.kind != "sensor" and not any(Driver.of(name).kind == STEP for name in self.drivers)
 
     @property
     def label(self) -> str:

@@ -42,6 +42,7 @@ from truepose.identification.leaves.programs.program import (
     shown,
 )
 from truepose.identification.leaves.programs.robot import Robot
+from truepose.identification.prediction.outside import outside_notes
 from truepose.models import lie
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import AXES
@@ -219,7 +220,7 @@ class Correction:
 
     ``drivers`` are the values of the effects' drivers that hold for all targets; ``assumed`` are names of tools that were taken
     for the machine file's. ``unnamed`` counts poses that were taken in the robot's base, and with the machine file's tool,
-    because neither program nor user told others.
+    because neither program nor user told others. ``notes`` name targets that lie outside of what the calibration saw.
     """
 
     text: str
@@ -228,6 +229,7 @@ class Correction:
     drivers: Mapping[str, float]
     assumed: tuple[str, ...]
     unnamed: tuple[int, int]
+    notes: tuple[str, ...] = ()
 
 
 def correct(
@@ -260,7 +262,15 @@ def correct(
     poses = [m.target for m in meant if m.target.kind == "pose"]
     bare = sum(t.base is None for t in poses) * (given.base is None)
     unnamed = (bare, sum(t.tool is None for t in poses) * (given.tool is None))
-    return Correction(text, tuple(done), in_order(left), robot.drivers, tuple(assumed), unnamed)
+    notes = _outside(robot, [one.meant for one in done])
+    return Correction(text, tuple(done), in_order(left), robot.drivers, tuple(assumed), unnamed, notes)
+
+
+def _outside(robot: Robot, meant: Sequence[Meant]) -> tuple[str, ...]:
+    """Return a note on corrected targets that lie outside of what the calibration saw."""
+    q = np.array([one.q for one in meant]).reshape(len(meant), len(robot.home))
+    z = np.tile(robot.solver.z, (len(meant), 1))
+    return outside_notes(robot.solver.model, q, z, lambda k: f"line {meant[k].target.line}", rows="targets")
 
 
 def _beyond(target: Target) -> str | None:

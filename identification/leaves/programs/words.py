@@ -59,7 +59,7 @@ def correction_notes(found: Correction, machine: Machine, limit: Limit) -> list[
         "taken for the machine file's tool (--frame NAME=... gives another): ": ", ".join(found.assumed),
         "at all targets (--at NAME=VALUE gives others): ": at,
     }
-    out = [f"{head}{what}" for head, what in notes.items() if what]
+    out = [*found.notes, *(f"{head}{what}" for head, what in notes.items() if what)]
     if not (machine.file and machine.file.nominal):
         out.append("the machine file has no `nominal:`; its own constants are taken for the controller's")
     return out

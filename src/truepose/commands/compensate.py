@@ -104,7 +104,8 @@ def compensate_table(machine: Machine, path: Path, output: Path, method: str) ->
             check_commands(read_table(unfinished), machine, found.command, str(output))
     summary = {"method": method, **compensation_json(found)}
     lines = [*compensation_lines(found, output), f"  {expected_words(machine)}"]
-    return summary | {"expected_pose": pose_json(machine)}, lines, [*rows.notes, *unheard(machine, rows)]
+    notes = [*rows.notes, *unheard(machine, rows), *found.notes]
+    return summary | {"expected_pose": pose_json(machine)}, lines, notes
 
 
 def _write(path: Path, suffix: str, frame: pd.DataFrame) -> None:

@@ -62,7 +62,8 @@ def predict(
         frame = prediction.predict(loaded, rows)
         write_table(output, frame)
     unknown = [*prediction.unknown_frames(loaded, rows), *prediction.unheard(loaded, rows)]
-    notes = [*rows.notes, *unknown, *prediction.unassembled(rows, frame)]
+    lost = prediction.unassembled(rows, frame)
+    notes = [*rows.notes, *unknown, *prediction.notes_outside(loaded, rows), *lost]
     _finish("predict", frame, output, notes, as_json)
 
 

@@ -1311,3 +1311,10 @@ int arm3_compensate(const real *p, const real *z, const real q_nominal[arm3_N], 
     copy(near, q, NQ);
     return 0;
 }
+
+int arm3_outside(const real *z, const real q[arm3_N])
+{
+    (void)z;
+    (void)q;
+    return 0;
+}

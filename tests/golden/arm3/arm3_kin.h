@@ -104,6 +104,10 @@ int arm3_compensate(const arm3_real *p, const arm3_real *z,
 int arm3_compensate_near(const arm3_real *p, const arm3_real *z,
     const arm3_real q_nominal[arm3_N], arm3_real q[arm3_N], arm3_real *left);
 
+/* How many joints of q and drivers of z lie outside of what the calibration saw: 0, as the machine file does not say.
+   A count, not one of the codes above. */
+int arm3_outside(const arm3_real *z, const arm3_real q[arm3_N]);
+
 #ifdef __cplusplus
 }
 #endif

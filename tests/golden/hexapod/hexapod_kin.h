@@ -127,6 +127,10 @@ int hexapod_jac(const hexapod_real *p, const hexapod_real *z, const hexapod_real
 int hexapod_compensate(const hexapod_real *p, const hexapod_real *z,
     const hexapod_real q_nominal[hexapod_N], hexapod_real q[hexapod_N]);
 
+/* How many joints of q and drivers of z lie outside of what the calibration saw: 0, as the machine file does not say.
+   A count, not one of the codes above. */
+int hexapod_outside(const hexapod_real *z, const hexapod_real q[hexapod_N]);
+
 #ifdef __cplusplus
 }
 #endif

@@ -1686,6 +1686,13 @@ int stage_compensate(const real *p, const real *z, const real q_nominal[stage_N]
     return code != 0 ? code : inverse(&usual, T, q_nominal, q);
 }
 
+int stage_outside(const real *z, const real q[stage_N])
+{
+    (void)z;
+    (void)q;
+    return 0;
+}
+
 /* ---- several starts of one pose at once, in vector lanes where they are wide ---- */
 
 #if defined(__GNUC__) && defined(__AVX__) && !defined(TRUEPOSE_SCALAR)

@@ -118,6 +118,10 @@ int stage_jac(const stage_real *p, const stage_real *z, const stage_real q[stage
 int stage_compensate(const stage_real *p, const stage_real *z,
     const stage_real q_nominal[stage_N], stage_real q[stage_N]);
 
+/* How many joints of q and drivers of z lie outside of what the calibration saw: 0, as the machine file does not say.
+   A count, not one of the codes above. */
+int stage_outside(const stage_real *z, const stage_real q[stage_N]);
+
 #ifdef __cplusplus
 }
 #endif

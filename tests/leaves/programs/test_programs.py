@@ -309,3 +309,14 @@ def test_a_program_that_reads_otherwise_is_not_published(
     assert out == "" and done.exit_code == 1
     said = r"(\d+:)? what was to be written (reads as another target|has )"
     assert re.search(rf"ReadBackError: \S*out{Path(how.file).suffix}:{said}", done.stderr)
+
+
+def test_targets_outside_of_what_the_calibration_saw_are_named(tmp_path: Path) -> None:
+    machine = machine_file(tmp_path, REAL)
+    seen = "covariance: {names: [], factor: [], seen: {q1: [-0.5, 0.5], q4: [-3.0, 3.0]}}\n"
+    machine.write_text(machine.read_text() + seen)
+    targets = "".join(f"PTP {{A1 {a},A2 -20,A3 30,A4 10,A5 40,A6 0}}\n" for a in (10, 40, -60))
+    (tmp_path / "job.src").write_text(f"DEF job()\n{targets}END\n")
+    done = run("compensate", machine, tmp_path / "job.src", "-o", tmp_path / "out.src", "--anyway")
+    said = "note: 2 of 3 targets lie outside of what the calibration saw, where effects are held or extrapolated: q1 down to -"
+    assert said in done.stderr and "deg (seen -28.6479 to 28.6479 deg) in 2, first at line 3\n" in done.stderr

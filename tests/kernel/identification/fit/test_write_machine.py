@@ -27,6 +27,7 @@ from truepose.models.effect_text import parse_effect
 from truepose.models.file.machine_file import machine_text
 from truepose.models.load import load_machine
 from truepose.models.machine.machine import Machine
+from truepose.models.machine.seen import ranges_of_file
 
 KINDS = ("serial", "pus", "ups", "distance")
 EFFECTS = {
@@ -68,6 +69,8 @@ def test_reads_back_as_the_same_machine(kind: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(values, fit.p[: len(values)], rtol=1e-12, atol=1e-15)
     assert [p.tolerance for p in again.parameters] == pytest.approx([p.tolerance for p in machine.parameters])
     assert [e.label for e in again.effects] == [e.label for e in fit.effects]
+    seen, payload = ranges_of_file(again).get("payload"), recording.drivers["payload"]
+    assert seen == ((payload.min(), payload.max()) if any(e.needs_load for e in fit.effects) else None)
     amplitudes = [a for e in again.effects for a in e.amplitudes]
     np.testing.assert_allclose(amplitudes, fit.p[len(values) :], rtol=1e-12)
 

@@ -43,6 +43,8 @@ def test_what_is_written_is_read() -> None:
     np.testing.assert_array_equal(read.factor, made.factor)
     np.testing.assert_array_equal(read.unknown, made.unknown)
     assert (read.names, read.unexplained, read.seen) == (made.names, made.unexplained, made.seen)
+    none = Covariance.read({"names": [], "factor": []}, "here")  # every parameter fixed
+    assert none.names == () and none.unknown.shape == none.factor.shape == (0, 0)
     bare = Covariance.of_tolerances(NAMES, np.ones(4)).document()
     assert set(bare) == {"form", "names", "factor"} and "packed" not in bare["form"]
     assert [len(row.split()) for row in bare["factor"]] == [1, 2, 3, 4]
@@ -108,6 +110,7 @@ def changed(**sections: Any) -> dict[str, Any]:
         (changed(factor="AAAA"), "cannot be read|rows of factor"),
         (changed(names=3), "cannot be read"),
         (changed(unknown=["1 x"]), "cannot be read"),
+        (changed(unknown=["1 2 3"]), "cannot be read"),
         (changed(unexplained={"s": {"value": -1.0, "unit": "mm"}}), "unexplained.s: found -1.0 mm"),
         (changed(unexplained={"s": {"value": float("inf"), "unit": "mm"}}), "unexplained.s: found inf mm"),
         (changed(unexplained={"s": {"value": 1.0, "unit": "deg"}}), "unexplained.s: found 1.0 deg"),
