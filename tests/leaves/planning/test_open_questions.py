@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import shlex
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,9 +11,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from support import MACHINES
+from support.command import run
 from support.experiments import arm
 from truepose.identification.diagnosis.selection_problem import selection_problem, weighed_alone
 from truepose.identification.fit.estimate import estimate
+from truepose.identification.fit.tool_pose import tool_moves
 from truepose.identification.leaves.planning.discriminate.experiment import discriminate
 from truepose.identification.leaves.planning.discriminate.factors import Class, explanation, read_offer
 from truepose.identification.leaves.planning.discriminate.rows import Rows, recording_of, signals
@@ -21,7 +26,7 @@ from truepose.identification.recording.load import load_recording
 from truepose.identification.recording.recording import Recording
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.signatures import Signatures
-from truepose.models.effect_text import parse_effect
+from truepose.models.effect_text import effect_text, parse_effect
 
 JOINTS, PAYLOADS = ["q1", "q2", "q3"], [0.0, 3.0]
 SEEN, ALL = ([-150, -60, -60], [150, 60, 60]), ([-150, -120, -150], [150, 120, 150])
@@ -44,6 +49,51 @@ def measured(folder: Path, table: pd.DataFrame, truth: str, seed: int) -> Record
     readings = simulate(machine, poses, [parse_effect(truth, machine)], seed=seed)
     pd.concat([table.reset_index(drop=True), readings], axis=1).to_csv(file, index=False)
     return load_recording(machine, [file])
+
+
+def test_the_command_that_a_diagnosis_ends_with_plans_ten_rows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    measured(tmp_path, rows(np.random.default_rng(2), 24, SEEN), LAW, 2)
+    asked = ("diagnose", MACHINES / "serial.yaml", "recording.csv", "-o", "found")
+    text = run(*asked).stdout
+    (line,) = [one for one in text.splitlines() if "truepose plan" in one]
+    command = line.partition("truepose ")[2]
+    assert "improved.yaml -n 10" in command and "empirical@q2:" in command
+    first = " ".join(text.partition("next,")[0].split())
+    assert "What would tell: measure the same poses with and without a known payload (plan" in first
+    saved = json.loads((tmp_path / "found" / "diagnosis.json").read_text(encoding="utf-8"))["experiments"]
+    assert [one["place"] for one in saved] == [["q2"]]
+    assert saved[0]["command"].replace("improved.yaml", "found/improved.yaml") == f"truepose {command}"
+
+    answer = json.loads(run(*shlex.split(command), "--json").stdout)
+    assert answer["explanations"] == ["joint-compliance@q2", "empirical@q2"]
+    assert answer["expected"] > answer["random"]["mean"] + 1.0
+    planned = pd.read_csv(tmp_path / "poses.csv", comment="#")
+    assert len(planned) == 10 and {*planned["payload"]} <= {*PAYLOADS}
+    assert np.all(planned[JOINTS] >= ALL[0]) and np.all(planned[JOINTS] <= ALL[1])
+    beyond = np.any((planned[JOINTS] < SEEN[0]) | (planned[JOINTS] > SEEN[1]), axis=1)
+    assert beyond.sum() >= 5  # where a law goes on and a form stays
+
+
+def test_what_an_effect_is_stated_as_is_read_as_the_same() -> None:
+    stated = [parse_effect(text, arm()) for text in (LAW, f"{HELD},c1=1e-4,c3=-2e-5")]
+    for one in stated:
+        again = parse_effect(effect_text(one), arm())
+        assert (again.label, again.settings) == (one.label, one.settings)
+        assert again.amplitudes == pytest.approx(one.amplitudes, rel=1e-3)
+
+
+def test_the_tool_is_moved_as_far_as_readings_say(tmp_path: Path) -> None:
+    """A sensor of positions reads by how much effects move the tool."""
+    machine, law = arm(), parse_effect(LAW, arm())
+    recording = measured(tmp_path, rows(np.random.default_rng(1), 24, SEEN), LAW, 1)
+    fit = estimate(machine, recording, (law,))
+    plain = simulate(machine, recording, [], seed=None).to_numpy()
+    away = simulate(machine, recording, fit.fitted_effects(), seed=None).to_numpy() - plain
+    rms = float(np.sqrt(np.mean(np.sum(away**2, axis=1))))
+    assert tool_moves(fit, np.arange(24), [[law.label], []]) == pytest.approx([rms, 0.0], rel=1e-2)
 
 
 def log_bayes_factor(recording: Recording) -> float:
