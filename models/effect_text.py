@@ -68,6 +68,13 @@ def parse_effect(
     return place_effect(machine, EffectSpec(slug, place, own, settings=settings, where=where), where)
 
 
+def effect_text(placed: PlacedEffect) -> str:
+    """Return the text that ``parse_effect`` reads as this effect: its settings, and its coefficients that are not 0."""
+    told = [f"{name}={value:.9g}" for name, value in placed.settings]
+    told += [f"{name}={value:.4g}" for name, value in placed.values.items() if value]
+    return f"{placed.at_place}:{','.join(told)}" if told else str(placed.at_place)
+
+
 def _numbers(text: str, where: str) -> dict[str, tuple[float, str | None]]:
     """``a=1[mm],b=2`` as name: (value, unit). Names may hold commas and brackets, ``K[1,1]``."""
     out: dict[str, tuple[float, str | None]] = {}

@@ -18,6 +18,7 @@ from scipy.stats import binom
 from truepose.arrays import Array
 from truepose.identification.diagnosis import result
 from truepose.identification.diagnosis.naming import Supported
+from truepose.identification.diagnosis.open_question import question, with_tool
 from truepose.identification.diagnosis.posterior_summary import Named, Rival
 from truepose.identification.diagnosis.proof import flip_inflation
 from truepose.identification.diagnosis.search import Found
@@ -105,8 +106,11 @@ def findings_of(
     for one, half, flip in zip(names, supported.replications, flips, strict=True):
         labels = {cat.candidates[i].label for i in one.candidates}
         fit = after if one.probability >= result.NAMED and labels <= deployed else likeliest
-        out.append(finding(found.signatures.machine, cat, fit, one, flip, half, recording.inferred))
-    return tuple(out)
+        said = finding(found.signatures.machine, cat, fit, one, flip, half, recording.inferred)
+        law = cat.candidates[one.candidates[0]]
+        law = law.with_values([value for value, _ in _fitted(fit, law).values()])
+        out.append(replace(said, question=question(cat, one, law, recording.drivers)))
+    return with_tool(out, [[cat.candidates[i].label for i in one.candidates] for one in names], likeliest)
 
 
 def remainder_of(

@@ -63,7 +63,8 @@ def named(found: Found, sums: Sums) -> tuple[Named, ...]:
     for n, gain in zip(laws, gains, strict=True):
         family = n.cause.effect if n.said and of_effect[n.cause.effect] >= FAMILY else ""
         equivalents = tuple(replace(m, gain=m.gain + gain) for m in n.equivalents)
-        told.append(replace(n, gain=gain, family=family, equivalents=equivalents))
+        form = sums.form(n.cause, n.levels.kind)
+        told.append(replace(n, gain=gain, family=family, equivalents=equivalents, form=form))
     told.sort(key=lambda n: -n.gain)
     return (*told, *_nameless(found, sums, told))
 

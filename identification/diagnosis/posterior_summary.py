@@ -20,7 +20,7 @@ from truepose.models.effects.empirical import Empirical
 from truepose.models.file.driver import DriverKind
 from truepose.models.machine.machine import Machine
 from truepose.models.machine.mechanism import element_of
-from truepose.models.machine.placed import EffectAtPlace
+from truepose.models.machine.placed import EffectAtPlace, PlacedEffect
 
 SURE = 0.9
 """Probability from which on something is spoken of as known."""
@@ -134,6 +134,15 @@ class Sums:
                 out.append(Together(driver, ranked, total))
         return tuple(out)
 
+    def form(self, cause: EffectAtPlace, kind: DriverKind) -> PlacedEffect | None:
+        """Return the form without a name, at a cause's parts and with a driver, that most of the states hold."""
+        wanted = {(part, driver_of(kind)) for part in self.parts(cause)}
+        number = {i: t for t, i in enumerate(self._problem.candidates) if not self._cat.has_law(i)}
+        forms = [i for i in number if not wanted.isdisjoint(self._of(i))]
+        held = [{term for term, _ in state.members} for state, _ in self._posterior.states]
+        best = max(forms, key=lambda i: self._sum(number[i] in terms for terms in held), default=None)
+        return None if best is None else self._cat.candidates[best]
+
     def inclusion(self) -> Inclusion:
         """What is said of effects at places, and of sets of them."""
         causes, sets = self._problem.causes, dict[tuple[EffectAtPlace, ...], float]()
@@ -181,7 +190,8 @@ class Named:
 
     ``certainty`` is the probability of the whole class; ``gain`` the log Bayes factor of the set with it against without.
     ``family``: the slug, where it is said of several places. levels: what is known of where it is and of what
-    drives it; tested: whether its form was. A cause ``empirical`` has no law, and its ``probability`` is 0.
+    drives it; tested: whether its form was; form: what has no name there. A cause ``empirical`` has no law, and its
+    ``probability`` is 0.
     """
 
     cause: EffectAtPlace
@@ -193,6 +203,7 @@ class Named:
     family: str = ""
     levels: Levels = UNKNOWN
     tested: bool = True
+    form: PlacedEffect | None = None
 
     @property
     def nameless(self) -> bool:

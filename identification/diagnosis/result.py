@@ -111,6 +111,20 @@ class Alternative:
         return self.effect == UNNAMED
 
 
+@dataclass(frozen=True)
+class OpenQuestion:
+    """The two likeliest explanations of a finding, as ``plan --discriminate`` names them.
+
+    experiment: what the catalogue says of the first; levels: of columns that they read and that can be held, what the recording
+    saw; tool: rms (mm) by which the finding moves the tool, 0 where no other question is open.
+    """
+
+    explanations: tuple[str, str]
+    experiment: str
+    levels: Mapping[str, tuple[float, ...]]
+    tool: float = 0.0
+
+
 @dataclass(frozen=True, repr=False)
 class Finding(Shown):
     """One named effect at its place (or places with one cause).
@@ -118,6 +132,7 @@ class Finding(Shown):
     explanation, experiment: what its entry of the catalogue says. family: the effect, where it was found at all its places
     under one size; replication: None where the halves hold too little. levels: what is known of where it is and what drives
     it; ``probability`` is that of its law, 0 for ``empirical``, which has none; tested: whether the law's form could be.
+    question: what more rows would tell; None where its law is sure, or no rows would.
     ``to_frame()``: its coefficients, one a row: ``coefficient``, ``value``, ``std`` (1-sigma), ``unit``.
     """
 
@@ -136,6 +151,7 @@ class Finding(Shown):
     replication: Replication | None = None
     levels: Levels = UNKNOWN
     tested: bool = True
+    question: OpenQuestion | None = None
 
     @property
     def nameless(self) -> bool:

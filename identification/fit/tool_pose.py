@@ -15,7 +15,7 @@ to all (GUM, JCGM 100:2008, 5.1.2: variances of independent sources add).
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -146,6 +146,29 @@ def tool_spread(fit: Estimate, recording: Recording, rows: Index, q: Array | Non
 
     Poses that cannot be assembled are left out.
     """
+    position, every = _tool(fit, recording, rows, q)
+    free = fit.prior.free
+    slopes = every[:, :, free] * fit.prior.scale[free]
+    parts = _by_source(fit, slopes)
+    whole, known = _spread(slopes, fit.root), sum(parts.values())
+    further = np.maximum(whole - known, 0.0)
+    if fit.shrunk is None and np.any(further > 1e-6 * whole):
+        parts[EXPLANATIONS] = further
+    own = _own(fit)
+    if own > 0.0:
+        parts[UNEXPLAINED] = np.full(len(position), own)
+    return ToolSpread(position, parts)
+
+
+def tool_moves(fit: Estimate, rows: Index, labels: Sequence[Collection[str]]) -> list[float]:
+    """Return by how much (mm, rms over rows) effects with these labels move the tool, for each of ``labels``."""
+    slopes, owner = _tool(fit, fit.recording, rows)[1], [n.rpartition(":")[0] for n in fit.prior.names]
+    moved = [slopes @ np.where([one in own for one in owner], fit.p, 0.0) for own in labels]
+    return [float(np.sqrt(np.mean(np.sum(way**2, axis=1)))) for way in moved]
+
+
+def _tool(fit: Estimate, recording: Recording, rows: Index, q: Array | None = None) -> tuple[Array, Array]:
+    """Return positions (n, 3) of the tool and their derivatives (n, 3, np) by the parameters, where it can be assembled."""
     part = recording.subset(rows)
     if part.from_row is not None:
         part = replace(part, from_row=part.rows)  # where the tool is depends on no other row
@@ -155,17 +178,7 @@ def tool_spread(fit: Estimate, recording: Recording, rows: Index, q: Array | Non
     x, good = predictor.assemble(fit.p, fit.x[rows])
     predictor, x = predictor.of_rows(np.flatnonzero(good)), x[good]
     pose, twist = predictor.twists(fit.p, x)
-    free = fit.prior.free
-    slopes = twist[:, :3, free] * fit.prior.scale[free]
-    parts = _by_source(fit, slopes)
-    whole, known = _spread(slopes, fit.root), sum(parts.values())
-    further = np.maximum(whole - known, 0.0)
-    if fit.shrunk is None and np.any(further > 1e-6 * whole):
-        parts[EXPLANATIONS] = further
-    own = _own(fit)
-    if own > 0.0:
-        parts[UNEXPLAINED] = np.full(len(pose), own)
-    return ToolSpread(pose[:, :3, 3], parts)
+    return pose[:, :3, 3], twist[:, :3]
 
 
 def _by_source(fit: Estimate, slopes: Array) -> dict[str, Array]:

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from truepose.errors import TrueposeError
-from truepose.identification.diagnosis.naming import CERTAIN
-from truepose.identification.diagnosis.result import Diagnosis, Finding
+from truepose.identification.diagnosis.result import Diagnosis
 from truepose.identification.fit.estimated import Estimate
 from truepose.identification.fit.repeatability import pose_test
 from truepose.identification.fit.tool_pose import (
@@ -22,12 +21,12 @@ from truepose.identification.fit.tool_pose import (
 )
 from truepose.identification.identifiability.observability import Knowledge, unseen
 from truepose.identification.recording.recording import Recording
+from truepose.identification.report.experiments import plan_command, questions
 from truepose.identification.report.finding_words import separating_experiment
 from truepose.identification.report.identifiability_words import grouped, meaning
 from truepose.identification.report.phrases import measure, several
 from truepose.identification.report.scene import thinned
 from truepose.identification.report.verdict import left_words
-from truepose.models.effects.common import OF_ROWS
 from truepose.models.machine.machine import Machine
 from truepose.shown.document import Block, Command, Items, Section, Table, Text
 from truepose.version import VERSION
@@ -114,13 +113,12 @@ def diagnosis_steps(
     if not calibrated:
         return [_look(diagnosis, machine, checked)]
     out: list[Command | Text] = []
-    undecided = [f for f in diagnosis.findings if _is_open(f)]
+    undecided = questions(diagnosis.findings)
     if undecided:
-        first = next(f for f in diagnosis.findings if _has_rivals(f))
-        one = undecided[0]
-        picked = "" if first is one else f" --discriminate {one.effect}@{'+'.join(one.place)}"
-        rows = f"-n 40 -o poses.csv --diagnosis {folder / 'diagnosis.json'}{picked}"
-        out.append(Command(f"truepose plan {machine} {rows}", "tell explanations apart:"))
+        one, question = undecided[0]
+        files = [name if output else Path(name).name for name in diagnosis.recording.files]
+        command = plan_command(question, folder / "improved.yaml", files)
+        out.append(Command(command, "tell explanations apart:"))
         experiment = separating_experiment(one)
         out += [Text(f"or: {experiment}")] if experiment else []
     elif diagnosis.verdict == "unknown":
@@ -153,16 +151,6 @@ def machine_name(machine: Machine, *, whole: bool = False) -> str:
 def recording_names(files: Sequence[str], *, whole: bool = False) -> str:
     """Names of files as on a command line, without their folders unless ``whole``."""
     return " ".join((name if whole else Path(name).name).replace(" ", "\\ ") for name in files)
-
-
-def _is_open(finding: Finding) -> bool:
-    """Whether a name has rivals with a name, and is not certain against them."""
-    named = not finding.nameless and finding.effect not in OF_ROWS
-    return named and _has_rivals(finding) and finding.probability < CERTAIN
-
-
-def _has_rivals(finding: Finding) -> bool:
-    return any(not other.nameless and other.tested for other in finding.equivalents)
 
 
 def _look(diagnosis: Diagnosis, machine: str, checked: bool) -> Command | Text:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
@@ -26,6 +27,7 @@ from truepose.identification.fit.estimated import Estimate, check_estimate
 from truepose.identification.fit.summary import FitSummary, Judgement, judged, judged_diagnosis, summarise
 from truepose.identification.identifiability.observability import Knowledge, identifiable, unseen
 from truepose.identification.recording.recording import Recording
+from truepose.identification.report.experiments import IMPROVED, experiments_json
 from truepose.identification.report.finding_words import explanation, form_words, separating_experiment
 from truepose.identification.report.identifiability_words import meaning
 from truepose.identification.report.json_text import Json, attributes, finite
@@ -71,16 +73,18 @@ def diagnosis_json(diagnosis: Diagnosis) -> Json:
         "applied": diagnosis.applied and _applied(diagnosis.applied),
         "parameters": parameters_json(diagnosis.after),
         "notes": list(diagnosis_notes(diagnosis)),
+        "experiments": experiments_json(diagnosis, Path(IMPROVED)),
     }
     return dict(finite(out))
 
 
 def diagnosis_summary(diagnosis: Diagnosis, command: str, files: Sequence[str]) -> Json:
     """What ``--json`` prints of a diagnosis: its document's main parts, and the files."""
-    whole = diagnosis_json(diagnosis)
+    improved = Path(next((name for name in files if name.endswith(IMPROVED)), IMPROVED))
+    whole = {**diagnosis_json(diagnosis), "experiments": experiments_json(diagnosis, improved)}
     main = (
         "judgement", "verdict", "concealed", "alarms", "findings", "leading", "sets", "remainder", "untestable", "fit",
-        "proof", "applied",
+        "proof", "applied", "experiments",
     )  # fmt: skip
     return {"command": command, **{key: whole[key] for key in main}, "files": list(files)}
 

@@ -9,6 +9,7 @@ import numpy as np
 from truepose.identification.diagnosis.result import NOTABLE, Diagnosis, Proof
 from truepose.identification.fit.standing_out import FAR, Left, column_words, row_words
 from truepose.identification.posterior.posterior import AGREED
+from truepose.identification.report.experiments import what_would_tell
 from truepose.identification.report.finding_words import against_words, fault_words, follows, lead_words
 from truepose.identification.report.phrases import (
     known,
@@ -48,7 +49,8 @@ def headline(diagnosis: Diagnosis) -> tuple[str, Tone]:
     misfit = misfit_clause(diagnosis)
     hidden = " The ordinary fit looked good." if diagnosis.concealed else ""
     if diagnosis.verdict == "missing-physics" and diagnosis.findings:
-        return f"{model} {fault_words(diagnosis.findings)}{misfit}.{hidden}", "warn"
+        experiment = what_would_tell(diagnosis.findings)
+        return f"{model} {fault_words(diagnosis.findings)}{misfit}.{hidden}{experiment}", "warn"
     if diagnosis.verdict == "unknown":
         left, leads = diagnosis.remainder, diagnosis.leading[:LEADS]
         where = f" What is left seems to {follows(left)}." if left is not None else ""

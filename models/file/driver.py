@@ -22,6 +22,8 @@ ROW = "row"
 TORQUE, CURRENT, FORCE, MOMENT, PRESSURE = "torque", "current", "force", "moment", "pressure"
 MEASURED_LOADS = (TORQUE, CURRENT)
 """Kinds of what a joint's drive says of the load that it holds."""
+HELD = (PAYLOAD, TEMPERATURE, VELOCITY, PRESSURE, "humidity")
+"""Kinds that can be held at a value while one measures."""
 STEP = "step"
 """A joint's last motion, which no column holds: the order of the rows tells it."""
 AIR = f"{TEMPERATURE}.air"

@@ -85,6 +85,9 @@ class EffectAtPlace(NamedTuple):
     effect: str
     place: Place
 
+    def __str__(self) -> str:
+        return f"{self.effect}@{'+'.join(self.place)}"
+
 
 @dataclass(frozen=True)
 class Coefficient:
@@ -313,7 +316,7 @@ class PlacedEffect:
     @property
     def label(self) -> str:
         """``slug@place+place`` with settings, unique within a machine."""
-        return f"{self.effect.slug}@{'+'.join(self.place)}{self.effect.told(self.settings_map)}"
+        return f"{self.at_place}{self.effect.told(self.settings_map)}"
 
     def with_values(self, amplitudes: Sequence[float]) -> PlacedEffect:
         """The same effect with other coefficient values, in order."""

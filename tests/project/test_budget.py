@@ -21,24 +21,24 @@ import truepose
 from support import ROOT
 
 LINES: Mapping[str, int] = {
-    "models": 10_295,  # of which 9,000 are aimed at; laws of physics, forms of several sources, seen ranges came in
+    "models": 10_395,  # of which 9,000 are aimed at; laws of physics, forms of several sources, seen ranges came in
     "models/leaves": 2_550,  # 2,300
     "codegen": 2_600,  # 2,500
     "codegen/leaves": 860,  # 1,300
     "identification/recording": 1_915,  # 1,900
-    "identification/prediction identification/fit": 3_790,  # 3,400
+    "identification/prediction identification/fit": 3_800,  # 3,400
     "identification/posterior": 1_490,  # 1,200
-    "identification/diagnosis identification/signatures": 3_505,  # 2,600
+    "identification/diagnosis identification/signatures": 3_540,  # 2,600
     "identification/identifiability identification/compensation": 1_165,  # 1,600
-    "identification/report src/truepose/shown": 3_260,  # 3,000
-    "identification/leaves": 12_830,  # 10,000
+    "identification/report src/truepose/shown": 3_290,  # 3,000
+    "identification/leaves": 12_840,  # 10,000
     "src/truepose": 2_105,  # 2,000
-    "tests": 44_155,  # 40,000
+    "tests": 44_370,  # 40,000
 }
 """Code lines of rooms: folders without ``leaves`` that have a line of their own. Behind each: what the house was drawn for."""
-PRODUCT, KERNEL = 45_945, 29_715  # 40,000 and 26,000
+PRODUCT, KERNEL = 46_160, 29_920  # 40,000 and 26,000
 HEART = ("identification/diagnosis", "identification/posterior", "identification/signatures")
-HEART_LINES, HEART_NUMBERS = 4_920, 142
+HEART_LINES, HEART_NUMBERS = 4_990, 142
 DAY_TESTS = 7_000
 PUBLIC_NAMES = 23
 _NO_CODE = {

@@ -18,6 +18,7 @@ from truepose.identification.diagnosis.result import (
     BlockProof,
     Diagnosis,
     Finding,
+    OpenQuestion,
     Proof,
     Quantity,
     Replication,
@@ -129,6 +130,11 @@ def gear_finding() -> Finding:
         explanation="The gear of joint q1 turns unevenly.",
         experiment="sweep q1 alone",
         replication=Replication((0.97, 0.9), agree=True),
+        question=OpenQuestion(
+            ("transmission-error@q1:order=2,a=0.0003,b=-0.0001", "empirical@q1:from.q1=-1.5,to.q1=1.5"),
+            "sweep q1 alone; and couple the gear at another tooth",
+            {"temperature.base": (18.5, 20.0, 22.25)},
+        ),
     )
 
 

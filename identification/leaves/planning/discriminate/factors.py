@@ -29,6 +29,7 @@ from truepose.models.effects.empirical import Empirical
 from truepose.models.file.driver import (
     AIR,
     APPROACH,
+    HELD,
     OF_THE_WAY,
     PAYLOAD,
     SESSION,
@@ -207,8 +208,6 @@ def _forms(machine: Machine, slug: str, place: tuple[str, ...]) -> list[Form]:
 SIDES = (1.0, -1.0)
 HOURS = (0.0, 0.5, 1.0, 1.5, 2.0)
 SESSIONS = (1.0, 2.0)
-HELD = (PAYLOAD, TEMPERATURE, VELOCITY, "pressure", "humidity")
-"""Kinds of drivers that can be held at a value."""
 MOST = 24
 """Settings of the factors that are tried at one pose; of more, some are drawn."""
 

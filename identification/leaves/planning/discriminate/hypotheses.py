@@ -16,6 +16,7 @@ from truepose.identification.leaves.planning.discriminate.factors import (
 from truepose.identification.leaves.planning.discriminate.race import Contest, Race
 from truepose.identification.leaves.planning.discriminate.rows import WIDE, Signals
 from truepose.models.effects.base import PlacedEffect
+from truepose.models.effects.empirical import Empirical
 
 RIVAL_FORMS = 3
 """Versions of a rival that are followed: those that come closest to what may be true."""
@@ -98,19 +99,22 @@ class Field:
 
         Also the rival's coefficients (r, s); ``true`` (t,) and ``rival`` (r,) are columns, ``amplitude`` (t, s).
         """
-        k = self.geometry
-        inside = np.concatenate([np.arange(k), k + self._beside])
-        precision = np.concatenate([self.rows.precision, np.full(len(self._beside), WIDE**-2.0)])
-        inner = gram[np.ix_(inside, inside)] + np.diag(precision)
-        outer = k + np.concatenate([true, rival])
-        cross = gram[np.ix_(inside, outer)]
-        left = gram[np.ix_(outer, outer)] - cross.T @ np.linalg.solve(inner, cross)
-        n = len(true)
+        left, n = self.information(gram, np.concatenate([true, rival])), len(true)
         total = float(np.sum(amplitude * (left[:n, :n] @ amplitude)))
         own = left[n:, n:] + WIDE**-2.0 * np.eye(len(rival))
         answer = np.linalg.solve(own, left[n:, :n] @ amplitude)
         caught = float(np.sum(answer * (left[n:, :n] @ amplitude)))
         return (max(1.0 - caught / total, 0.0) if total > FOUND else 1.0), answer
+
+    def information(self, gram: Array, columns: Index) -> Array:
+        """Return what rows of ``gram`` (k + w, k + w) tell of columns (c,), geometry integrated out, shape (c, c)."""
+        k = self.geometry
+        inside = np.concatenate([np.arange(k), k + self._beside])
+        precision = np.concatenate([self.rows.precision, np.full(len(self._beside), WIDE**-2.0)])
+        inner = gram[np.ix_(inside, inside)] + np.diag(precision)
+        cross = gram[np.ix_(inside, k + columns)]
+        own = gram[np.ix_(k + columns, k + columns)]
+        return np.asarray(own - cross.T @ np.linalg.solve(inner, cross))
 
 
 def _seen(rows: Signals, base: Array) -> tuple[Signals, Array]:
@@ -160,8 +164,20 @@ def _sized(
         tried = [field.imitated(known, true, named.amplitude[:, None], v) for v in versions]
         best = int(np.argmin([left for left, _ in tried]))
         if tried[best][0] < 0.5:
-            return versions[best], tried[best][1]
+            version, mean = versions[best], tried[best][1]
+            spread = _spread(field.information(known, version), mean)
+            return version, np.hstack([mean, spread]) if explanation.slug == Empirical.slug else mean
     return first, EXPECTED * np.eye(len(first))
+
+
+def _spread(told: Array, mean: Array) -> Array:
+    """Return a root (r, r) of the covariance that rows which tell ``told`` (r, r) leave to a form with a ``mean`` (r, s).
+
+    A form without a name is any smooth function, not the one that imitates best. Before any row its coefficients are as
+    large as the mean's. As further cases, the root's columns make a chi2 the expected one: coefficients are integrated out.
+    """
+    size = max(EXPECTED, float(np.sqrt(np.mean(mean**2))))
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(told + size**-2.0 * np.eye(len(told)))).T)
 
 
 def race(field: Field, found: Sequence[Hypothesis]) -> Race:

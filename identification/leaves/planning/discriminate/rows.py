@@ -94,9 +94,12 @@ class Signals:
 
 def signals(machine: Machine, recording: Recording, parts: Sequence[PlacedEffect]) -> Signals:
     """What rows would tell at the drawing values, noise as stated; rows of role validation and such that cannot be
-    assembled tell nothing."""
-    labels = {part.label for part in parts}
-    machine = machine.with_effects(tuple(e for e in machine.effects if e.label not in labels))
+    assembled tell nothing.
+
+    Effects of the file at the place and with the driver of a part are further explanations of the same: they are left out, but
+    for terms (harmonics) that stand beside those of a part.
+    """
+    machine = machine.with_effects(tuple(e for e in machine.effects if not _rivals(e, parts)))
     fit, read = _at_drawing(machine, recording)
     free = fit.prior.free
     geometry, shifts = [], []
@@ -115,6 +118,13 @@ def signals(machine: Machine, recording: Recording, parts: Sequence[PlacedEffect
         precision=weight**2,
         columns=tuple(slice(int(a), int(b)) for a, b in pairwise(ends)),
     )
+
+
+def _rivals(effect: PlacedEffect, parts: Sequence[PlacedEffect]) -> bool:
+    """Whether an effect of the file explains what one of the parts explains, and does not act together with it."""
+    alike = [part for part in parts if (part.place, part.kind) == (effect.place, effect.kind)]
+    further = effect.effect.adds(effect.settings_map) and effect.at_place in {p.at_place for p in alike}
+    return effect.label in {part.label for part in parts} or (bool(alike) and not further)
 
 
 def recording_of(machine: Machine, rows: Rows, reference: Array) -> Recording:

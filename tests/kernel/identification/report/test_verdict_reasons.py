@@ -14,6 +14,7 @@ from truepose.identification.diagnosis.result import (
     Alarm,
     Alternative,
     BlockProof,
+    OpenQuestion,
     Proof,
     Quantity,
 )
@@ -198,3 +199,18 @@ def test_a_misfit_far_from_noise_is_said_in_the_first_sentence(
 def test_a_usual_misfit_is_not_worth_a_word(chi2: float) -> None:
     found = diagnosis("adequate", fits=fits(chi2), noise=1.0)
     assert "degree of freedom" not in headline(found)[0]
+
+
+def test_the_headline_names_the_experiment_of_what_moves_the_tool_most() -> None:
+    """Of findings whose law is sure it says nothing."""
+    pairs = {"q1": 0.2, "q2": 0.9}
+    asked = {
+        name: OpenQuestion(
+            (f"backlash@{name}:b=1e-3", f"empirical@{name}:degree=3"), f"move {name}; or wait", {}, mm
+        )
+        for name, mm in pairs.items()
+    }
+    open_ = [replace(finding(0.7, 1), place=(name,), question=one) for name, one in asked.items()]
+    said = headline(diagnosis("missing-physics", *open_, finding(0.99, 1)))[0]
+    assert said.endswith(" What would tell: move q2 (plan --discriminate backlash@q2 empirical@q2).")
+    assert "What would tell" not in headline(diagnosis("missing-physics", finding(0.99, 1)))[0]
