@@ -22,7 +22,8 @@ def flexure_forces(machine: Machine) -> Array | None:
     mechanism = machine.mechanism
     if mechanism.flexure_length is None or mechanism.loops == "elastic" or len(mechanism.limbs) != 6:
         return None
-    nominal = {p.name: p.nominal for p in machine.parameters}
+    drawn = machine.file.nominal if machine.file else {}  # a calibrated file's parameters are the fit's
+    nominal = {p.name: drawn.get(p.name, p.nominal) for p in machine.parameters}
     rods = {rod.name: rod for rod in mechanism.rods}
     bent, closed, driven = np.zeros((12, 3, 12)), np.zeros((6, 6)), np.zeros(6)
     for k, limb in enumerate(mechanism.limbs):
