@@ -94,7 +94,8 @@ def conclude(fits: Fits, found: Found, stated: Machine, examine: Examine | None 
     supported = keep_supported(said, there, model.fit, partial(replications, found, rms=fits.rms))
     summary, recording = supported.summary, found.signatures.recording
     sure = {found.catalogue.candidates[i].label for i in summary.sure(NAMED)}
-    laws = frozenset({*summary.firm, *found.catalogue.stated})
+    spoken = [i for n in (*summary.names, *summary.leading) if not n.nameless for i in n.candidates]
+    laws = frozenset({*spoken, *found.catalogue.stated})
     choice = replace(choice, known=choice.known | sure, laws=laws)
     quiet = conclude_nothing(fits, found, supported, choice, stated, examine)
     if quiet.verdict == "adequate":

@@ -3,8 +3,8 @@
 A model may predict readings better and leave the tool worse, where a form without a name took what the robot does. So
 models are tried: all that was found, less what the sensor is said to do and may not, names alone, forms alone, sure names
 alone. Of those whose held-out readings and tool's position are no worse than those of the fit held to the drawing, the best is
-applied; without one, that fit is. Forms without a name, and laws that are not said, must make nothing worse at the ends of what
-was seen either (outermost poses, heaviest loads, warmest rows), and geometry may not leave its tolerances to meet them.
+applied; without one, that fit is. Forms without a name, and laws that these outweigh, must make nothing worse at the ends of
+what was seen either (outermost poses, heaviest loads, warmest rows), and geometry may not leave its tolerances to meet them.
 """
 
 from __future__ import annotations
@@ -153,13 +153,13 @@ class Choice:
         return cls(found, before, fits.outliers, split, plain, trials, known, laws)
 
     def forms(self, model: Model) -> list[int]:
-        """What a model's fit has without a law that is said: it is known where it was seen alone."""
+        """What a model's fit has without a law that is told: it is known where it was seen alone."""
         held = {e.label for e in model.fit.effects}
         candidates = self.found.catalogue.candidates
         return [i for i in model.accepted if i not in self.laws and candidates[i].label in held]
 
     def names(self, model: Model) -> Model | None:
-        """Return the model with laws that are said alone; itself where it has nothing else, None where it has none."""
+        """Return the model with laws that are told alone; itself where it has nothing else, None where it has none."""
         own = {i: s for i, s in model.accepted.items() if i in self.laws}
         if not own:
             return None
