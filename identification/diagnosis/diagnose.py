@@ -95,8 +95,7 @@ def conclude(fits: Fits, found: Found, stated: Machine, examine: Examine | None 
     summary, recording = supported.summary, found.signatures.recording
     sure = {found.catalogue.candidates[i].label for i in summary.sure(NAMED)}
     spoken = [i for n in (*summary.names, *summary.leading) if not n.nameless for i in n.candidates]
-    laws = frozenset({*spoken, *found.catalogue.stated})
-    choice = replace(choice, known=choice.known | sure, laws=laws)
+    choice = replace(choice, known=choice.known | sure, laws=frozenset((*spoken, *found.catalogue.stated)))
     quiet = conclude_nothing(fits, found, supported, choice, stated, examine)
     if quiet.verdict == "adequate":
         return quiet
