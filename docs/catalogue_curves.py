@@ -75,15 +75,6 @@ def _counterbalance(paper: Canvas) -> None:
     paper.line(*fitted(q, error), colour=ERROR)
 
 
-@drawn("dress-pack")
-def _dress_pack(paper: Canvas) -> None:
-    q = np.linspace(-np.pi, np.pi, 60)
-    paper.axes("one joint, the other in two places", "pull of the hose", zero=45)
-    for other, colour in ((0.0, ERROR), (1.2, DRAWN)):
-        pull = np.sin(q - other)
-        paper.line(*fitted(q, pull), colour=colour)
-
-
 @drawn("early-reading")
 def _early_reading(paper: Canvas) -> None:
     step = np.linspace(-1, 1, 41)
@@ -234,20 +225,18 @@ def _piezo_hysteresis(paper: Canvas) -> None:
     paper.line(*_loop(way, real))
 
 
-@drawn("rocking-mount")
-def _rocking_mount(paper: Canvas) -> None:
-    moment = np.linspace(0, 1, 60)
-    paper.axes("moment on the mount", "tilt")
-    paper.line(*fitted(moment, np.maximum(moment - 0.5, 0.0)), colour=ERROR)
-
-
 @drawn("screw-growth")
 def _screw_growth(paper: Canvas) -> None:
     x = np.linspace(0, 1, 2)
     paper.axes("reading, cold and warm", "error")
-    for heat, colour in ((0.2, DRAWN), (1.0, ERROR)):
-        grown = heat * x
-        paper.line(*fitted(x, grown, over=x), colour=colour)
+    cold, warm = (
+        law(
+            "screw-growth", "x", {"c": 1.0}, {"x": x, "heat.x~900": np.full(2, heat)}, settings={"lag": 900.0}
+        )
+        for heat in (0.2, 1.0)
+    )
+    for grown, colour in ((cold, DRAWN), (warm, ERROR)):
+        paper.line(*fitted(x, grown, over=np.append(cold, warm)), colour=colour)
 
 
 @drawn("screw-periodic")

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from catalogue_canvas import DRAWN, ERROR, REAL, Canvas, Point
+from catalogue_canvas import DRAWN, ERROR, REAL, Canvas, Point, fitted
 from catalogue_law import law
 
 SKETCHES: Final[dict[str, Callable[[Canvas], None]]] = {}
@@ -241,6 +241,22 @@ def _wrong_constant(paper: Canvas) -> None:
     paper.text(60, 15, "drawing")
     paper.arrow((24, 70), (132, 70), ERROR, both=True)
     paper.text(78, 84, "machine", ERROR)
+
+
+@sketched("dress-pack")
+def _dress_pack(paper: Canvas) -> None:
+    q = np.linspace(-np.pi, np.pi, 60)
+    paper.axes("one joint, the other in two places", "pull of the hose", zero=45)
+    for other, colour in ((0.0, ERROR), (1.2, DRAWN)):
+        pull = np.sin(q - other)
+        paper.line(*fitted(q, pull), colour=colour)
+
+
+@sketched("rocking-mount")
+def _rocking_mount(paper: Canvas) -> None:
+    moment = np.linspace(0, 1, 60)
+    paper.axes("moment on the mount", "tilt")
+    paper.line(*fitted(moment, np.maximum(moment - 0.5, 0.0)), colour=ERROR)
 
 
 def _block(paper: Canvas, at: Point, turn: float, width: float, height: float) -> None:

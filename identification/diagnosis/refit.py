@@ -85,9 +85,13 @@ class Model:
     fit: Estimate
 
     def nameless(self, found: Found) -> tuple[int, ...]:
-        """What has no name and is in the fit."""
-        cat, held = found.catalogue, {e.label for e in self.fit.effects}
-        return tuple(i for i in self.accepted if not cat.named(i) and cat.candidates[i].label in held)
+        """Return what has no name and is in the fit."""
+        return tuple(i for i in self.held(found) if not found.catalogue.named(i))
+
+    def held(self, found: Found) -> tuple[int, ...]:
+        """Return the candidates that are in the fit."""
+        held = {e.label for e in self.fit.effects}
+        return tuple(i for i in self.accepted if found.catalogue.candidates[i].label in held)
 
 
 def refit(found: Found, accepted: Mapping[int, float], exclude: Mask) -> Model | None:
@@ -153,10 +157,8 @@ class Choice:
         return cls(found, before, fits.outliers, split, plain, trials, known, laws)
 
     def forms(self, model: Model) -> list[int]:
-        """What a model's fit has without a law that is told: it is known where it was seen alone."""
-        held = {e.label for e in model.fit.effects}
-        candidates = self.found.catalogue.candidates
-        return [i for i in model.accepted if i not in self.laws and candidates[i].label in held]
+        """Return what a model's fit has without a law that is told: it is known only where it was seen."""
+        return [i for i in model.held(self.found) if i not in self.laws]
 
     def names(self, model: Model) -> Model | None:
         """Return the model with laws that are told alone; itself where it has nothing else, None where it has none."""

@@ -151,6 +151,8 @@ class JointCompliance(Effect):
         kind = _measured(site.settings)
         if kind is not None:
             return {port: site.settings[kind] * c * site.driver(_column(site.machine, site.place, kind))}
+        if SHARP in site.settings and KNEE not in site.settings:
+            raise InputError(f"{self.slug} at {site.place[0]}: found {SHARP} without {KNEE}, expected both")
         load = site.load(port, _case(site.machine, site.place, site.settings))
         if BEND in site.settings:
             load *= ca.fabs(load / BENT_AT) ** (site.settings[BEND] - 1.0)
@@ -169,6 +171,9 @@ class JointCompliance(Effect):
             )
             column = f"{_column(machine, place, kind)}, which by its sign is {holds}"
             return f"Joint {place[0]} gives way in proportion to {column}."
+        if KNEE in settings:
+            knee = f"{settings[KNEE]:.3g} {'N*m' if joint_unit(machine, place) == 'rad' else 'N'}"
+            return f"Joint {place[0]} gives way under {carried(machine)}: more up to {knee}, less beyond."
         unknown = "" if machine.loaded else " (masses are not stated: compliance times carried mass is found)"
         return f"Joint {place[0]} gives way under {carried(machine)}, in proportion to the load{unknown}."
 

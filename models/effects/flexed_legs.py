@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from truepose.arrays import Array
+from truepose.models.effects.common import nominal_axis
 from truepose.models.machine.machine import Machine
-from truepose.models.machine.mechanism import Direction
 
 PARALLEL = 0.01
 """How far unit vectors that are the same at home may differ in a file's rounded numbers."""
@@ -22,8 +22,7 @@ def flexure_forces(machine: Machine) -> Array | None:
     mechanism = machine.mechanism
     if mechanism.flexure_length is None or mechanism.loops == "elastic" or len(mechanism.limbs) != 6:
         return None
-    drawn = machine.file.nominal if machine.file else {}  # a calibrated file's parameters are the fit's
-    nominal = {p.name: drawn.get(p.name, p.nominal) for p in machine.parameters}
+    nominal = machine.nominal_values  # of the drawing: a calibrated file has the same forces
     rods = {rod.name: rod for rod in mechanism.rods}
     bent, closed, driven = np.zeros((12, 3, 12)), np.zeros((6, 6)), np.zeros(6)
     for k, limb in enumerate(mechanism.limbs):
@@ -43,7 +42,7 @@ def flexure_forces(machine: Machine) -> Array | None:
         moved = np.hstack(
             [np.eye(3), -_cross(point), np.zeros((3, 6))]
         )  # of the rod's end, by shift, turn and travel
-        moved[:, 6 + k] -= _axis(slide.axis, nominal)
+        moved[:, 6 + k] -= nominal_axis(machine, slide.axis)
         closed[k], driven[k] = along @ moved[:, :6], along @ moved[:, 6 + k]
         turned = (np.eye(3) - np.outer(along, along)) @ moved / rods[limb.name].nominal_length
         bent[2 * k], bent[2 * k + 1] = turned, turned
@@ -58,14 +57,4 @@ def flexure_forces(machine: Machine) -> Array | None:
 
 def _cross(vector: Array) -> Array:
     """Return the matrix (3, 3) of the cross product with a vector from the left."""
-    x, y, z = vector
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-
-
-def _axis(axis: Direction | tuple[float, float, float], nominal: dict[str, float]) -> Array:
-    """Return the unit vector (3,) of a slide as drawn."""
-    if not isinstance(axis, Direction):
-        return np.array(axis, dtype=float)
-    known = [0.0 if name is None else nominal[name] for name in axis.components]
-    rest = axis.sign * np.sqrt(max(1.0 - float(np.dot(known, known)), 0.0))
-    return np.array([rest if name is None else v for name, v in zip(axis.components, known, strict=True)])
+    return np.cross(vector, np.eye(3)).T
