@@ -105,7 +105,7 @@ def conclude(fits: Fits, found: Found, stated: Machine, examine: Examine | None 
         lambda: deploy(choice, model, names, summary.sure(), whole, said.firm),
         lambda: None if main is None else prove(fits.before, model.fit, whole, there, main, fits.outliers),
     )
-    nameless = model.nameless(there)
+    nameless = tuple(i for i in model.held(there) if not found.catalogue.named(i))
     gain = choice.gain_of_forms(names, whole) if nameless else {}
     left, findings = run_both(
         lambda: alarms_of(after, after, there.linearisation, recording),

@@ -84,10 +84,6 @@ class Model:
     accepted: Mapping[int, float]
     fit: Estimate
 
-    def nameless(self, found: Found) -> tuple[int, ...]:
-        """Return what has no name and is in the fit."""
-        return tuple(i for i in self.held(found) if not found.catalogue.named(i))
-
     def held(self, found: Found) -> tuple[int, ...]:
         """Return the candidates that are in the fit."""
         held = {e.label for e in self.fit.effects}

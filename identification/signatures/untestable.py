@@ -55,7 +55,7 @@ class Missing:
 
 def missing_inputs(machine: Machine, recording: Recording) -> tuple[Missing, ...]:
     """What is missing, likeliest effects first; empty where nothing is."""
-    return (*missing_length(machine), *_of_weight(machine), *_of_columns(machine, recording))
+    return (*missing_length(machine), *_of_weight(machine, recording), *_of_columns(machine, recording))
 
 
 def with_assumed_gravity(machine: Machine) -> Machine:
@@ -76,13 +76,13 @@ def missing_length(machine: Machine) -> list[Missing]:
     return [Missing((what[0],), why, add, what="a common scale")]
 
 
-def _of_weight(machine: Machine) -> list[Missing]:
+def _of_weight(machine: Machine, recording: Recording) -> list[Missing]:
     """Effects of weight, where the file says too little of it."""
     file = machine.file.path.name if machine.file else "the machine file"
-    heavy = replace(machine, gravity=machine.gravity or GRAVITY)
+    heavy = with_assumed_gravity(machine)
     kinds = [effect for effect in every_effect() if effect.needs_load and effect.slug not in RARE]
-    without = [e.slug for e in kinds if not places_of(e, machine)]
-    by_gravity = [e.slug for e in kinds if e.slug in without and places_of(e, heavy)]
+    without = [e.slug for e in kinds if not _weighed(e, machine, recording)]
+    by_gravity = [e.slug for e in kinds if e.slug in without and _weighed(e, heavy, recording)]
     by_masses = [slug for slug in without if slug not in by_gravity and _fits(slug, machine)]
     out = []
     if machine.gravity is None and by_gravity:
@@ -94,6 +94,12 @@ def _of_weight(machine: Machine) -> list[Missing]:
         add = f"add `{GRAVITY_LINE}` and {weights}" if both else f"add {weights}"
         out.append(Missing(tuple(by_masses), f"no {lacks} in {file}", add))
     return out
+
+
+def _weighed(effect: Effect, machine: Machine, recording: Recording) -> bool:
+    """Return whether an effect of weight has a form for it there: a computed load, or a measured one."""
+    every = ((at, s) for at in places_of(effect, machine) for s in effect.settings(machine, at, recording))
+    return any(effect.reads_load(s) or effect.drivers(machine, at, s) for at, s in every)
 
 
 def _fits(slug: str, machine: Machine) -> bool:

@@ -215,7 +215,11 @@ def models() -> tuple[dict[str, int], Model, Model]:
         "warp": next(i for i, c in forms if c.kind == "sensor"),
     }
     everything, names = (refit(found, dict.fromkeys(p.values(), 1.0), case.exclude) for p in (whole, parts))
-    assert everything is not None and names is not None and names.nameless(found) == ()
+    assert (
+        everything is not None
+        and names is not None
+        and all(found.catalogue.named(i) for i in names.held(found))
+    )
     return whole, everything, names
 
 
@@ -321,7 +325,9 @@ def test_forms_must_make_nothing_worse_at_the_ends_and_names_may(choice: Choice)
     line = next(i for i, c in enumerate(case.cat.candidates) if c.place == ("q1",) and not case.cat.named(i))
     names = Model(dict(found.accepted), found.fit)
     with_form = refit(found, {line: 1.0}, case.exclude)
-    assert with_form is not None and with_form.nameless(found) == (line,)
+    assert with_form is not None and [i for i in with_form.held(found) if not found.catalogue.named(i)] == [
+        line
+    ]
     end = BlockProof("outermost poses", 10, 2.0, 2.0, extrapolates=True)
     harmful, harmless = replace(comparison(0.5, 0.5), blocks=(end,)), comparison(0.5, 0.5)
     assert choice.may_be_applied(names, names, harmful)
@@ -344,7 +350,7 @@ def test_sure_names_are_applied_where_others_may_not(choice: Choice, monkeypatch
     number = {c.label: i for i, c in enumerate(case.cat.candidates)}
     play, scale = number["backlash@q2"], number["actuator-scale@q1"]
     names = refit(found, {play: 1.0, scale: 1.0}, case.exclude)
-    assert names is not None and names.nameless(found) == ()
+    assert names is not None and all(found.catalogue.named(i) for i in names.held(found))
     good, bad = comparison(0.5, 0.5), comparison(2.0, 2.0)
 
     def compared(_: Choice, fit: Estimate) -> Comparison:

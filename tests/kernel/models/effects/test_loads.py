@@ -45,6 +45,12 @@ def test_a_gear_that_stiffens_gives_way_until_its_teeth_bear(machines: Machines)
         assert (stiff, soft) == (pytest.approx(straight), pytest.approx(expected, rel=1e-4))
 
 
+def test_a_sharp_knee_needs_the_load_of_its_knee(machines: Machines) -> None:
+    placed = with_effect(machines["arm"], "joint-compliance", ("q2",), {"sharp": 1.0})
+    with pytest.raises(InputError, match="joint-compliance at q2: found sharp without knee"):
+        shift_slopes(machines["arm"], placed)
+
+
 def test_files_of_earlier_versions_bend_by_odd_powers_of_the_load(machines: Machines) -> None:
     arm = machines["arm"]
     straight = shift_slopes(arm, with_effect(arm, "joint-compliance", ("q2",)))["q2.displacement"][0]
