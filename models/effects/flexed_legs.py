@@ -23,32 +23,25 @@ def flexure_forces(machine: Machine) -> Array | None:
     if mechanism.flexure_length is None or mechanism.loops == "elastic" or len(mechanism.limbs) != 6:
         return None
     nominal = machine.nominal_values  # of the drawing: a calibrated file has the same forces
-    rods = {rod.name: rod for rod in mechanism.rods}
+    lengths = {rod.name: rod.length for rod in mechanism.rods}
     bent, closed, driven = np.zeros((12, 3, 12)), np.zeros((6, 6)), np.zeros(6)
     for k, limb in enumerate(mechanism.limbs):
         slide = mechanism.joint(mechanism.actuator(limb.reading).drives)
         ends = [mechanism.home_directions.get(f"{limb.name}.{end}") for end in "ab"]
-        if (
-            limb.name not in rods
-            or slide.kind != "prismatic"
-            or None in ends
-            or len(limb.platform_point) != 3
-        ):
+        length = lengths.get(limb.name)
+        if length is None or slide.kind != "prismatic" or None in ends or len(limb.platform_point) != 3:
             return None
         along = np.array(ends[1], dtype=float)
         if np.max(np.abs(along - np.array(ends[0], dtype=float))) > PARALLEL:
             return None  # the platform does not stand as its base does
         point = np.array([nominal[name] for name in limb.platform_point])
-        moved = np.hstack(
-            [np.eye(3), -_cross(point), np.zeros((3, 6))]
-        )  # of the rod's end, by shift, turn and travel
+        # of the rod's ends against each other, by the platform's shift and turn and by the travel
+        moved = np.hstack([np.eye(3), -_cross(point), np.zeros((3, 6))])
         moved[:, 6 + k] -= nominal_axis(machine, slide.axis)
         closed[k], driven[k] = along @ moved[:, :6], along @ moved[:, 6 + k]
-        turned = (np.eye(3) - np.outer(along, along)) @ moved / rods[limb.name].nominal_length
+        turned = (np.eye(3) - np.outer(along, along)) @ moved / nominal[length]
         bent[2 * k], bent[2 * k + 1] = turned, turned
-        bent[2 * k + 1][:, 3:6] += _cross(
-            along
-        )  # seen from the platform, which turns by w: n moves by -w x n
+        bent[2 * k + 1][:, 3:6] += _cross(along)  # the platform turns by w: n moves by -w x n in it
     stiff = np.einsum("eai,eaj->ij", bent, bent)
     per_length = np.linalg.inv(closed)  # of the platform's six motions, by the rods' lengths
     by_travel = -per_length * driven

@@ -14,6 +14,7 @@ from support.shifting_bench import Bench, clock
 from truepose.arrays import Array
 from truepose.identification.diagnosis.posterior_summary import SURE
 from truepose.identification.diagnosis.result import NAMED, Diagnosis
+from truepose.identification.fit.write_machine import write_calibrated
 
 G, ROWS = 9.80665, 80
 LEVER, OFF_AXIS = 0.5, 0.05
@@ -86,17 +87,16 @@ def test_legs_that_give_way_to_their_flexures(tmp_path: Path) -> None:
         bent = np.concatenate([along - home, turn.inv().apply(along) - home])
         return np.concatenate([np.sqrt(stiffness) * (long - length), np.sqrt(bending) * bent.ravel()])
 
-    rods = []
-    for travel in q:
-        pose = least_squares(
-            strains, [0.0, 0.0, 440.0, 0.0, 0.0, 0.0], args=(travel,), x_scale=[1.0] * 3 + [1e-3] * 3
-        ).x
-        rods.append(strains(pose, travel)[:6] / np.sqrt(stiffness))
-    grown = np.array(rods)
+    start, scale = [0.0, 0.0, 440.0, 0.0, 0.0, 0.0], [1.0] * 3 + [1e-3] * 3
+    poses = [least_squares(strains, start, args=(travel,), x_scale=scale).x for travel in q]
+    grown = np.array([strains(*each)[:6] for each in zip(poses, q, strict=True)]) / np.sqrt(stiffness)
     found = hexapod.diagnose(hexapod.frame(q, shifts={f"leg{k + 1}.length": grown[:, k] for k in range(6)}))
     assert_law(found, "leg-compliance", tuple(f"leg{k}" for k in range(1, 7)))
     (law,) = (e for e in found.terms if "flexures" in e.settings_map)
     assert law.values["c"] == pytest.approx(bending / stiffness, rel=0.1)
+    write_calibrated(
+        tmp_path / "improved.yaml", found.after, found.recording
+    )  # refuses what reads as another machine
 
 
 def test_a_strut_of_constant_force_between_two_links(arm: Bench) -> None:
