@@ -86,7 +86,8 @@ def _law(found: Found, sums: Sums, number: int, named_ones: Collection[int]) -> 
     laws = [causes.index(m.cause) for m in rivals if m.cause.effect != Empirical.slug]
     here = [k for k in laws if not parts.isdisjoint(sums.parts(causes[k]))]
     certainty = max(sums.any_law([number, *laws]), probability)
-    levels = sums.levels(cause, found.catalogue.candidates[candidates[0]].kind, probability)
+    kind = found.catalogue.candidates[candidates[0]].kind
+    levels = sums.levels(cause, kind, probability)
     nameless = Rival(
         EffectAtPlace(Empirical.slug, cause.place), levels.driver - sums.any_law([number, *here]), 0.0
     )
@@ -94,7 +95,7 @@ def _law(found: Found, sums: Sums, number: int, named_ones: Collection[int]) -> 
     if max(nameless.probability, untested) <= probability:
         rivals += [nameless] if nameless.probability > SHOWN else []
         return Named(cause, tuple(candidates), probability, certainty, _ranked(rivals), levels=levels)
-    levels = sums.levels(cause, sums.likeliest_driver(cause), 0.0)
+    levels = sums.levels(cause, sums.likeliest_driver(cause, kind), 0.0)
     said, tested = _ranked([*rivals, Rival(cause, probability, 0.0)]), untested <= nameless.probability
     return Named(nameless.cause, tuple(candidates), 0.0, certainty, said, levels=levels, tested=tested)
 

@@ -2,13 +2,15 @@
 
 "Is it exactly this law?" and "does this part respond to this driver?" are two questions. A name, a form without one and
 another law at the same part with the same driver are rivals for the first and agree on the second. So each state's terms
-count by their part alone, and by part and driver; a law counts in states that leave nothing without a name at its parts.
+count by their part alone, and by part and driver; a law counts in states that leave nothing without a name at its parts that
+could be of the same function.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import get_args
 
 from truepose.identification.diagnosis.result import NAMED, UNKNOWN, Levels, SetOfEffects, Together
@@ -50,6 +52,16 @@ def driver_of(kind: DriverKind) -> str:
     return "position" if kind == "position-periodic" else kind
 
 
+def natures_of(kind: DriverKind) -> tuple[str, ...]:
+    """What functions of a kind may be mistaken for: curves in a part's own position for waves in it and for what else the pose
+    decides, what passes with time for what passes with heat."""
+    if kind in ("time", "temperature", "session"):
+        return ("passing",)
+    if kind in ("arrival", "sensor"):
+        return (kind,)
+    return {"position-periodic": ("wave",), "position": ("wave", "pose")}.get(kind, ("pose",))
+
+
 def parts_of(machine: Machine, slug: str, place: Iterable[str]) -> tuple[str, ...]:
     """The parts that an effect is at, one name each: a leg is its actuator's joint, a constant its element, an encoder on a
     load side itself, a coupled axis the one that is driven."""
@@ -76,14 +88,17 @@ class Sums:
             frozenset(key for t, _ in state.members for key in self._of(problem.candidates[t]))
             for state, _ in posterior.states
         ]
-        self._alone = [frozenset(k for k in causes if self._is_alone(k, causes)) for causes in self._causes]
+        self._alone = [self._laws_alone(state) for state, _ in posterior.states]
 
-    def _is_alone(self, number: int, causes: frozenset[int]) -> bool:
-        """Whether nothing else without a name is at the parts of one of the causes."""
-        others = (self._problem.causes[k] for k in causes & self._unnamed if k != number)
-        return {*self.parts(self._problem.causes[number])}.isdisjoint(
-            p for cause in others for p in self.parts(cause)
-        )
+    def _laws_alone(self, state: State) -> frozenset[int]:
+        """Causes of a state whose parts err by nothing else without a name that they could be mistaken for."""
+        own = dict[int, set[Key]]()
+        for number, (term, _) in zip(self._numbers(state), state.members, strict=True):
+            placed = self._cat.candidates[self._problem.candidates[term]]
+            natures = [nature for kind in self._kinds(placed) for nature in natures_of(kind)]
+            own.setdefault(number, set()).update(product(self.parts(placed.at_place), natures))
+        unnamed = own.keys() & self._unnamed
+        return frozenset(k for k in own if all(own[k].isdisjoint(own[u]) for u in unnamed - {k}))
 
     def parts(self, cause: EffectAtPlace) -> tuple[str, ...]:
         """The parts that a cause is at."""
@@ -114,11 +129,13 @@ class Sums:
         driver = max(self.at(self.parts(cause), kind), law)
         return Levels(max(self.at(self.parts(cause)), driver), kind, driver)
 
-    def likeliest_driver(self, cause: EffectAtPlace) -> DriverKind:
-        """What most probably drives something at the parts of a cause."""
+    def likeliest_driver(self, cause: EffectAtPlace, law: DriverKind) -> DriverKind:
+        """What most probably drives something at the parts of a cause that could be mistaken for its law."""
         kinds = {own for keys in self._keys for part, own in keys if part in self.parts(cause)} - {ANY}
-        known = [kind for kind in get_args(DriverKind) if kind in kinds]
-        return max(known, key=lambda kind: self.at(self.parts(cause), kind))
+        alike = (kind for kind in get_args(DriverKind) if {*natures_of(kind)} & {*natures_of(law)})
+        return max(
+            [k for k in alike if k in kinds] or [law], key=lambda kind: self.at(self.parts(cause), kind)
+        )
 
     def together(self) -> tuple[Together, ...]:
         """Of each driver the places that are not sure one by one, where it is sure that it acts at one of them at least."""
@@ -167,10 +184,10 @@ class Sums:
     def _of(self, candidate: int) -> Iterator[Key]:
         """What a candidate says."""
         placed = self._cat.candidates[candidate]
-        kinds = placed.effect.driver_kinds(self._machine, placed.place, placed.settings_map)
-        for part in self.parts(placed.at_place):
-            yield (part, ANY)
-            yield from ((part, driver_of(kind)) for kind in kinds)
+        yield from product(self.parts(placed.at_place), (ANY, *map(driver_of, self._kinds(placed))))
+
+    def _kinds(self, placed: PlacedEffect) -> tuple[DriverKind, ...]:
+        return placed.effect.driver_kinds(self._machine, placed.place, placed.settings_map)
 
 
 @dataclass(frozen=True)

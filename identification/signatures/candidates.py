@@ -258,9 +258,9 @@ def empirical_forms(machine: Machine, recording: Recording) -> tuple[PlacedEffec
     """Every form of one source over the ranges that the calibration rows saw, all coefficients 0.
 
     Each joint and each mount as a curve in each source (joints, payload, time, thermometers), a joint as a line, too, and by
-    all six motions of what it drives; each joint in the side that it arrived from. Each joint and mount as a curve in the
-    load that it carries, where the file states weights, each joint in what its drive was measured to hold. Each sensor in
-    what it reads itself. Forms of several sources: ``proposed_products``.
+    all six motions of what it drives; each joint in its own reading with the side that it arrived from. Each joint and mount
+    as a curve in the load that it carries, where the file states weights, each joint in what its drive was measured to hold.
+    Each sensor in what it reads itself. Forms of several sources: ``proposed_products``.
     """
     seen, loads = _varied(machine, recording), forms_of_load(machine, recording)
     held = forms_of_held_load(machine, recording, seen)
@@ -273,13 +273,15 @@ def empirical_forms(machine: Machine, recording: Recording) -> tuple[PlacedEffec
         elif name in FRAMES:
             forms += [seen_over({source: seen[source]}, MOUNT_CURVE) for source in seen]
         else:
-            own = seen | arrivals(recording, name)
             for way in ways_of(machine, name):
                 forms += [
-                    seen_over({source: own[source]}, degree, spatial=way)
-                    for source in own
+                    seen_over({source: seen[source]}, degree, spatial=way)
+                    for source in seen
                     for degree in degrees(name, source, spatial=way)
                 ]
+            arrived = arrivals(recording, name)
+            if arrived and name in seen:  # by itself it would be play
+                forms.append(seen_over({name: seen[name], **arrived}, BOW))
         forms += loads.get(name, []) + held.get(name, [])
         out += [PlacedEffect.at(effect, machine, (name,), settings) for settings in forms]
     return tuple(out)
@@ -315,10 +317,8 @@ def ways_of(machine: Machine, joint: str) -> tuple[bool, ...]:
 
 
 def degrees(joint: str, source: str, *, spatial: bool) -> tuple[int, ...]:
-    """Degrees of the forms of one source: of two values only a line, of six motions only curves; with corners where laws have
-    them, in the joint's own reading."""
-    if Driver.of(source).kind == APPROACH:
-        return (LINE,)
+    """Degrees of the forms of one source: of six motions only curves; with corners where laws have them, in the joint's own
+    reading."""
     if spatial:
         return (BOW, CURVE)
     return (LINE, BOW, FINE if source == joint else CURVE)
