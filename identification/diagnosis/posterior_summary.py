@@ -130,12 +130,11 @@ class Sums:
         return Levels(max(self.at(self.parts(cause)), driver), kind, driver)
 
     def likeliest_driver(self, cause: EffectAtPlace, law: DriverKind) -> DriverKind:
-        """What most probably drives something at the parts of a cause that could be mistaken for its law."""
+        """What most probably drives something at the parts of a cause: what drives its ``law``, unless another is likelier
+        than not and this is not."""
         kinds = {own for keys in self._keys for part, own in keys if part in self.parts(cause)} - {ANY}
-        alike = (kind for kind in get_args(DriverKind) if {*natures_of(kind)} & {*natures_of(law)})
-        return max(
-            [k for k in alike if k in kinds] or [law], key=lambda kind: self.at(self.parts(cause), kind)
-        )
+        known = [law, *(kind for kind in get_args(DriverKind) if kind in kinds)]
+        return max(known, key=lambda kind: self.at(self.parts(cause), kind) >= NAMED)
 
     def together(self) -> tuple[Together, ...]:
         """Of each driver the places that are not sure one by one, where it is sure that it acts at one of them at least."""

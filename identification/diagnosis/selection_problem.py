@@ -21,6 +21,7 @@ from truepose.identification.posterior.spike_slab import SpikeSlab
 from truepose.identification.posterior.state import best_point
 from truepose.identification.signatures.candidates import Catalogue
 from truepose.identification.signatures.linearisation import Linearisation
+from truepose.models.machine.mechanism import like_parts
 from truepose.models.machine.placed import EffectAtPlace
 
 UNNAMED = "unnamed"
@@ -87,6 +88,7 @@ def _terms(
     table["in_kind"] = table["share"] / table.groupby("kind")["share"].transform("sum")
     number, causes = pd.factorize(table["cause"])
     feature = table.groupby(["kind", "feature"], sort=False).ngroup().to_numpy()
+    group, _ = pd.factorize(pd.Series([_group(cat, i) for i in free], dtype=object))
     share = np.log(table["in_kind"].to_numpy())
     terms = list[Term]()
     for k, (i, one) in enumerate(zip(free, placed, strict=True)):
@@ -94,7 +96,7 @@ def _terms(
         seen = one.coefficients[: len(columns)]
         lower, upper = tuple(c.lower / c.scale for c in seen), tuple(c.upper / c.scale for c in seen)
         alone = cat.has_law(i) and not one.effect.adds(one.settings_map)
-        terms.append(Term(columns, *numbers, lower, upper, alone, len(one.coefficients)))
+        terms.append(Term(columns, *numbers, lower, upper, alone, len(one.coefficients), int(group[k])))
     return tuple(causes), Terms(terms, _urn(table, cat.learned))
 
 
@@ -107,6 +109,11 @@ def _kind(cat: Catalogue, index: int) -> str:
     if not cat.has_law(index):
         return UNNAMED
     return f"{placed.effect.slug} of {len(placed.place)}"
+
+
+def _group(cat: Catalogue, index: int) -> str:
+    """What stands in for other things at once: a kind; what has no name, at like parts."""
+    return _kind(cat, index) if cat.has_law(index) else like_parts(cat.candidates[index].place[0])
 
 
 def _urn(table: pd.DataFrame, learned: FleetPrior | None) -> Urn:

@@ -271,6 +271,8 @@ class Term:
     alone: bool = True
     length: int = 0
     """Number of coefficients, where columns are directions of more of them."""
+    group: int = 0
+    """What may give way at once to terms of another group."""
 
 
 WIDTHS = (2, 6, 18)
@@ -301,6 +303,7 @@ class Terms:
         self.cause = np.array([t.cause for t in terms], dtype=np.intp)
         self.feature = np.array([t.feature for t in terms], dtype=np.intp)
         self.n_causes, self.kind = len(urn.kind), urn.kind[self.cause]
+        self.group = np.array([t.group for t in terms], dtype=np.intp)
         self._share = np.array([t.log_share for t in terms])
         self.bounded = np.array([bool(np.any(np.isfinite([t.lower, t.upper]))) for t in terms], dtype=bool)
 

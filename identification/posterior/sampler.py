@@ -73,7 +73,7 @@ class Chain:
                 for k in self._rng.permutation(len(slots))
             )
             self._exchange()
-            self._other_kind()
+            self._other_group()
             yield Sweep(tuple(self.members), self.point, visits)
 
     def _redraw(self, member: Member | None, points: Sequence[GridPoint]) -> Visit:
@@ -107,43 +107,43 @@ class Chain:
         if np.log(self._rng.random()) < forward.log_total(slots[1]) - backward.log_total(slots[1]):
             self.members = [*rest, new, last]
 
-    def _other_kind(self) -> None:
-        """All members of a kind replaced by some of another, drawn one after the other until one is nothing.
+    def _other_group(self) -> None:
+        """All members of a group replaced by some of another, drawn one after the other until one is nothing.
 
-        The kind is chosen as a locally balanced proposal does (Zanella 2020, JASA 115:852): by the root of its weight. A set
+        The group is chosen as a locally balanced proposal does (Zanella 2020, JASA 115:852): by the root of its weight. A set
         has no order; every order of its members is as likely.
         """
-        kinds = self._weighing.terms.kind[[t for t, _ in self.members]]
-        if not len(kinds):
+        groups = self._weighing.terms.group[[t for t, _ in self.members]]
+        if not len(groups):
             return
-        chosen = int(self._rng.choice(np.unique(kinds)))
-        old = [self.members[k] for k in self._rng.permutation(np.flatnonzero(kinds == chosen))]
+        chosen = int(self._rng.choice(np.unique(groups)))
+        old = [self.members[k] for k in self._rng.permutation(np.flatnonzero(groups == chosen))]
         rest = [m for m in self.members if m not in old]
         new, forward = self._grown(rest, None)
         _, backward = self._grown(rest, old)
         log_ratio = forward - backward + gammaln(len(old) + 1) - gammaln(len(new) + 1)
-        others = len(np.unique(kinds))
-        log_ratio += np.log(others / len({int(self._weighing.terms.kind[t]) for t, _ in [*rest, *new]}))
+        others = len(np.unique(groups))
+        log_ratio += np.log(others / len({int(self._weighing.terms.group[t]) for t, _ in [*rest, *new]}))
         if np.log(self._rng.random()) < log_ratio:
             self.members = [*rest, *new]
 
     def _grown(self, rest: list[Member], given: Sequence[Member] | None) -> tuple[list[Member], float]:
-        """Members of a kind that ``rest`` has none of, drawn (or the ``given`` ones), and the log of their weight over the
+        """Members of a group that ``rest`` has none of, drawn (or the ``given`` ones), and the log of their weight over the
         probability of drawing them so."""
-        kind, new, log = self._weighing.terms.kind, list[Member](), 0.0
+        group, new, log = self._weighing.terms.group, list[Member](), 0.0
         while len(rest) + len(new) < self._slots:
             beside = [*rest, *new]
             odds = self._conditional(beside).log_odds + self._slot(len(beside))
             odds = odds + np.log(self._slots - len(beside))
             if not new:
-                of_kind = np.full(int(kind.max()) + 1, -np.inf)
-                np.logaddexp.at(of_kind, kind, np.logaddexp.reduce(odds, axis=0))
-                of_kind[kind[[t for t, _ in rest]]] = -np.inf
-                shares = softmax(0.5 * of_kind)
-                of = int(kind[given[0][0]]) if given else int(self._rng.choice(len(shares), p=shares))
+                of_group = np.full(int(group.max()) + 1, -np.inf)
+                np.logaddexp.at(of_group, group, np.logaddexp.reduce(odds, axis=0))
+                of_group[group[[t for t, _ in rest]]] = -np.inf
+                shares = softmax(0.5 * of_group)
+                of = int(group[given[0][0]]) if given else int(self._rng.choice(len(shares), p=shares))
                 # its weight over its share
-                log += float(0.5 * of_kind[of] + np.logaddexp.reduce(0.5 * of_kind))
-            odds = np.where(kind == of, odds, -np.inf)
+                log += float(0.5 * of_group[of] + np.logaddexp.reduce(0.5 * of_group))
+            odds = np.where(group == of, odds, -np.inf)
             if new:
                 log += float(np.logaddexp.reduce(odds, axis=None, initial=0.0))
             if given is None:

@@ -168,16 +168,16 @@ def ascended(
 def alternatives(
     spike_slab: SpikeSlab, richness: Richness, state: State, limit: float = np.inf
 ) -> list[State]:
-    """Where ascents lead when all members of a kind give way to a group of another kind: the likeliest such exchanges."""
-    kinds = spike_slab.terms.kind
+    """Where ascents lead when all members of a group give way to another group: the likeliest such exchanges."""
+    groups = spike_slab.terms.group
     found = list[tuple[float, tuple[Member, ...]]]()
-    for kind in {int(kinds[t]) for t, _ in state.members}:
-        rest = [m for m in state.members if kinds[m[0]] != kind]
+    for group in {int(groups[t]) for t, _ in state.members}:
+        rest = [m for m in state.members if groups[m[0]] != group]
         before = log_posterior(spike_slab, richness, tuple(rest), state.point) - state.log_posterior
         best = dict[int, tuple[float, tuple[Member, ...]]]()
         for gain, added in _groups(spike_slab, richness, state.point, rest):
-            other = int(kinds[added[0][0]])
-            if other != kind:
+            other = int(groups[added[0][0]])
+            if other != group:
                 best[other] = max(best.get(other, (-np.inf, ())), (before + gain, (*rest, *added)))
         found += best.values()
     likely = sorted((each for each in found if each[0] > -LIKELY), reverse=True)[:EXCHANGES]
@@ -187,7 +187,7 @@ def alternatives(
 def _groups(
     spike_slab: SpikeSlab, richness: Richness, point: GridPoint, members: Sequence[Member]
 ) -> Iterator[tuple[float, tuple[Member, ...]]]:
-    """All causes of a kind, the likeliest term of each, at their likeliest common size: what acts faintly at all its places.
+    """All causes of a group, the likeliest term of each, at their likeliest common size: what acts faintly at all its places.
 
     Each with the log posterior that it gains.
     """
@@ -195,15 +195,14 @@ def _groups(
     beside, before = spike_slab.beside(point, members), spike_slab.log_prior(members)
     odds = np.logaddexp.reduce(spike_slab.conditional(point, members).log_odds, axis=0)
     there = np.isin(terms.cause, terms.cause[[m for m, _ in members]])
-    for kind in np.unique(terms.kind):
-        own = np.flatnonzero((terms.kind == kind) & np.isfinite(odds) & ~there)
+    possible = np.isfinite(odds) & ~there
+    for group in np.unique(terms.group[possible]):
+        own = np.flatnonzero((terms.group == group) & possible)
         likeliest = {int(terms.cause[t]): int(t) for t in own[np.argsort(odds[own])]}.values()
-        if len(likeliest) < 2:
-            continue
         columns = np.concatenate([terms.columns[t] for t in likeliest])
         size = int(np.argmax(log_gains_together(beside, columns, spike_slab.sizes)))
         added = tuple((t, size) for t in likeliest if spike_slab.noticeable[size, t])
-        if len(added) > 1:
+        if added:
             yield _growth(spike_slab, richness, beside, before, members, added), added
 
 

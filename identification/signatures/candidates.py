@@ -317,10 +317,10 @@ def ways_of(machine: Machine, joint: str) -> tuple[bool, ...]:
 
 
 def degrees(joint: str, source: str, *, spatial: bool) -> tuple[int, ...]:
-    """Degrees of the forms of one source: of six motions only curves; with corners where laws have them, in the joint's own
-    reading."""
+    """Degrees of the forms of one source: of six motions what bends one way; with corners where laws have them, in the joint's
+    own reading."""
     if spatial:
-        return (BOW, CURVE)
+        return (BOW,)
     return (LINE, BOW, FINE if source == joint else CURVE)
 
 

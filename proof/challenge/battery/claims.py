@@ -11,6 +11,7 @@ from challenge.drivers import agree
 from challenge.findings import FORM
 from challenge.statements import SURE
 from truepose.models.effects.common import OF_ROWS
+from truepose.models.machine.mechanism import element_of
 
 Json = Mapping[str, Any]
 LOST = 0.5
@@ -27,12 +28,14 @@ class Claim:
     law: bool
 
     def same(self, other: Claim) -> bool:
-        """Whether another claim says the same: the same name, or a driver that agrees at a part of the place."""
+        """Whether another claim says the same: the same name, or a driver that agrees at a part of the place (of a constant its
+        element's)."""
         if self.law != other.law:
             return False
         if self.law:
             return (self.what, self.place) == (other.what, other.place)
-        return bool(set(self.place) & set(other.place)) and agree(self.what, other.what)
+        parts, others = (set(map(element_of, claim.place)) for claim in (self, other))
+        return bool(parts & others) and agree(self.what, other.what)
 
 
 def claims(document: Json) -> tuple[Claim, ...]:
