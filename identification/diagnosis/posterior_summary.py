@@ -52,14 +52,12 @@ def driver_of(kind: DriverKind) -> str:
     return "position" if kind == "position-periodic" else kind
 
 
-def natures_of(kind: DriverKind) -> tuple[str, ...]:
-    """What functions of a kind may be mistaken for: curves in a part's own position for waves in it and for what else the pose
-    decides, what passes with time for what passes with heat."""
+def nature_of(kind: DriverKind) -> str:
+    """What kinds have in common whose functions may be mistaken for each other: what passes with time or heat, and what the
+    pose decides; the side of arrival and the sensor stand for themselves."""
     if kind in ("time", "temperature", "session"):
-        return ("passing",)
-    if kind in ("arrival", "sensor"):
-        return (kind,)
-    return {"position-periodic": ("wave",), "position": ("wave", "pose")}.get(kind, ("pose",))
+        return "passing"
+    return kind if kind in ("arrival", "sensor") else "pose"
 
 
 def parts_of(machine: Machine, slug: str, place: Iterable[str]) -> tuple[str, ...]:
@@ -95,7 +93,7 @@ class Sums:
         own = dict[int, set[Key]]()
         for number, (term, _) in zip(self._numbers(state), state.members, strict=True):
             placed = self._cat.candidates[self._problem.candidates[term]]
-            natures = [nature for kind in self._kinds(placed) for nature in natures_of(kind)]
+            natures = map(nature_of, self._kinds(placed))
             own.setdefault(number, set()).update(product(self.parts(placed.at_place), natures))
         unnamed = own.keys() & self._unnamed
         return frozenset(k for k in own if all(own[k].isdisjoint(own[u]) for u in unnamed - {k}))
