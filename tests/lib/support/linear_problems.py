@@ -140,7 +140,7 @@ def single(
         [
             Term(
                 tuple(range(a, b)), cause, features.index(feature), -float(np.log(of_kind[feature[0]])),
-                (-np.inf,) * (b - a), (np.inf,) * (b - a), alone,
+                (-np.inf,) * (b - a), (np.inf,) * (b - a), alone, group=int(kind[cause]),
             )
             for (a, b), cause, feature in zip(pairwise(ends.tolist()), own, numbered, strict=True)
         ],

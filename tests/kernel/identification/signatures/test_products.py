@@ -104,7 +104,7 @@ FORMS = [
     ("arm", Form("q2", ("q1", "q2"), 2, spatial=False)),
     ("arm", Form("q2", ("q1", "q2"), 4, spatial=True)),
     ("arm", Form("base", ("q1", "q2"), 3, spatial=False)),
-    ("arm", Form("q1", ("q2", "approach.q1"), 2, spatial=True)),
+    ("arm", Form("q1", ("q2", "q1"), 2, spatial=True)),
     ("effects", Form("q2", ("q1", "q2"), 4, spatial=False)),
     ("effects", Form("tool", ("q2", "row"), 3, spatial=False)),
     ("heavy", Form("q2", ("q1", "load"), 4, spatial=True)),
@@ -210,7 +210,8 @@ def test_what_a_hose_does_is_proposed_at_its_joint(cases: dict[str, Screened]) -
     count = {place: len(forms) for place, forms in case.forms().items()}
     log_prior = dict(zip(more.candidates, more.log_prior, strict=True))
     for form in (first, *others):
-        alike = [log_prior[c] for c in cat.candidates if c.at_place == form.at_place]
+        of_one = [c for c in cat.candidates if sum(name.startswith("from.") for name in c.settings_map) == 1]
+        alike = [log_prior[c] for c in of_one if c.at_place == form.at_place]
         assert log_prior[form] == pytest.approx(logsumexp(alike) - np.log(count[form.place[0]]))
     assert more.log_prior[: len(cat.candidates)] == cat.log_prior
 
