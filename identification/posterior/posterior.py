@@ -132,17 +132,13 @@ BURN, ROUND, ROUNDS = 25, 40, 8
 """Sweeps of a chain before it counts, sweeps of each round, and most rounds."""
 ALIKE = 0.05
 """Share of a slot from which on two causes stand in for each other."""
-RARE = 0.1
-"""Probability up to which a cause is mostly not there."""
-CLASS, CLEAR = 5, 0.8
-"""Most causes of a class, and probability that these hold a slot together for it to be one."""
 SHORTER = 4
 """By how much the budget of chains is smaller for a long set."""
 BUDGET, SETTLING, FEWEST = 24e9, 0.2, 4
 """Operations after which chains end whether they agree or not, the share of them in which chains settle, and sweeps that
 count at least."""
-FOR_CLASS = 0.9
-"""How much a member counts for its class; the rest for itself, so that the likeliest of a class stands for it."""
+FOR_SLOT = 0.9
+"""How much a cause counts for its slot; the rest for itself, so that the likeliest of a slot stands for it."""
 
 
 @dataclass(frozen=True)
@@ -164,6 +160,11 @@ class Posterior:
     sweeps: int
     cut: bool = False
     """Whether the chains ended with their budget of work, before they agreed or were long enough."""
+
+    @property
+    def slots(self) -> Array:
+        """(n,) probability that a slot which may hold a cause holds it or what stands in for it."""
+        return np.asarray(np.clip(self.beside.sum(axis=1), self.causes, 1.0))
 
 
 def sample(
@@ -271,9 +272,9 @@ def _gathered(index: Index, chains: Chains, *, cut: bool) -> Posterior:
 def mode(posterior: Posterior, spike_slab: SpikeSlab) -> State:
     """The visited state that agrees best with the probabilities: it holds what is likelier there than not, and no more.
 
-    A cause counts with its class where few causes stand in for each other.
+    A cause counts with what stands in for it in its slot.
     """
-    own, whole = posterior.causes, _with_classes(posterior)
+    own, slots = posterior.causes, posterior.slots
 
     def agreement(state: State) -> float:
         held = {int(spike_slab.terms.cause[term]) for term, _ in state.members}
@@ -281,30 +282,11 @@ def mode(posterior: Posterior, spike_slab: SpikeSlab) -> State:
         return sum(there(k, causes[:i]) - 0.5 for i, k in enumerate(causes))
 
     def there(k: int, before: Sequence[int]) -> float:
-        """Probability of a cause with its class; of a second one of a class, that it is there beside the first."""
+        """Probability of a cause with its slot; of a second one of a slot, that it is there beside the first."""
         mates = [j for j in before if posterior.beside[k, j] > ALIKE]
         if mates:
-            return float(own[k] + own[mates[0]] - max(whole[mates[0]], own[k], own[mates[0]]))
-        return float(FOR_CLASS * whole[k] + (1.0 - FOR_CLASS) * own[k])
+            return float(own[k] + own[mates[0]] - max(slots[mates[0]], own[k]))
+        return float(FOR_SLOT * slots[k] + (1.0 - FOR_SLOT) * own[k])
 
     states = (state for state, _ in posterior.states)
     return max(states, key=lambda s: (round(agreement(s), 3), s.log_posterior))
-
-
-def _with_classes(posterior: Posterior) -> Array:
-    """(n,) probability of each cause, or that of the likeliest class that holds it."""
-    out = posterior.causes.copy()
-    for k in range(len(out)):
-        probability = class_probability(posterior, k)
-        if probability > 0.0:
-            row = posterior.beside[k]
-            held = np.argsort(-row)[:CLASS]
-            held = np.append(held[row[held] > ALIKE], k)
-            out[held] = np.maximum(out[held], probability)
-    return np.asarray(out)
-
-
-def class_probability(posterior: Posterior, cause: int) -> float:
-    """Probability that a slot of a cause holds it or one of a few that stand in for it; 0 where it may be anything."""
-    row = np.sort(posterior.beside[cause])[::-1][:CLASS]
-    return float(row.sum()) if row.sum() > CLEAR and posterior.causes[cause] > RARE else 0.0

@@ -18,7 +18,7 @@ from truepose.identification.leaves.drift.movement_problem import (
     movement_problem,
 )
 from truepose.identification.posterior.marginal import log_gains
-from truepose.identification.posterior.posterior import Posterior, class_probability, mode, sample
+from truepose.identification.posterior.posterior import Posterior, mode, sample
 from truepose.identification.posterior.spike_slab import Member, SpikeSlab
 from truepose.identification.posterior.state import (
     LOUDER,
@@ -110,11 +110,10 @@ def movement_posterior(top: Likeliest, kinds: Kinds) -> MovementPosterior:
     unseen = expit(
         slot_odds(RICHNESS, 0) + spike_slab.terms.log_first
     )  # what no reading speaks of keeps its prior
-    classes = np.array([class_probability(found, k) for k in range(len(gain))])
     return MovementPosterior(
         best,
         probability=np.where(stack.visible, found.causes, unseen),
-        together=np.maximum(classes, found.causes),
+        together=found.slots,
         gain=np.array([instead[k][k] if k in instead else gain[k] for k in range(len(gain))]),
         alike={i: _alike(i, there, best.moved) for i, there in instead.items()},
         log_bayes_factor=_against_nothing(spike_slab, best.state),

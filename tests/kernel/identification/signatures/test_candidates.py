@@ -63,7 +63,7 @@ def test_ranges_are_those_of_calibration_rows_and_of_their_order_without_a_clock
 
 
 def test_forms_are_lines_and_curves_of_all_that_varies_at_every_element(tmp_path: Path) -> None:
-    """Joints by their displacement and by all six motions, by its reading with the side of arrival; joints first, thermometers last."""
+    """Joints by their displacement and by all six motions, by their reading with the side of arrival; thermometers last."""
     machine = arm(tmp_path)
     n = np.arange(float(ROWS))
     recording = rows(
