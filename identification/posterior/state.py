@@ -127,7 +127,7 @@ STEPS = (4, 1)
 """Steps on an axis of the grid that are repeated while they gain, in turn."""
 
 LIKELY, EXCHANGES = 20.0, 4
-"""Log odds against an exchange of a kind for another, as it is proposed, up to which an ascent is worth it; most of them."""
+"""Log odds against a top up to which chains start from it, too; most exchanges of a group for another that are tried."""
 
 
 def ascended(
@@ -168,20 +168,23 @@ def ascended(
 def alternatives(
     spike_slab: SpikeSlab, richness: Richness, state: State, limit: float = np.inf
 ) -> list[State]:
-    """Where ascents lead when all members of a group give way to another group: the likeliest such exchanges."""
+    """Where ascents lead when all members of a group give way to the likeliest other group: the likeliest such exchanges.
+
+    One member for another chains exchange themselves.
+    """
     groups = spike_slab.terms.group
     found = list[tuple[float, tuple[Member, ...]]]()
     for group in {int(groups[t]) for t, _ in state.members}:
         rest = [m for m in state.members if groups[m[0]] != group]
         before = log_posterior(spike_slab, richness, tuple(rest), state.point) - state.log_posterior
-        best = dict[int, tuple[float, tuple[Member, ...]]]()
-        for gain, added in _groups(spike_slab, richness, state.point, rest):
-            other = int(groups[added[0][0]])
-            if other != group:
-                best[other] = max(best.get(other, (-np.inf, ())), (before + gain, (*rest, *added)))
-        found += best.values()
-    likely = sorted((each for each in found if each[0] > -LIKELY), reverse=True)[:EXCHANGES]
-    return [ascended(spike_slab, richness, state.point, members, limit) for _, members in likely]
+        others = [
+            (before + gain, (*rest, *added))
+            for gain, added in _groups(spike_slab, richness, state.point, rest)
+            if groups[added[0][0]] != group and len(state.members) - len(rest) + len(added) > 2
+        ]
+        found += [max(others)] if others else []
+    likeliest = sorted(found, reverse=True)[:EXCHANGES]
+    return [ascended(spike_slab, richness, state.point, members, limit) for _, members in likeliest]
 
 
 def _groups(
