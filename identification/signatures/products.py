@@ -64,7 +64,7 @@ def elements_of(machine: Machine, cat: Catalogue) -> list[Element]:
         single = [k for k in own if len(names[k]) == 1]
         unpaired = (MOMENT, LOAD) if place in FRAMES else ()
         sources: dict[str, tuple[float, float]] = {}
-        for settings, (key,) in ((cat.candidates[k].settings_map, names[k]) for k in single):
+        for settings, key in ((cat.candidates[k].settings_map, key) for k in own for key in names[k]):
             name = key.removeprefix(FROM)
             if name not in unpaired:
                 sources[name] = settings[key], settings[f"{TO}{name}"]

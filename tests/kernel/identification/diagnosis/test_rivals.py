@@ -17,10 +17,12 @@ from support.signature_rows import columns_at
 from truepose.identification.diagnosis.posterior_summary import SURE, driver_of
 from truepose.identification.diagnosis.result import NAMED
 from truepose.identification.diagnosis.search import Found
+from truepose.identification.posterior.posterior import AGREED
 from truepose.identification.posterior.state import State
 from truepose.identification.prediction.predict import simulate
 from truepose.identification.recording.load import load_recording
 from truepose.models.effect_text import parse_effect
+from truepose.models.file.driver import DriverKind
 from truepose.models.load import load_machine
 from truepose.models.machine.placed import EffectAtPlace
 
@@ -65,7 +67,7 @@ def test_the_more_play_differs_along_a_joint_the_less_it_is_play(tmp_path: Path,
         found = modulated(tmp_path / str(share), share, along, reach).found()
         laws.append(itself(found, "backlash"))
         assert sums_of(found).at(("q2",), "arrival") > SURE
-    assert laws[0] > SURE and laws[0] >= laws[1] > NAMED and laws[2] < 1.0 - SURE
+    assert laws[0] > SURE and laws[0] + AGREED >= laws[1] > NAMED and laws[2] < 1.0 - SURE
 
 
 # -- shares of states ---------------------------------------------------------------------------------------------
@@ -96,12 +98,11 @@ def test_all_that_is_said_is_the_share_of_the_states_that_say_it(seed: int) -> N
     sums = sums_of(replace(found, posterior=posterior))
 
     def holds(state: State, number: int) -> bool:
-        """Whether it has this law, and nothing else without a name at the same parts."""
+        """Whether it has this law, and nothing else without a name of the same nature at the same parts."""
         own = [problem.candidates[t] for t, _ in state.members]
-        others = (cat.cause(i) for i in own if not cat.named(i))
-        bare = {part for other in others if other != problem.causes[number] for part in _parts(other)}
-        there = number in numbers[[t for t, _ in state.members]]
-        return there and not bare & _parts(problem.causes[number])
+        law = {key for i in own if cat.cause(i) == problem.causes[number] for key in _natures(found, i)}
+        others = (i for i in own if not cat.named(i) and cat.cause(i) != problem.causes[number])
+        return bool(law) and all(law.isdisjoint(_natures(found, i)) for i in others)
 
     for number in np.unique(numbers[some]).tolist():
         expected = sum(share for state, share in states if holds(state, number))
@@ -127,15 +128,27 @@ def _parts(cause: EffectAtPlace) -> set[str]:
     return {part.partition(".")[0] for part in place}
 
 
+def _kinds(found: Found, candidate: int) -> set[DriverKind]:
+    placed = found.catalogue.candidates[candidate]
+    return {*placed.effect.driver_kinds(found.signatures.machine, placed.place, placed.settings_map)}
+
+
+def _natures(found: Found, candidate: int) -> set[tuple[str, str]]:
+    """Parts of a candidate with what its functions may be mistaken for."""
+    alike = {
+        "arrival": "arrival",
+        "sensor": "sensor",
+        **dict.fromkeys(("time", "temperature", "session"), "passing"),
+    }
+    natures = {alike.get(kind, "pose") for kind in _kinds(found, candidate)}
+    return {(part, one) for part in _parts(found.catalogue.cause(candidate)) for one in natures}
+
+
 def _drivers(found: Found, state: State, joint: str) -> set[str]:
     """What acts at a joint in a state."""
-    out = set[str]()
-    for term, _ in state.members:
-        placed = found.catalogue.candidates[found.problem.candidates[term]]
-        if joint in _parts(placed.at_place):
-            kinds = placed.effect.driver_kinds(found.signatures.machine, placed.place, placed.settings_map)
-            out |= {driver_of(kind) for kind in kinds}
-    return out
+    own = (found.problem.candidates[term] for term, _ in state.members)
+    here = [i for i in own if joint in _parts(found.catalogue.cause(i))]
+    return {driver_of(kind) for i in here for kind in _kinds(found, i)}
 
 
 # -- what forms can do --------------------------------------------------------------------------------------------
@@ -146,8 +159,8 @@ def _drivers(found: Found, state: State, joint: str) -> set[str]:
     [
         ("actuator-scale@q1", "empirical@q1,q1,line"),
         ("axis-coupling@q2+q1", "empirical@q2,q1,line"),
-        ("backlash@q2", "empirical@q2,approach.q2,line"),
-        ("empirical@q2,q1", "empirical@q2,q1,spatial"),
+        ("backlash@q2", "empirical@q2,approach.q2,q2,2"),
+        ("empirical@q2,q1,2", "empirical@q2,q1,2,spatial"),
         ("empirical@q1,q1,line", "empirical@q1,q1,12"),
     ],
 )
