@@ -137,8 +137,6 @@ SHORTER = 4
 BUDGET, SETTLING, FEWEST = 24e9, 0.2, 4
 """Operations after which chains end whether they agree or not, the share of them in which chains settle, and sweeps that
 count at least."""
-FOR_SLOT = 0.9
-"""How much a cause counts for its slot; the rest for itself, so that the likeliest of a slot stands for it."""
 
 
 @dataclass(frozen=True)
@@ -163,8 +161,8 @@ class Posterior:
 
     @property
     def slots(self) -> Array:
-        """(n,) probability that a slot which may hold a cause holds it or what stands in for it."""
-        return np.asarray(np.clip(self.beside.sum(axis=1), self.causes, 1.0))
+        """(n,) probability of each cause or of what stands in for it in a slot."""
+        return np.asarray(np.clip((self.beside > ALIKE) @ self.causes, self.causes, 1.0))
 
 
 def sample(
@@ -272,7 +270,7 @@ def _gathered(index: Index, chains: Chains, *, cut: bool) -> Posterior:
 def mode(posterior: Posterior, spike_slab: SpikeSlab) -> State:
     """The visited state that agrees best with the probabilities: it holds what is likelier there than not, and no more.
 
-    A cause counts with what stands in for it in its slot.
+    A cause counts half for itself, so that the likeliest of a slot stands for it, and half with what stands in for it.
     """
     own, slots = posterior.causes, posterior.slots
 
@@ -286,7 +284,7 @@ def mode(posterior: Posterior, spike_slab: SpikeSlab) -> State:
         mates = [j for j in before if posterior.beside[k, j] > ALIKE]
         if mates:
             return float(own[k] + own[mates[0]] - max(slots[mates[0]], own[k]))
-        return float(FOR_SLOT * slots[k] + (1.0 - FOR_SLOT) * own[k])
+        return float(slots[k] + own[k]) / 2.0
 
     states = (state for state, _ in posterior.states)
     return max(states, key=lambda s: (round(agreement(s), 3), s.log_posterior))

@@ -57,9 +57,9 @@ def posterior(causes: list[float], beside: Array, *states: tuple[State, float]) 
 
 
 def test_a_slot_holds_a_cause_or_what_stands_in_for_it() -> None:
-    """A cause that no slot was seen with counts for itself."""
-    beside = np.array([[0.5, 0.2, 0.15], [0.0, 0.0, 0.0], [0.6, 0.4, 0.1]])
-    np.testing.assert_allclose(posterior([0.2, 0.3, 0.1], beside).slots, [0.85, 0.3, 1.0])
+    """A cause that no slot was seen with counts for itself, and so does one that fills its slot in few of the states."""
+    beside = np.array([[0.5, 0.4, 0.0], [0.0, 0.0, 0.0], [0.0, 0.03, 0.97]])
+    np.testing.assert_allclose(posterior([0.3, 0.6, 0.1], beside).slots, [0.9, 0.6, 0.1])
 
 
 def state(*terms: int, log_posterior: float = 0.0) -> State:
