@@ -77,7 +77,7 @@ def test_a_diagnosis_says_the_report_s_headline_and_what_it_is_worth() -> None:
     text = " ".join(line.strip() for line in _fits(diagnosis()))
     assert headline(diagnosis())[0] in text
     assert (
-        "position error, rms: 9.08 µm with the ordinary fit, 10.6 µm held to the drawing, 8.14 µm after; on"
+        "position error, rms: 9.08 µm with the ordinary fit, 10.6 µm held to the drawing, 8.15 µm after; on"
         in text
     )
     assert "platform that bends at platform (platform-deformation)" in text

@@ -29,17 +29,24 @@ def posed(shares: Shares, beside: Mapping[EffectAtPlace, float] = BESIDE) -> Fou
     """Play and a scale in the mode; states of these causes have these shares, and the slot of the play holds ``beside``."""
     _, found = held(PLAY, SCALE)
     problem, n = found.problem, len(found.problem.causes)
-    cause, table, causes = problem.spike_slab.terms.cause.tolist(), np.zeros((n, n)), np.zeros(n)
+    table, causes = np.zeros((n, n)), np.zeros(n)
     row, states = problem.causes.index(PLAYED), list[tuple[State, float]]()
     for other, share in beside.items():
         table[row, problem.causes.index(other)] = share
     for there, share in shares.items():
         numbers = [problem.causes.index(one) for one in there]
-        members = tuple(sorted((cause.index(number), 5) for number in numbers))
+        members = tuple(sorted((_term(found, number), 5) for number in numbers))
         states.append((State(members, found.mode.point, 0.0), share))
         causes[numbers] += share
     posterior = replace(found.posterior, causes=causes, beside=table, states=tuple(states))
     return replace(found, posterior=posterior)
+
+
+def _term(found: Found, number: int) -> int:
+    """A term of a cause, of what has no name the one that the side of arrival drives."""
+    own = np.flatnonzero(found.problem.spike_slab.terms.cause == number).tolist()
+    arrives = [t for t in own if found.catalogue.candidates[found.problem.candidates[t]].kind == "arrival"]
+    return int((arrives or own)[0])
 
 
 def play(found: Found) -> Named:
