@@ -3,7 +3,7 @@
 "Is it exactly this law?" and "does this part respond to this driver?" are two questions. A name, a form without one and
 another law at the same part with the same driver are rivals for the first and agree on the second. So each state's terms
 count by their part alone, and by part and driver; a law counts in states that leave nothing without a name at its parts that
-could be of the same function.
+it could be mistaken for.
 """
 
 from __future__ import annotations
@@ -53,8 +53,10 @@ def driver_of(kind: DriverKind) -> str:
 
 
 def nature_of(kind: DriverKind) -> str:
-    """What kinds have in common whose functions may be mistaken for each other: what passes with time or heat, and what the
-    pose decides; the side of arrival and the sensor stand for themselves."""
+    """Return what a kind of driver shares with those whose functions may be mistaken for its own.
+
+    What passes with time or heat is one such group, and what the pose decides; the side of arrival and the sensor are alone.
+    """
     if kind in ("time", "temperature", "session"):
         return "passing"
     return kind if kind in ("arrival", "sensor") else "pose"
@@ -89,7 +91,7 @@ class Sums:
         self._alone = [self._laws_alone(state) for state, _ in posterior.states]
 
     def _laws_alone(self, state: State) -> frozenset[int]:
-        """Causes of a state whose parts err by nothing else without a name that they could be mistaken for."""
+        """Return the causes of a state at whose parts nothing without a name could be mistaken for them."""
         own = dict[int, set[Key]]()
         for number, (term, _) in zip(self._numbers(state), state.members, strict=True):
             placed = self._cat.candidates[self._problem.candidates[term]]
@@ -128,8 +130,8 @@ class Sums:
         return Levels(max(self.at(self.parts(cause)), driver), kind, driver)
 
     def likeliest_driver(self, cause: EffectAtPlace, law: DriverKind) -> DriverKind:
-        """What most probably drives something at the parts of a cause: what drives its ``law``, unless another is likelier
-        than not and this is not."""
+        """Return what drives something at the parts of a cause: the driver of its ``law``, or one that is more probable than
+        not where that is not."""
         kinds = {own for keys in self._keys for part, own in keys if part in self.parts(cause)} - {ANY}
         known = [law, *(kind for kind in get_args(DriverKind) if kind in kinds)]
         return max(known, key=lambda kind: self.at(self.parts(cause), kind) >= NAMED)
@@ -184,6 +186,7 @@ class Sums:
         yield from product(self.parts(placed.at_place), (ANY, *map(driver_of, self._kinds(placed))))
 
     def _kinds(self, placed: PlacedEffect) -> tuple[DriverKind, ...]:
+        """Return the kinds of all drivers of an effect at its place."""
         return placed.effect.driver_kinds(self._machine, placed.place, placed.settings_map)
 
 

@@ -112,7 +112,7 @@ def _kind(cat: Catalogue, index: int) -> str:
 
 
 def _group(cat: Catalogue, index: int) -> str:
-    """What stands in for other things at once: a kind; what has no name, at like parts."""
+    """Return what a term gives way with: the terms of its kind, or without a name those at like parts."""
     return _kind(cat, index) if cat.has_law(index) else like_parts(cat.candidates[index].place[0])
 
 

@@ -161,7 +161,7 @@ class Posterior:
 
     @property
     def slots(self) -> Array:
-        """(n,) probability of each cause or of what stands in for it in a slot."""
+        """Return the probability (n,) that each cause is there, or what stands in for it."""
         return np.asarray(np.clip((self.beside > ALIKE) @ self.causes, self.causes, 1.0))
 
 
@@ -268,7 +268,7 @@ def _gathered(index: Index, chains: Chains, *, cut: bool) -> Posterior:
 
 
 def mode(posterior: Posterior, spike_slab: SpikeSlab) -> State:
-    """The visited state that agrees best with the probabilities: it holds what is likelier there than not, and no more.
+    """Return the visited state that agrees best with the probabilities: it holds what is likelier there than not, and no more.
 
     A cause counts half for itself, so that the likeliest of a slot stands for it, and half with what stands in for it.
     """

@@ -168,9 +168,9 @@ def ascended(
 def alternatives(
     spike_slab: SpikeSlab, richness: Richness, state: State, limit: float = np.inf
 ) -> list[State]:
-    """Where ascents lead when all members of a group give way to the likeliest other group: the likeliest such exchanges.
+    """Return where ascents lead when all members of a group give way to the likeliest other group.
 
-    One member for another chains exchange themselves.
+    The likeliest such exchanges are tried. Chains exchange one member for another by themselves.
     """
     groups = spike_slab.terms.group
     found = list[tuple[float, tuple[Member, ...]]]()
@@ -310,7 +310,7 @@ def _better(
 
 
 def tops(spike_slab: SpikeSlab, richness: Richness, known: Sequence[State] = ()) -> list[State]:
-    """Where ascents lead, from known states or else from nothing, and what is nearly as likely by exchanges of kinds; the
+    """Where ascents lead, from known states or else from nothing, and what is nearly as likely by exchanges of groups; the
     likeliest first."""
     starts = [(state.point, state.members) for state in known] or [(best_point(spike_slab), ())]
     limit = spike_slab.work + CLIMBING

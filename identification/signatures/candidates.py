@@ -317,8 +317,8 @@ def ways_of(machine: Machine, joint: str) -> tuple[bool, ...]:
 
 
 def degrees(joint: str, source: str, *, spatial: bool) -> tuple[int, ...]:
-    """Degrees of the forms of one source: of six motions what bends one way; with corners where laws have them, in the joint's
-    own reading."""
+    """Return the degrees of the forms of one source: six motions bend one way, and a joint's own reading makes corners, for
+    laws do."""
     if spatial:
         return (BOW,)
     return (LINE, BOW, FINE if source == joint else CURVE)

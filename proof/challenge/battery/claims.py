@@ -28,8 +28,10 @@ class Claim:
     law: bool
 
     def same(self, other: Claim) -> bool:
-        """Whether another claim says the same: the same name, or a driver that agrees at a part of the place (of a constant its
-        element's)."""
+        """Return whether another claim says the same: the same name, or a driver that agrees at a part of the place.
+
+        A constant is at its element.
+        """
         if self.law != other.law:
             return False
         if self.law:

@@ -134,12 +134,9 @@ def _kinds(found: Found, candidate: int) -> set[DriverKind]:
 
 
 def _natures(found: Found, candidate: int) -> set[tuple[str, str]]:
-    """Parts of a candidate with what its functions may be mistaken for."""
-    alike = {
-        "arrival": "arrival",
-        "sensor": "sensor",
-        **dict.fromkeys(("time", "temperature", "session"), "passing"),
-    }
+    """Return the parts of a candidate, each with what its functions may be mistaken for."""
+    alike = dict.fromkeys(("time", "temperature", "session"), "passing")
+    alike |= {kind: kind for kind in ("arrival", "sensor")}
     natures = {alike.get(kind, "pose") for kind in _kinds(found, candidate)}
     return {(part, one) for part in _parts(found.catalogue.cause(candidate)) for one in natures}
 

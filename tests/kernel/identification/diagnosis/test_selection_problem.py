@@ -190,6 +190,10 @@ def test_one_kind_is_one_effect_at_all_its_places_and_another_all_that_has_no_na
         k = int(terms.kind[kinds.index(kind)])
         places = {cat.cause(i) for i in problem.candidates if kind_of(cat, i) == kind}
         assert terms.urn.number[k] == len(places)
+    bare = np.array(
+        [not cat.has_law(i) for i in problem.candidates]
+    )  # one kind, exchanged for what is at other parts
+    assert len({*terms.group[bare]}) > 1 and {*terms.group[bare]}.isdisjoint(terms.group[~bare])
 
 
 def test_what_has_no_name_brings_its_like_at_other_places_and_no_names(listed: Listed) -> None:
